@@ -115,8 +115,8 @@ def _side(column: str) -> str:
 
 def _is_rate(recorded: str, wanted: str) -> bool:
     """Is a recorded column the speed of what a rig wants the way or angle of?"""
-    symbol, own = split_column(recorded)[1], split_column(wanted)[1]
-    return own != NONE and symbol != NONE and compatible(symbol, quotient(own, "s"))
+    symbol, wanted_unit = split_column(recorded)[1], split_column(wanted)[1]
+    return wanted_unit != NONE and symbol != NONE and compatible(symbol, quotient(wanted_unit, "s"))
 
 
 def _add_up(symbol: str, wanted: str) -> str:
@@ -200,7 +200,7 @@ def match_columns(
                 f"{column} is the rate of {wanted}: no gain makes one of the other.",
                 _add_up(column, wanted),
             )
-    taken = {
+    assigned = {
         wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
         for wanted, column in stated.items()
     }
@@ -216,25 +216,25 @@ def match_columns(
     }
     for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
         score, by, scaled = fits[wanted, column]
-        taken[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
-    pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
+        assigned[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
+    pairs = tuple(assigned[wanted] for wanted in roles if wanted in assigned)
     used = {q.found for q in pairs}
     unused = tuple(name for name in recorded if name not in used)
     weights = {
         **dict.fromkeys(needed, 1.0),
-        **{name: 1.0 if name in taken else UNRECORDED for name in rig.outputs},
-        **{name: 0.1 for name in roles if name in taken and name not in (*needed, *rig.outputs)},
+        **{name: 1.0 if name in assigned else UNRECORDED for name in rig.outputs},
+        **{name: 0.1 for name in roles if name in assigned and name not in (*needed, *rig.outputs)},
     }
-    got = sum(w * taken[name].score for name, w in weights.items() if name in taken)
+    got = sum(w * assigned[name].score for name, w in weights.items() if name in assigned)
     return Match(
         rig,
         pairs,
-        tuple(name for name in needed if name not in taken),
-        tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*taken, *needed)),
+        tuple(name for name in needed if name not in assigned),
+        tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*assigned, *needed)),
         unused,
         got / sum(weights.values())
         - UNUSED * len(unused) / max(1, len(recorded))
-        - UNCONTROLLED * any("reference" in meanings(split_column(one)[0]) for one in unused),
+        - UNCONTROLLED * any("reference" in meanings(split_column(column)[0]) for column in unused),
     )
 
 
@@ -290,12 +290,12 @@ def best_match(
         known = {k: v for k, v in (stated or {}).items() if k in roles_of(rig)}
         if len(known) == len(stated or {}):
             every.append(match_columns(recorded, rig, known, held))
-    every.sort(key=lambda item: -item.score)
+    every.sort(key=lambda match: -match.score)
     # a column without a place may be what drives a machine: nothing drives a rig without inputs
-    fitting = [item for item in every if item.fits and (item.rig.inputs or not item.unused)]
+    fitting = [m for m in every if m.fits and (m.rig.inputs or not m.unused)]
     # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
-    guessed = sorted((one for one in fitting if not one.named), key=_left_over)
-    fitting = [one for one in fitting if one.named]
+    guessed = sorted((match for match in fitting if not match.named), key=_left_over)
+    fitting = [match for match in fitting if match.named]
     whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
     if whole and whole not in examples() and not any(map(_by_names, fitting)):
         raise FileError(
@@ -305,17 +305,17 @@ def best_match(
         )
     if guessed and not fitting:
         names = ", ".join(
-            f"{one.rig.name} ({inspect.cleandoc(one.rig.__doc__ or '').splitlines()[0]})"
-            for one in guessed[:4]
+            f"{match.rig.name} ({inspect.cleandoc(match.rig.__doc__ or '').splitlines()[0]})"
+            for match in guessed[:4]
         )
         raise FileError(
             f"The columns {listed(recorded)} fit by their units alone: {names}.",
             f"Say which machine it is, for example --like {guessed[0].rig.name}.",
             code="no-match",
         )
-    fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
+    fitting = [match for match in fitting if match.score > NEAR * fitting[0].score]
     if not fitting:
-        near = "; ".join(f"{item.rig.name}: {item.why_not()}" for item in every[:LISTED_RIGS])
+        near = "; ".join(f"{m.rig.name}: {m.why_not()}" for m in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),

@@ -197,8 +197,8 @@ class RigSource:
             assert isinstance(sourced, ast.Call)
             if sourced is not call:
                 (source,) = sourced.args
-                told = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
-                yield _Edit(*self._span(source), _literal(told))
+                origin = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
+                yield _Edit(*self._span(source), _literal(origin))
             for word in call.keywords:
                 if word.arg in ("spread", "factor"):
                     spread = float(ast.literal_eval(word.value))
@@ -247,9 +247,9 @@ class RigSource:
 
     def _unit(self, column: str) -> str:
         """SI symbol of a column as the equations see it."""
-        pair, own = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
+        pair, rig_unit = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
         if pair is None or not pair.scaled:
-            return own
+            return rig_unit
         return si_symbol(split_column(pair.found)[1])
 
     def _values(self, pair: Pair) -> FloatArray:
@@ -292,13 +292,13 @@ class RigSource:
         """Gain between a column and the example's quantity, from the ranges of both."""
         if not pair.scaled:
             return None
-        symbol, own = (
+        symbol, rig_unit = (
             si_symbol(split_column(pair.found)[1]),
             {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
         )
         span = motion(to_si(self._values(pair), split_column(pair.found)[1])) or 1.0
         usual = self._usual_span(pair.wanted) or 1.0
-        above, below = (own, symbol) if pair.role == "input" else (symbol, own)
+        above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
         name = f"{split_column(pair.found)[0]}_gain"
         unit_text = quotient(above or NONE, below or NONE)

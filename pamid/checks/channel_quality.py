@@ -217,7 +217,7 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
 def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
     """Stretches at the very extreme of a measured signal, and where they are; idle: samples at
     which the machine may rest."""
-    found, where = [], np.zeros(s.values.size, dtype=bool)
+    issues, where = [], np.zeros(s.values.size, dtype=bool)
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
         z = sign * s.values
         top = float(z.max())
@@ -244,7 +244,7 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, "
             f"{share_words(share)}"
         )
-        found.append(
+        issues.append(
             QualityIssue(
                 "clipped",
                 (s.name,),
@@ -260,7 +260,7 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
                 },
             )
         )
-    return found, where
+    return issues, where
 
 
 def _corner(z: FloatArray, start: int, stop: int) -> float:
@@ -468,12 +468,12 @@ def level_of(
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])
     if shows_only_noise(s):
-        said = (
+        message = (
             f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
         return (
-            [QualityIssue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)]
+            [QualityIssue("dead", (s.name,), "advice", message, PLUGGED, (), numbers)]
             if others_move
             else []
         )
@@ -496,7 +496,7 @@ def level_of(
             )
         ]
     if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
-        said = (
+        message = (
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
@@ -505,7 +505,7 @@ def level_of(
                 "noisy",
                 (s.name,),
                 "advice",
-                said,
+                message,
                 "Look at shielding, earth and filter.",
                 (),
                 numbers,

@@ -281,7 +281,7 @@ def finite_everywhere(
     """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
     trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
     random = np.random.default_rng(seed)
-    found = []
+    problems = []
     for draw in range(draws):
         p = trial.random_point(random) if draw else trial.assembly.values()
         if (
@@ -291,8 +291,8 @@ def finite_everywhere(
             continue
         point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own if b.fitted)
         sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
-        found.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
-    return found
+        problems.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
+    return problems
 
 
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
@@ -324,9 +324,9 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
         # a shorter one crosses fewer; a wrong derivative agrees with none
         for share in (1.0, 8.0, 0.125):
             if error.max(initial=0.0) > SAME_SLOPE:
-                found = _slope_errors(trial, p, i, share * h, step, exact[:, :, column], _scale(Y))
+                errors = _slope_errors(trial, p, i, share * h, step, exact[:, :, column], _scale(Y))
                 error = (
-                    np.nan_to_num(found, posinf=np.inf) if share == 1.0 else np.fmin(error, found)
+                    np.nan_to_num(errors, posinf=np.inf) if share == 1.0 else np.fmin(error, errors)
                 )
         worst = max(worst, float(error.max(initial=0.0)))
     return worst
@@ -406,7 +406,7 @@ def rig_findings(
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
-    found = background_findings(rig) + [
+    findings = background_findings(rig) + [
         CheckOutcome(
             "equations",
             True,
@@ -414,16 +414,16 @@ def rig_findings(
             f"{len(rig.outputs)} outputs; every port is used",
         )
     ]
-    found += [CheckOutcome("finite", False, b) for b in bad] or [
+    findings += [CheckOutcome("finite", False, b) for b in bad] or [
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
     if isinstance(rig, StepRig):
         with counted_warnings() as warned:
             trial.run(trial.assembly.values())
         texts = warned.sentences("in an excited run from the start")
-        found += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
+        findings += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "finite",
                 False,
@@ -434,23 +434,23 @@ def rig_findings(
         )
     if slopes and not bad:
         tell("sensitivities")
-        found.append(_slope_finding(rig, None))
-    found += [
+        findings.append(_slope_finding(rig, None))
+    findings += [
         CheckOutcome("source", False, f"parameter {p.name!r} names no source", advice=True)
         for p in rig.parameters
         if not p.source
     ]
-    found += [
+    findings += [
         CheckOutcome("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
         for name, port in rig.ports.items()
         if not isinstance(port.signals, dict)
         for signal in port.signals
         if not port.unit_of(signal)
     ]
-    found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
+    findings += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     tell("effects")
     fit = sorted(a.label for a in attachments(rig, effects))
-    found.append(
+    findings.append(
         CheckOutcome(
             "effects",
             bool(fit),
@@ -458,16 +458,16 @@ def rig_findings(
             advice=True,
         )
     )
-    return found
+    return findings
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
     """Everything that can be said about an effect: its data sheet, and how it behaves wherever it
     fits."""
-    found = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
+    findings = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
-        return found
-    found = found or [
+        return findings
+    findings = findings or [
         CheckOutcome(
             "data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters"
         )
@@ -478,22 +478,22 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
             f", {s}"
             for s in dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
         )
-        found.append(
+        findings.append(
             CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
         )
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
-        found += [
+        findings += [
             replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
             for f in _behaviour(rig, attachment)
         ]
-    return found
+    return findings
 
 
 def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
     try:
         off = null_error(rig, attachment)
-        found = [
+        findings = [
             CheckOutcome(
                 "null",
                 off <= NULL_TOLERANCE,
@@ -502,13 +502,13 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
             )
         ]
         bad = finite_everywhere(rig, attachment)
-        found += [CheckOutcome("finite", False, b) for b in bad] or [
+        findings += [CheckOutcome("finite", False, b) for b in bad] or [
             CheckOutcome("finite", True, "over random points of the bounds")
         ]
         if not bad:
-            found.append(_slope_finding(rig, attachment))
+            findings.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
-            found.append(
+            findings.append(
                 CheckOutcome(
                     "change",
                     change > LEAST_EFFECT,
@@ -517,7 +517,7 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
                     advice=True,
                 )
             )
-        return found
+        return findings
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
 

@@ -17,7 +17,7 @@ from pamid.simulation.tracks import stated_noise
 def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Inputs that move in the recording and whose term in the equations moves nothing."""
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
-    found = []
+    issues = []
     for name, change in input_effects(
         e.simulate, e.u, e.inputs, e.model if e.ran else None
     ).items():
@@ -25,7 +25,7 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
         if text := idle_text(name, values, change, e.names, noise):
             symbol = split_column(name)[1]
             low, high = (float(from_si(x, symbol)) for x in (values.min(), values.max()))
-            found.append(
+            issues.append(
                 QualityIssue(
                     "idle-input",
                     recorded_as((name,), recording),
@@ -36,4 +36,4 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
                     {"low": low, "high": high, "most_of_noise": float((change / noise).max())},
                 )
             )
-    return found
+    return issues

@@ -46,10 +46,10 @@ def echoed_inputs(
 
     A controller makes its command of the reading, so that inputs of a closed loop are not compared.
     """
-    found = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
+    issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
     if recording.loop == "closed" or (followed and recording.loop != "open"):
-        return found
+        return issues
     outputs = recorded_as(comparison.names, recording)
     inputs = recorded_as(comparison.inputs, recording)
     for k, output in enumerate(outputs):
@@ -59,9 +59,9 @@ def echoed_inputs(
         for j, source in enumerate(inputs):
             left, late = closest_echo(comparison.u[:MOST_ECHO_SAMPLES, j], y)
             if left <= least and not _model_echoes(comparison, j, k, SOONER * max(late, 1.0)):
-                found.append(_issue(output, source, left / motion, rig))
+                issues.append(_issue(output, source, left / motion, rig))
                 break
-    return found
+    return issues
 
 
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:

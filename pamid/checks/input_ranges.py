@@ -12,7 +12,7 @@ RANGE_SLACK = 0.01  # of a stated range: noise of what reads it back
 
 def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
     """Inputs that leave the range which the rig states for them."""
-    found = []
+    issues = []
     for name, (low, high) in rig.ranges.items():
         column = match_column(recording.columns, name)
         if column is None:
@@ -22,7 +22,7 @@ def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
         if not out.any():
             continue
         share = float(out.mean())
-        found.append(
+        issues.append(
             QualityIssue(
                 "beyond-range",
                 (column,),
@@ -36,4 +36,4 @@ def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
                 {"share": share, "low": float(values.min()), "high": float(values.max())},
             )
         )
-    return found
+    return issues

@@ -22,8 +22,8 @@ from pamid.checks.conformance import (
     effect_findings,
     rig_findings,
 )
-from pamid.checks.hold_or_line import figures as between_json
-from pamid.checks.hold_or_line import tried_both_ways
+from pamid.checks.input_hold import compare_holds
+from pamid.checks.input_hold import figures as between_json
 from pamid.checks.recording_quality import (
     QualityIssue,
     before_a_fit,
@@ -87,10 +87,10 @@ def inspect(
     issues: tuple[QualityIssue, ...] = ()
     if isinstance(source, Recording):
         path, recording = source.path, source
-        about, found, issues = _recording(source, rig)
+        about, findings, issues = _recording(source, rig)
     elif isinstance(source, type):
         path = Path(source.__qualname__)
-        about, found = _classes(path, [source])
+        about, findings = _classes(path, [source])
     else:
         path = source
         require_file(path, "recording, rig or effect file")
@@ -98,13 +98,13 @@ def inspect(
             try:
                 recording = read_recording(path)
             except (FileError, DataError) as error:
-                about, found = {"kind": "recording"}, _every_problem(path, error)
+                about, findings = {"kind": "recording"}, _every_problem(path, error)
             else:
-                about, found, issues = _recording(recording, rig)
+                about, findings, issues = _recording(recording, rig)
         elif path.suffix == ".py":
-            about, found = _python(path)
+            about, findings = _python(path)
         elif path.suffix in MODEL_ENDINGS:
-            about, found = _model(path)
+            about, findings = _model(path)
         else:
             raise FileError(
                 f"{path}: pamid checks recordings (.csv), rig or effect files (.py) and models "
@@ -112,18 +112,18 @@ def inspect(
                 "`pamid ingest` reads other kinds of log.",
                 code="suffix",
             )
-    wrong = [f for f in found if f.wrong]
-    said: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
+    wrong = [f for f in findings if f.wrong]
+    summary: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
     if wrong:
-        said |= {
+        summary |= {
             "code": "file",
             "message": f"{path}: {wrong[0].detail}",
             "hint": "Every problem is in `findings`.",
         }
     listed = tuple(
-        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in found
+        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in findings
     )
-    return Inspection(result.CheckFile(**said, findings=listed).as_json(), recording, issues)
+    return Inspection(result.CheckFile(**summary, findings=listed).as_json(), recording, issues)
 
 
 def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
@@ -132,13 +132,13 @@ def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
     Returns sentences about what a fit would put down to the machine: an offset, another scale.
     """
     issues = before_a_fit(recording, rig)
-    found = [issue for issue in issues if issue.severity == "wrong"]
-    if not found:
+    wrong = [issue for issue in issues if issue.severity == "wrong"]
+    if not wrong:
         return tuple(f"{issue.message.partition(': ')[0]}." for issue in issues)
-    first = found[0]
-    more = "".join(f"; {i.kind}: {i.message}" for i in found[1:])
+    first = wrong[0]
+    more = "".join(f"; {i.kind}: {i.message}" for i in wrong[1:])
     hint = f"{first.hint} `pamid check` says more; --no-check fits it as it is.".lstrip()
-    if all(i.kind == "dead" for i in found):
+    if all(i.kind == "dead" for i in wrong):
         raise DataError(f"{recording.path}: {first.message}{more}.", hint, code="not-excited")
     raise FileError(f"{recording.path}: {first.kind}: {first.message}{more}.", hint, code="check")
 
@@ -149,9 +149,9 @@ def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
 def _recording(
     recording: Recording, rig_name: str | Rig | None
 ) -> tuple[dict[str, Any], list[CheckOutcome], tuple[QualityIssue, ...]]:
-    found = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
-    found += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
-    found += [
+    findings = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
+    findings += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
+    findings += [
         CheckOutcome(
             "unit",
             False,
@@ -173,27 +173,27 @@ def _recording(
         between = (
             []
             if rig is None or any(i.severity == "wrong" for i in issues)
-            else tried_both_ways(recording, rig)
+            else compare_holds(recording, rig)
         )
-    found += [
+    findings += [
         CheckOutcome("simulator", False, text, advice=True)
         for text in warned.sentences("in the runs of this check")
     ]
-    found += [
-        CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
-        for one in between
+    findings += [
+        CheckOutcome("between", not hold.wrong, hold.text(recording), advice=hold.wrong)
+        for hold in between
     ]
     if rig is not None and not any(i.severity == "wrong" for i in issues):
-        found += [
+        findings += [
             CheckOutcome("rows", False, order.text(recording), advice=True)
             for order in misplaced_readings(recording, rig)
         ]
-    found += [] if rig is None else _noise_findings(recording, rig)
-    found += against + [
+    findings += [] if rig is None else _noise_findings(recording, rig)
+    findings += against + [
         CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
     if not issues:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"
             )
@@ -215,7 +215,7 @@ def _recording(
         },
         **({"between": between_json(between)} if between else {}),
     }
-    return about, found, issues
+    return about, findings, issues
 
 
 def _column(recording: Recording, name: str) -> dict[str, Any]:
@@ -258,15 +258,17 @@ def _against_rig(
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
-    found = background_findings(rig) + _column_findings(recording, rig, wanted)
+    findings = background_findings(rig) + _column_findings(recording, rig, wanted)
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
-        found.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
-    found += _known_findings(recording, rig)
-    runs = not any(f.wrong for f in found)
+        findings.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
+    findings += _known_findings(recording, rig)
+    runs = not any(f.wrong for f in findings)
     if runs:
-        found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
-        found += [
+        findings += [
+            CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)
+        ]
+        findings += [
             CheckOutcome("background", False, term.text, advice=True)
             for term in without_idle_terms(rig, [recording])[1]
         ]
@@ -274,8 +276,10 @@ def _against_rig(
         try:
             require_informative(rig, recording)
         except DataError as error:
-            found.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
-    return rig, found or [CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")]
+            findings.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
+    return rig, findings or [
+        CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
+    ]
 
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
@@ -292,7 +296,7 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     plain = Assembly(rig)
     names = [p.outside_name for p in rig.parameters]
     strange = [key for key in recording.known if not plain.knows(key)]
-    found = [
+    findings = [
         CheckOutcome(
             "known",
             False,
@@ -301,7 +305,7 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
         for key in strange
     ]
     known = {key: value for key, value in recording.known.items() if key not in strange}
-    return found + [
+    return findings + [
         CheckOutcome("known", False, f"{fault.text}. {CURE}", advice=not fault.impossible)
         for fault in plain.known_objections(known)
     ]
@@ -316,7 +320,7 @@ def _column_findings(
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
     seen = [c for c in rig.outputs if wanted[c] is not None]
-    found = [
+    findings = [
         CheckOutcome(
             "input",
             False,
@@ -326,21 +330,21 @@ def _column_findings(
         for c in missing
     ]
     if not seen:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "output",
                 False,
                 f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
             )
         )
-    found += [
+    findings += [
         CheckOutcome(
             "output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True
         )
         for c in rig.outputs
         if wanted[c] is None and seen
     ]
-    found += [
+    findings += [
         CheckOutcome(
             "column",
             False,
@@ -350,26 +354,26 @@ def _column_findings(
         )
         for c in strange
     ]
-    return found
+    return findings
 
 
 def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     """The problem that stopped the reader, and those of the other stages that can still be
     tried."""
-    said: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
+    outcomes: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
         try:
             return stage()
         except PamidError as error:
-            said.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
+            outcomes.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
             return None
 
     names = attempt(lambda: read_header(path))
     if names is None:
-        return list(said.values())
+        return list(outcomes.values())
     if len(names) == 1:  # another dialect: its cells would be misread, too
-        return list(said.values())
+        return list(outcomes.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
     time = _time_column(path)
@@ -378,7 +382,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         if first.code != "sampling-period":
             attempt(lambda: sidecar_of(path, names, time))
     if time.size < MIN_SAMPLES and first.code != "empty":
-        said.setdefault(
+        outcomes.setdefault(
             "short",
             CheckOutcome(
                 "too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"
@@ -387,12 +391,12 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     suffixes = [
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
     ]
-    said |= {
+    outcomes |= {
         n: CheckOutcome("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
         for n in suffixes
         if not n.rsplit("_", 1)[1].isdigit()
     }
-    return list(said.values())
+    return list(outcomes.values())
 
 
 def _time_column(path: Path) -> FloatArray:
@@ -403,8 +407,8 @@ def _time_column(path: Path) -> FloatArray:
             stamps.append(float(row.split(",", 1)[0]))
         except ValueError:
             continue
-    found = np.array(stamps)
-    return found[np.isfinite(found)]
+    time = np.array(stamps)
+    return time[np.isfinite(time)]
 
 
 # ---- rig and effect files ----------------------------------------------------------------------
@@ -432,14 +436,14 @@ def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     except PamidError as error:
         return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
     effects = library.effects()
-    found, ports = _built(rig, effects, slopes=False)
+    findings, ports = _built(rig, effects, slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
-    return {**about, **({"ports": ports} if ports else {})}, found
+    return {**about, **({"ports": ports} if ports else {})}, findings
 
 
-def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    rigs = [v for v in own if issubclass(v, Rig)]
-    effects = [v for v in own if issubclass(v, Effect)]
+def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
+    rigs = [v for v in classes if issubclass(v, Rig)]
+    effects = [v for v in classes if issubclass(v, Effect)]
     kind = "rig" if rigs else "effect" if effects else "python"
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
@@ -451,17 +455,17 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
                 "pamid.Effect)",
             )
         ]
-    found: list[CheckOutcome] = []
+    findings: list[CheckOutcome] = []
     if len(rigs) > 1:
-        found.append(
+        findings.append(
             CheckOutcome("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file")
         )
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]
-        found += _named(effect.name, effect_findings(effect, others))
+        findings += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
-            found.append(
+            findings.append(
                 CheckOutcome(
                     "name",
                     False,
@@ -472,9 +476,9 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
             )
     ports: list[dict[str, Any]] = []
     for rig in rigs:
-        said, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
-        found, ports = found + said, ports + rows
-    return {**about, **({"ports": ports} if ports else {})}, found
+        rig_findings_, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
+        findings, ports = findings + rig_findings_, ports + rows
+    return {**about, **({"ports": ports} if ports else {})}, findings
 
 
 def _rig(
@@ -492,21 +496,21 @@ def _rig(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
         ], []
-    found, ports = _built(rig, effects)
+    findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)
-        found += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
-    return found, ports
+        findings += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
+    return findings, ports
 
 
 def _built(
     rig: Rig, effects: dict[str, type[Effect]], *, slopes: bool = True
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    found = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
-    found += rig_findings(rig, effects.values(), slopes=slopes)
-    built = not any(f.wrong and f.check == "equations" for f in found)
-    return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
+    findings = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
+    findings += rig_findings(rig, effects.values(), slopes=slopes)
+    built = not any(f.wrong and f.check == "equations" for f in findings)
+    return _named(rig.name, findings), ports_of(rig, effects.values()) if built else []
 
 
-def _named(name: str, found: list[CheckOutcome]) -> list[CheckOutcome]:
-    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
+def _named(name: str, findings: list[CheckOutcome]) -> list[CheckOutcome]:
+    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in findings]

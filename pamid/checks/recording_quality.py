@@ -85,19 +85,19 @@ def examine(
         return (absurd,)
     signals = signals_of(recording, rig) if signals is None else signals
     measured = [s for s in signals if not s.sent]
-    found = _constant(recording, signals, rig)
+    issues = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
-    found += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
-    found += standstill(measured, sent)
-    found += _levels(measured, sent, rig)
-    found += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
+    issues += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
+    issues += standstill(measured, sent)
+    issues += _levels(measured, sent, rig)
+    issues += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
     if rig is not None:
         against, judged = _against(recording, rig, thorough=True)
-        found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
-        found += beyond_range(recording, rig)
+        issues = [f for f in issues if not judged.get(f.kind, set()) & set(f.columns)] + against
+        issues += beyond_range(recording, rig)
     return tuple(
         sorted(
-            found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
+            issues, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
         )
     )
 
@@ -113,8 +113,8 @@ def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     from pamid.checks.rig_consistency import SLIP_WORDS
 
     absurd = _absurd(recording)
-    found = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
-    return tuple(i for i in found if i.severity == "wrong" or i.kind in SLIP_WORDS)
+    issues = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
+    return tuple(i for i in issues if i.severity == "wrong" or i.kind in SLIP_WORDS)
 
 
 def _absurd(recording: Recording) -> QualityIssue | None:
@@ -144,15 +144,15 @@ def _against(
     from pamid.checks.rig_consistency import clock, contradictions
     from pamid.checks.sheet_comparison import compared_with_sheet
 
-    if found := clock(recording, rig):
-        return found, {}
+    if issues := clock(recording, rig):
+        return issues, {}
     evidence = compared_with_sheet(recording, rig)
     if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
         return echoes, {}  # signs and units would mislead
-    found, judged = contradictions(recording, rig, evidence, thorough=thorough)
+    issues, judged = contradictions(recording, rig, evidence, thorough=thorough)
     if thorough and evidence is not None:
-        found += idle_input_issues(recording, rig, evidence)
-    return found, judged
+        issues += idle_input_issues(recording, rig, evidence)
+    return issues, judged
 
 
 def channel_figures(
@@ -198,7 +198,7 @@ def _constant(
     spare = (
         set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
     )
-    found = []
+    issues = []
     # something moves far above its noise; an input is at work
     moving = any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals)
     driven = any(s.sent and s.span > 0.0 for s in signals)
@@ -208,7 +208,7 @@ def _constant(
             hint = PLUGGED if dead else ""
             if s.sent and rig is not None and driven:
                 continue
-            found.append(
+            issues.append(
                 QualityIssue(
                     "dead" if dead else "constant",
                     (s.name,),
@@ -219,7 +219,7 @@ def _constant(
                     {"value": float(s.values[0])},
                 )
             )
-    return found
+    return issues
 
 
 def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
@@ -232,22 +232,22 @@ def _held_and_clipped(
 ) -> list[QualityIssue]:
     """Causes of samples that stand still: a slow sensor, lost rows, a limit, a dead channel; then
     bridges and spikes. While everything sent is 0, standing still is not a fault."""
-    found: list[QualityIssue] = []
+    all_issues: list[QualityIssue] = []
     idle = _nothing_sent(sent)
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
         period = every * float(np.diff(measured[0].time).mean())
-        said = (
+        message = (
             f"{', '.join(columns)}: a new value only every {every} samples ({1.0 / period:.4g} "
             "Hz), held between"
         )
-        found.append(
+        all_issues.append(
             QualityIssue(
                 "sampled-slowly",
                 columns,
                 "advice",
-                said,
+                message,
                 "Ingest the raw log with the period of its "
                 "slowest channel, or leave `period_s` out.",
                 (),
@@ -256,17 +256,17 @@ def _held_and_clipped(
         )
     free = [s for s in measured if s.name not in slow]
     if not free:
-        return found
+        return all_issues
     lively = heapq.nsmallest(2, [*measured, *sent], key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
-    found += _dropped(free, held)
+    all_issues += _dropped(free, held)
     for s in free:
         issues, at_limit = clipped(s, idle)
         stuck, still = frozen(
             s, held | at_limit | idle, next((o for o in lively if o is not s), None)
         )
-        found += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
-    return found
+        all_issues += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
+    return all_issues
 
 
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
@@ -342,7 +342,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue
 def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
     """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
     the vacuum."""
-    found = []
+    issues = []
     for s in measured:
         symbol = split_column(s.name)[1]
         if quantity_of(symbol) != "pressure" or shows_only_noise(s):
@@ -350,7 +350,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         y = np.asarray(to_si(s.values, symbol))
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "pressure",
                     (s.name,),
@@ -362,7 +362,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
                 )
             )
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "unit",
                     (s.name,),
@@ -375,8 +375,8 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
                 )
             )
         else:
-            found += _vented(s, y)
-    return found
+            issues += _vented(s, y)
+    return issues
 
 
 def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
@@ -428,20 +428,20 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     """Is enough asked of the rig, for long enough?"""
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
-    found = []
+    issues = []
     few = shortfall_alone(recording)
     if few:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
-        found.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
+        issues.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
     for name in _asked(recording, rig):
-        found += _excitation(recording, name, _usual(rig, name))
+        issues += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
     for name in commands:
         size = np.abs(recording.columns[name])
         at = size >= size.max()
         if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "at-limits",
                     (name,),
@@ -453,7 +453,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
                     {"share": float(at.mean())},
                 )
             )
-    return found
+    return issues
 
 
 def _asked(recording: Recording, rig: Rig | None) -> list[str]:
@@ -497,13 +497,13 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
         return []  # constant: said already
     amplitude = 0.5 * float(np.ptp(to_si(values, split_column(name)[1])))
     numbers = {"steps": float(seen.steps), "levels": float(seen.levels), "visited": seen.visited}
-    said = []
+    messages = []
     if amplitude < TIMID * usual:
-        said.append(f"moves by only {amplitude / usual:.0%} of what is usual")
+        messages.append(f"moves by only {amplitude / usual:.0%} of what is usual")
     if seen.steps < FEW_STEPS:
-        said.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
+        messages.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
     elif seen.levels <= FEW_LEVELS:
-        said.append(f"has only {seen.levels} levels, which hide what is curved between them")
+        messages.append(f"has only {seen.levels} levels, which hide what is curved between them")
     starts, stops = runs_of(np.concatenate([[False], np.diff(values) == 0.0]))
     longest = int(np.argmax(stops - starts)) if starts.size else -1
     windows: tuple[tuple[float, float], ...] = ()
@@ -511,15 +511,15 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
         windows = windows_of(
             recording.time, starts[longest : longest + 1], stops[longest : longest + 1]
         )
-        said.append("does not change for most of the time")
-    if not said:
+        messages.append("does not change for most of the time")
+    if not messages:
         return []
     return [
         QualityIssue(
             "excitation",
             (name,),
             "advice",
-            f"{name} {' and '.join(said)}",
+            f"{name} {' and '.join(messages)}",
             "`pamid generate-aprbs` makes an excitation that covers range and frequencies.",
             windows,
             numbers,

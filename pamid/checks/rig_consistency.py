@@ -80,15 +80,19 @@ def contradictions(
     if evidence is None:
         return [], {}
     slips, recording_, e, judgement = explained(recording, evidence, thorough=thorough)
-    clocks = [one for one in slips if one.slip.kind == "clock"]
+    clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
         return [_clock_issue(recording, rig, clocks[0].slip)], {}
-    found = _slip_issues([one for one in slips if one.slip.kind not in UNNAMED], evidence, rig)
-    factors = [one for one in slips if one.slip.kind in UNNAMED]
-    if thorough and not any(i.severity == "wrong" for i in found):
-        found += _far_off(factors, judgement, recording_, e, rig)
+    issues = _slip_issues(
+        [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
+        evidence,
+        rig,
+    )
+    factors = [explanation for explanation in slips if explanation.slip.kind in UNNAMED]
+    if thorough and not any(i.severity == "wrong" for i in issues):
+        issues += _far_off(factors, judgement, recording_, e, rig)
     if not e.ran:
-        return found, {}
+        return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
     columns = recorded_as(e.names, recording)
     suits = {
@@ -99,8 +103,8 @@ def contradictions(
     rests = {
         c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
     }
-    found += _delays(e, recording, rig) + (dead := unplugged(recording, rig, e))
-    return found, {
+    issues += _delays(e, recording, rig) + (dead := unplugged(recording, rig, e))
+    return issues, {
         "unit": suits,
         "pressure": suits,
         "absolute-pressure": suits,
@@ -153,17 +157,17 @@ def _slip_issues(
 ) -> list[QualityIssue]:
     """A finding for each slip; columns in one and the same other unit share one."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
-    for k, one in enumerate(slips):
-        units = {split_column(name)[1] for name in one.slip.names}
-        same = (one.slip.kind, one.slip.meaning, *sorted(units))
-        joined = one.slip.kind in ("unit", "absolute-pressure")
-        groups.setdefault(same if joined else (str(k),), []).append(one)
+    for k, explanation in enumerate(slips):
+        units = {split_column(name)[1] for name in explanation.slip.names}
+        same = (explanation.slip.kind, explanation.slip.meaning, *sorted(units))
+        joined = explanation.slip.kind in ("unit", "absolute-pressure")
+        groups.setdefault(same if joined else (str(k),), []).append(explanation)
     return [_slip_issue(group, before, rig) for group in groups.values()]
 
 
 def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
-    first = max(group, key=lambda one: one.gain)
-    slip, names = first.slip, tuple(name for one in group for name in one.slip.names)
+    first = max(group, key=lambda member: member.gain)
+    slip, names = first.slip, tuple(name for member in group for name in member.slip.names)
     message, hint = SLIP_WORDS[slip.kind](slip, names, before, rig)
     figures = first.figures
     rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
@@ -323,7 +327,7 @@ def _far_off(
         miss = "runs away"
     elif missed[k] <= 1.0:
         miss = f"is {np.exp(size[k]):.2g} times as large"
-    every = [slip for one in factors for slip in (one.slip, *one.others)]
+    every = [slip for factor in factors for slip in (factor.slip, *factor.others)]
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit is off by {left[k]:.2g} times the motion"
@@ -387,7 +391,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
-    found = []
+    issues = []
     for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if (
@@ -397,7 +401,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
         ):
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
-            found.append(
+            issues.append(
                 QualityIssue(
                     "dead",
                     (column,),
@@ -409,7 +413,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
                     {"value": value},
                 )
             )
-    return found
+    return issues
 
 
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
@@ -430,7 +434,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             and shifted - at_once > max(LAG_GAIN, 0.5 * (1.0 - shifted))
         ):
             late.setdefault(lag, []).append(name)
-    found = []
+    issues = []
     for lag, names in sorted(late.items()):
         if lag < 0 and not _fits_better_later(recording, rig, names, -lag):
             continue
@@ -444,7 +448,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             else "No rig answers before it is asked: shift the channel, or the command, in the "
             "raw log."
         )
-        found.append(
+        issues.append(
             QualityIssue(
                 "delay",
                 columns,
@@ -456,7 +460,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
                 {"delay_s": delay},
             )
         )
-    return found
+    return issues
 
 
 def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], samples: int) -> bool:

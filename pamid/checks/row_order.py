@@ -143,14 +143,14 @@ def _best_order(
     """The orders that explain the channel, if one does."""
     fits = dict(_orders(data, base, channel))
     errors = {order: _rms(fit, channel) for order, fit in fits.items()}
-    here, least = _rms(base, channel), min(errors.values())
-    if least >= MENDED * here:
+    baseline, least = _rms(base, channel), min(errors.values())
+    if least >= MENDED * baseline:
         return
     alike = [order for order in fits if errors[order] <= AS_GOOD * least]
     alike.sort(key=lambda order: fits[order].strain)
     column = match_column(recording.columns, data.names[channel]) or data.names[channel]
     symbol = split_column(column)[1]
-    recorded, mended = (float(size_from_si(e, symbol)) for e in (here, errors[alike[0]]))
+    recorded, mended = (float(size_from_si(e, symbol)) for e in (baseline, errors[alike[0]]))
     yield RowOrder(column, tuple(alike), recorded, mended)
 
 

@@ -25,10 +25,12 @@ def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
     columns = recording.columns
     if rig is None:
         return {name for name, values in columns.items() if _seems_sent(name, values)}
-    sent = {match_column(columns, one) for one in (*rig.inputs, *(k.reference for k in rig.loops))}
-    known = sent | {match_column(columns, one) for one in rig.outputs}
-    beside = {n for n, values in columns.items() if n not in known and _seems_sent(n, values)}
-    return beside | {name for name in sent if name is not None}
+    sent = {
+        match_column(columns, input_) for input_ in (*rig.inputs, *(k.reference for k in rig.loops))
+    }
+    known = sent | {match_column(columns, output) for output in rig.outputs}
+    guessed = {n for n, values in columns.items() if n not in known and _seems_sent(n, values)}
+    return guessed | {name for name in sent if name is not None}
 
 
 def _seems_sent(name: str, values: NDArray[np.float64]) -> bool:

@@ -136,8 +136,8 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     def follow(values: Array, samples: int) -> Array | None:
         return simulate(u[:samples], values, start=shown())
 
-    found = simulate(u)
-    model = np.full_like(y, np.nan) if found is None else found
+    outputs = simulate(u)
+    model = np.full_like(y, np.nan) if outputs is None else outputs
     inputs = tuple(assembly.traced.inputs)
     return SheetComparison(names, inputs, y, u, model, simulate, follow, assembly, p)
 

@@ -202,8 +202,8 @@ class Slip:
             )
         columns = dict(recording.columns)
         if self.kind == "exchanged":
-            one, other = self.names
-            columns[one], columns[other] = columns[other], columns[one]
+            first, other = self.names
+            columns[first], columns[other] = columns[other], columns[first]
         else:
             for name in self.names:
                 symbol = split_column(name)[1]
@@ -434,17 +434,19 @@ def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
 
 
 def _units_of_column(column: str, symbol: str) -> Iterator[Slip]:
-    here, quantity = unit(symbol), quantity_of(symbol)
-    found = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
+    column_unit, quantity = unit(symbol), quantity_of(symbol)
+    conversions = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
     if symbol in PREFIXED:
-        found |= {f"{prefix}{symbol}": (by * here.factor, 0.0) for prefix, by in PREFIXES.items()}
+        conversions |= {
+            f"{prefix}{symbol}": (by * column_unit.factor, 0.0) for prefix, by in PREFIXES.items()
+        }
     if quantity == "angle" or quantity == "angular velocity":
-        found["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
+        conversions["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
     if quantity == "velocity":
-        found["km/h"] = (1.0 / 3.6, 0.0)
-    for name, (factor, offset) in found.items():
-        factor /= here.factor
-        yield Slip("unit", (column,), factor, offset - here.offset * factor, name)
+        conversions["km/h"] = (1.0 / 3.6, 0.0)
+    for name, (factor, offset) in conversions.items():
+        factor /= column_unit.factor
+        yield Slip("unit", (column,), factor, offset - column_unit.offset * factor, name)
     if quantity == "pressure":
         yield Slip("absolute-pressure", (column,), 1.0, -ATMOSPHERE_PA)
 
@@ -496,21 +498,21 @@ def explained(
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
     """The slips that a recording has, one after the other; the recording and its comparison with
     these set right, and how well the rig explains it then."""
-    found: list[Explanation] = []
+    explanations: list[Explanation] = []
     if float(distances(e).max()) < math.log(FAR):
-        return found, recording, e, _judged_by_sheet(e)
+        return explanations, recording, e, _judged_by_sheet(e)
     before = judged(recording, e)
-    while before.suspicious and len(found) < MOST_SET_RIGHT:
+    while before.suspicious and len(explanations) < MOST_SET_RIGHT:
         slips = _next(recording, e, before, thorough)
-        for one in slips:
-            found.append(one)
-            after = one.slip.compared(e, recording)
-            if one.slip.kind in UNNAMED or after is None:
-                return found, recording, e, before
-            recording, e, before = one.slip.corrected(recording), after, one.after
+        for explanation in slips:
+            explanations.append(explanation)
+            after = explanation.slip.compared(e, recording)
+            if explanation.slip.kind in UNNAMED or after is None:
+                return explanations, recording, e, before
+            recording, e, before = explanation.slip.corrected(recording), after, explanation.after
         if not slips:
             break
-    return found, recording, e, before
+    return explanations, recording, e, before
 
 
 def _next(
@@ -570,17 +572,17 @@ def _best(
         if left <= NO_WORSE and judgement.least(named) <= least:
             away = float(distances(after).mean())
             scored.append(Explanation(slip, before, judgement, away))
-    return sorted((one for one in scored if one.gain >= CLEAR_GAIN), key=lambda one: -one.gain)
+    return sorted((e for e in scored if e.gain >= CLEAR_GAIN), key=lambda e: -e.gain)
 
 
 def _first(ranked: Sequence[Explanation]) -> Explanation | None:
     """Of those that tie with the best one the likeliest, with the others."""
-    ties = [one for one in ranked if one.gain >= ranked[0].gain - TIED_GAIN]
+    ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None
-    first = min(ties, key=lambda one: (round(one.unlikely, 1), ORDER.index(one.slip.kind)))
-    others = sorted((one for one in ties if one is not first), key=lambda one: one.unlikely)
-    return replace(first, others=tuple(one.slip for one in others))
+    first = min(ties, key=lambda tie: (round(tie.unlikely, 1), ORDER.index(tie.slip.kind)))
+    others = sorted((tie for tie in ties if tie is not first), key=lambda tie: tie.unlikely)
+    return replace(first, others=tuple(other.slip for other in others))
 
 
 def _predicted_slips(
@@ -656,5 +658,5 @@ def _nearer(
         by = 0.0 if after is None else away - float(distances(after).sum())
         if after is not None and by > NEARER:
             nearer.append((by, slip, after))
-    nearer.sort(key=lambda one: -one[0])
+    nearer.sort(key=lambda item: -item[0])
     return [(slip, after) for _, slip, after in nearer[:MOST_FITTED]]

@@ -49,6 +49,6 @@ def known_forms() -> dict[str, Form]:
     Each file holds a `FORM`; the first line of its docstring is the form's line in the help."""
     return {
         name: module.FORM
-        for own, module in modules_of("pamid.export.forms").items()
-        for name in (own, *getattr(module, "ALSO", ()))
+        for form_module, module in modules_of("pamid.export.forms").items()
+        for name in (form_module, *getattr(module, "ALSO", ()))
     }

@@ -11,7 +11,7 @@ from pamid.export.form import Written
 from pamid.export.plain_check import plain_check
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import mjcf_of
-from pamid.simulators.mujoco_forms import FoundEffect
+from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 
@@ -55,7 +55,7 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
         p.name: float(values[keys[p.name]]) for p in model.assembly.rig.parameters if p.name in keys
     }
     effects = [
-        FoundEffect(
+        IdentifiedEffect(
             a.label,
             a.effect.name,
             {p.name: float(values[keys[f"{a.label}:{p.name}"]]) for p in a.effect.parameters},

@@ -45,13 +45,13 @@ class Implicit:
         worst = _largest(b, change, x)
         accepted = self._taken(b, base, gh, x, matrix, change, worst)
         done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
-        again = b.add("Not", done)
-        boolean = {name: TensorProto.BOOL for name in (going, again, settled, done)}
+        unfinished = b.add("Not", done)
+        boolean = {name: TensorProto.BOOL for name in (going, unfinished, settled, done)}
         body = graph_of(
             b,
             "newton",
             {count: (), going: (), x: (self.nx,), settled: ()},
-            {again: (), accepted: (self.nx,), done: ()},
+            {unfinished: (), accepted: (self.nx,), done: ()},
             types={count: TensorProto.INT64, **boolean},
         )
         solution, fine = g.several(
@@ -102,14 +102,14 @@ class Implicit:
         allowed = b.add(
             "Mul", b.add("Sub", b.number(1.0), b.add("Mul", b.number(0.25), reach)), worst
         )
-        again = b.add("Not", b.add("Squeeze", b.add("LessOrEqual", left, allowed)))
+        too_large = b.add("Not", b.add("Squeeze", b.add("LessOrEqual", left, allowed)))
         halved = b.add("Mul", reach, b.number(0.5))
         body = graph_of(
             b,
             "halving",
             {count: (), going: (), trial: (self.nx,), reach: (1,)},
-            {again: (), there: (self.nx,), halved: (1,)},
-            types={count: TensorProto.INT64, going: TensorProto.BOOL, again: TensorProto.BOOL},
+            {too_large: (), there: (self.nx,), halved: (1,)},
+            types={count: TensorProto.INT64, going: TensorProto.BOOL, too_large: TensorProto.BOOL},
         )
         return g.several(
             "Loop",
@@ -142,6 +142,6 @@ def _quotient(g: Graph, matrix: str, right: str, n: int) -> str:
         row = g.add("Gather", augmented, g.index(k), axis=0)
         row = g.add("Div", row, g.add("Gather", row, g.index(k), axis=1))
         factor = g.add("Gather", augmented, g.index(k), axis=1)
-        own = g.array((rows == k)[:, None], np.bool_)
-        augmented = g.choose(own, row, g.add("Sub", augmented, g.add("Mul", factor, row)))
+        row_mask = g.array((rows == k)[:, None], np.bool_)
+        augmented = g.choose(row_mask, row, g.add("Sub", augmented, g.add("Mul", factor, row)))
     return g.add("Gather", augmented, g.array(n, np.int64), axis=1)

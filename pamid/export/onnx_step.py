@@ -101,11 +101,11 @@ class Sampled:
             }
             past = {("past", n): t for n, t in now.items()}
             held = Values(g, {**fixed, **given, **ticks, **past})
-            here = Values(g, self._states(g, part["states"]), held)
-            now = self._updated(g, here, part, now, first, sub)
+            values = Values(g, self._states(g, part["states"]), held)
+            now = self._updated(g, values, part, now, first, sub)
             if sub == 0:
-                outputs = g.joined([here(e) for e in s.readings])
-            part["states"] = self._moved(g, here, held, part["states"])
+                outputs = g.joined([values(e) for e in s.readings])
+            part["states"] = self._moved(g, values, held, part["states"])
         part["samples"] = g.add("Add", part["samples"], g.number(1.0))
         if self.remembered:
             part["cells"] = g.joined([now[n] for n in self.remembered])
@@ -118,7 +118,7 @@ class Sampled:
     def _updated(
         self,
         g: Graph,
-        here: Values,
+        values: Values,
         part: dict[str, str],
         before: dict[str, str],
         first: str,
@@ -129,9 +129,9 @@ class Sampled:
         after: dict[str, str] = {}
         for update in self.step.updates:
             if not self._of_network(update):
-                value = here(update.value)
+                value = values(update.value)
                 if update.line >= 0:
-                    value = self._delayed(g, here, part, update, value, first if sub == 0 else "")
+                    value = self._delayed(g, values, part, update, value, first if sub == 0 else "")
             elif update.name != VALUE:
                 continue
             elif sub == 0:
@@ -139,8 +139,8 @@ class Sampled:
             else:
                 value = before[VALUE]
             after[update.name] = value
-            assert here.around is not None
-            here.around.know(("cell", update.name), value)
+            assert values.around is not None
+            values.around.know(("cell", update.name), value)
         return after
 
     def _network(self, g: Graph, cells: dict[str, str], part: dict[str, str], first: str) -> str:
@@ -156,7 +156,7 @@ class Sampled:
         return value
 
     def _delayed(
-        self, g: Graph, here: Values, part: dict[str, str], update: Update, value: str, first: str
+        self, g: Graph, values: Values, part: dict[str, str], update: Update, value: str, first: str
     ) -> str:
         """Put a value into its delay line, newest first; the one `seconds` ago, linear between
         steps."""
@@ -166,7 +166,7 @@ class Sampled:
         if first:
             line = g.choose(first, value, line)
         part[name] = line
-        steps = g.add("Div", here(update.seconds), g.number(self.step.step_s))
+        steps = g.add("Div", values(update.seconds), g.number(self.step.step_s))
         place = g.add("Min", g.add("Max", steps, g.number(0.0)), g.number(size - 2.0))
         steps_back = g.add("Floor", place)
         at = g.add("Cast", steps_back, to=7)
@@ -177,11 +177,11 @@ class Sampled:
 
     # ---- states ---------------------------------------------------------------------------------
 
-    def _moved(self, g: Graph, here: Values, held: Values, state: str) -> str:
+    def _moved(self, g: Graph, symbols: Values, held: Values, state: str) -> str:
         """The states after a substep; `here` are values at its beginning."""
         s, h, nx = self.step, self.step.step_s, len(self.step.states)
         if not s.implicit:
-            return self._runge_kutta(g, here, held, state)
+            return self._runge_kutta(g, symbols, held, state)
 
         def rates(inner: Graph, x: str) -> str:
             values = Values(inner, self._states(inner, x), held)
@@ -196,8 +196,8 @@ class Sampled:
 
         return Implicit(nx, rates, slopes).step(g, state, h)
 
-    def _runge_kutta(self, g: Graph, here: Values, held: Values, state: str) -> str:
-        h, moved, values = self.step.step_s, "", here
+    def _runge_kutta(self, g: Graph, symbols: Values, held: Values, state: str) -> str:
+        h, moved, values = self.step.step_s, "", symbols
         for stage in range(4):
             slope = g.joined([values(e) for e in self.step.rates])
             part = g.add("Mul", slope, g.number(h / 6.0 if stage in (0, 3) else h / 3.0))

@@ -113,13 +113,13 @@ def plain_check(
         return PlainModel(file, m, settings=settings, linear=linear).errors(stretches, noise)
 
     before = errors(open_mujoco(mechanism.path), mechanism)
-    own = PlainModel(new, new_mechanism).settings
+    model_settings = PlainModel(new, new_mechanism).settings
     now = errors(new, new_mechanism)
     wanted = {c: size_to_si(stated[c], units[c]) for c in units if c in stated}
-    tried = [(own, now)]
+    tried = [(model_settings, now)]
     while not _reached(tried[-1][1], wanted) and len(tried) <= len(TRIED_SETTINGS):
         integrator, part = TRIED_SETTINGS[len(tried) - 1]
-        settings = SimulatorSettings(own.timestep_s / part, integrator)
+        settings = SimulatorSettings(model_settings.timestep_s / part, integrator)
         tried.append((settings, errors(new, new_mechanism, settings)))
     reached = _reached(tried[-1][1], wanted)
     # of several that come about as near the cheapest
@@ -140,7 +140,7 @@ def plain_check(
         for c in shown
     }
     best_errors = {c: size_from_si(nearest[c], units[c]) for c in shown}
-    return PlainCheck(channels, own, best, best_errors, reached if wanted else None)
+    return PlainCheck(channels, model_settings, best, best_errors, reached if wanted else None)
 
 
 def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:

@@ -73,10 +73,10 @@ def _reported(
     name, SI: the parameters, with the rig's combinations in the place of inner ones."""
     a, p, places = model.assembly, model.values, [model.assembly.keys[k] for k in keys]
     inner = [k for k, i in enumerate(places) if a.parameters[i].inner]
-    kept = [k for k in range(len(keys)) if k not in inner]
-    rows = list(np.eye(len(keys))[kept])
-    values = {keys[k]: float(p[places[k]]) for k in kept}
-    units = {keys[k]: a.parameters[places[k]].unit for k in kept}
+    outer = [k for k in range(len(keys)) if k not in inner]
+    rows = list(np.eye(len(keys))[outer])
+    values = {keys[k]: float(p[places[k]]) for k in outer}
+    units = {keys[k]: a.parameters[places[k]].unit for k in outer}
     for name, measure in declared(a).items() if inner else ():
         row = np.zeros(len(keys))
         for k, i in enumerate(places):

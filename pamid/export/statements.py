@@ -151,8 +151,8 @@ class Statements:
 
     def _at(self, node: Expr, level: int) -> str:
         """Text of an argument, in parentheses where it binds less tightly than its place asks."""
-        text, own = self._parts[node]
-        return text if own >= level else f"({text})"
+        text, precedence = self._parts[node]
+        return text if precedence >= level else f"({text})"
 
 
 class Writer:
@@ -165,20 +165,22 @@ class Writer:
     def __init__(self, dialect: Dialect, places: dict[Symbol, str]) -> None:
         self.dialect, self.places = dialect, places
         named = [s for s in places if s[0] not in ("tick", "derived")]
-        own = identifiers(f"past_{name}" if space == "past" else name for space, name in named)
-        self.words = {**places, **dict(zip(named, own, strict=True))}
+        past_words = identifiers(
+            f"past_{name}" if space == "past" else name for space, name in named
+        )
+        self.words = {**places, **dict(zip(named, past_words, strict=True))}
 
     def lines(
         self, roots: list[Expr], write: Callable[[Statements], None], written: Iterable[Symbol] = ()
     ) -> list[str]:
         """The locals, and what `write` adds; made: symbols that these lines define themselves."""
         used = symbols(roots) - set(written)
-        own = [
+        assignments = [
             self.dialect.assign.format(self.words[s], place)
             for s, place in self.places.items()
             if s in used and self.words[s] != place
         ]
-        work = Statements(self.dialect, roots, self.words, own)
+        work = Statements(self.dialect, roots, self.words, assignments)
         write(work)
         return work.lines
 

@@ -288,13 +288,13 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
     that it is."""
     rig, formulas = model.assembly.rig, dict[str, Expr]()
     for prefix in ("", BESIDE):
-        own = {
+        symbols = {
             b.key: symbol("parameter", prefix + b.key)
             for b in model.assembly.parameters
             if not b.owner
         }
         try:
-            given = rig.start(Names(own, "parameter"))
+            given = rig.start(Names(symbols, "parameter"))
             formulas |= {
                 prefix + s.name: expression(given.get(s.name, s.start)) for s in rig.states
             }

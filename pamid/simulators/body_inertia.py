@@ -82,14 +82,16 @@ class BodyShape:
         known within 100 %, and whose centre within its radius."""
         radius, far = self.radius_m, LENGTH_FACTOR * self.radius_m
         size = f"the model file; the radius of gyration is {radius:.3g} m"
-        found = [
+        parameters = [
             Parameter(name, at, at - far, at + far, "m", radius, source=size)
             for name, at in zip(self.centre_names, self.body.centre, strict=True)
         ]
         for name in self.deformation_names:
             limit = LENGTH_FACTOR if "_shear" in name else math.log(LENGTH_FACTOR)
-            found.append(Parameter(name, 0.0, -limit, limit, spread=0.5, inner=True, source=SHAPE))
-        return tuple(found)
+            parameters.append(
+                Parameter(name, 0.0, -limit, limit, spread=0.5, inner=True, source=SHAPE)
+            )
+        return tuple(parameters)
 
     def second_moment(self, p: Any) -> Mat:
         """P about the centre along the body's axes, m2; p: parameters by name, numbers or
@@ -121,13 +123,13 @@ class BodyShape:
 def shapes_of(mechanism: Mechanism) -> tuple[BodyShape, ...]:
     """Of every body that a joint moves and that has an inertia."""
     moving = {joint.body for joint in mechanism.joints}
-    found = []
+    shapes = []
     for number, body in enumerate(mechanism.bodies):
         if body.parent in moving:
             moving.add(number)
         if number in moving and body.mass_kg > 0.0 and max(body.inertia) > 0.0:
-            found.append(BodyShape(number, body))
-    return tuple(found)
+            shapes.append(BodyShape(number, body))
+    return tuple(shapes)
 
 
 class _Values:

@@ -83,24 +83,26 @@ class CompiledMechanism(Rig):
     name = "mechanism"
 
     def __init__(self, mechanism: Mechanism) -> None:
-        own: Any = self  # tables that a class usually holds
+        untyped: Any = self  # tables that a class usually holds
         m = mechanism
         self.mechanism = m
-        own.name = m.name
-        own.inputs, own.outputs = m.inputs, m.outputs
-        own.optional = {a.column: 0.0 for a in m.actuators if a.is_bare}
-        own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
-        own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
-        own.excited = {a.column: _amplitude(m, a) for a in m.actuators if a.column}
-        own.ports = {
+        untyped.name = m.name
+        untyped.inputs, untyped.outputs = m.inputs, m.outputs
+        untyped.optional = {a.column: 0.0 for a in m.actuators if a.is_bare}
+        untyped.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
+        untyped.centre = {
+            column: 0.5 * sum(ends) for column, ends in untyped.ranges.items() if sum(ends)
+        }
+        untyped.excited = {a.column: _amplitude(m, a) for a in m.actuators if a.column}
+        untyped.ports = {
             p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
         }
-        own.parameters = tuple(p.parameter for p in m.parameters)
-        own.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
-        own.states = tuple(_states(m))
-        own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
-        own.remarks = _remarks(m)
-        own.log_names, own.vector_sizes = log_names_of(m), vector_sizes_of(m)
+        untyped.parameters = tuple(p.parameter for p in m.parameters)
+        untyped.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
+        untyped.states = tuple(_states(m))
+        untyped.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
+        untyped.remarks = _remarks(m)
+        untyped.log_names, untyped.vector_sizes = log_names_of(m), vector_sizes_of(m)
         self._names = {(p.element, p.number, p.attribute): p.parameter.name for p in m.parameters}
         self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
 
@@ -122,12 +124,12 @@ class CompiledMechanism(Rig):
 
     def combinations(self, p: Any) -> dict[str, Number]:
         """Inertias of these bodies about their centres, kg m2."""
-        found: dict[str, Number] = {}
+        inertias: dict[str, Number] = {}
         for shape in self.shapes:
             names = (with_unit(name, "kg m2") for name in shape.inertia_names)
             mass = self.value(p, "body", shape.number, "mass", shape.body.mass_kg)
-            found |= zip(names, shape.inertia(p, mass), strict=True)
-        return found
+            inertias |= zip(names, shape.inertia(p, mass), strict=True)
+        return inertias
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
         """A parameter of an element, or the number that the file states where it is none."""
@@ -226,15 +228,15 @@ class MechanismEquations:
             return self.motor(i).rates
         if not a.states:
             return {}
-        told, state = self.command(i), getattr(self.x, a.states[0][0])
+        rate, state = self.command(i), getattr(self.x, a.states[0][0])
         if a.dynamics == "filter":
             constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
-            told = (told - state) / maximum(constant, 1e-12)
+            rate = (rate - state) / maximum(constant, 1e-12)
         if a.activation_range is not None:
             low, high = a.activation_range
-            told = where(state >= high, minimum(told, 0.0), told)
-            told = where(state <= low, maximum(told, 0.0), told)
-        return {a.states[0][0]: told}
+            rate = where(state >= high, minimum(rate, 0.0), rate)
+            rate = where(state <= low, maximum(rate, 0.0), rate)
+        return {a.states[0][0]: rate}
 
     def motor(self, i: int) -> MotorEquations:
         """Of an actuator with a winding."""
@@ -269,9 +271,9 @@ class MechanismEquations:
         if a.motor is not None:
             return self.motor(i).torque
         length, rate = self.travel(i)
-        told = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
+        activation = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
         gain, bias = self._law(i, a)
-        force = _affine(gain, length, rate) * told + _affine(bias, length, rate)
+        force = _affine(gain, length, rate) * activation + _affine(bias, length, rate)
         return force if a.force_range is None else clip(force, *a.force_range)
 
     def _law(self, i: int, a: Actuator) -> tuple[list[Expr], list[Expr]]:
@@ -315,15 +317,15 @@ class MechanismEquations:
 
     def dampers(self, velocity: Expr, *, joint: int = -1, tendon: int = -1) -> Expr:
         """Forces of the dampers of the actuators of a joint or a tendon against its velocity."""
-        found = ZERO
+        damping = ZERO
         for i, a in enumerate(self.m.actuators):
             if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
                 gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                found = found + gear * gear * self.polynomial(
+                damping = damping + gear * gear * self.polynomial(
                     "actuator", i, "damping", a.damping_powers, expression(a.damping), velocity,
                     odd=True,
                 )  # fmt: skip
-        return found
+        return damping
 
     def polynomial(
         self,
@@ -337,47 +339,47 @@ class MechanismEquations:
         odd: bool = False,
     ) -> Expr:
         """linear x + b x^2 + c x^3, with x |x| in the place of x^2 where it is odd."""
-        found = linear * x
+        total = linear * x
         for word, stated, of in (
             ("quadratic", powers[0], absolute(x) * x if odd else x * x),
             ("cubic", powers[1], x * x * x),
         ):
             if stated:
                 name = f"{attribute}_{word}"
-                found = found + self.rig.value(self.p, element, number, name, stated) * of
-        return found
+                total = total + self.rig.value(self.p, element, number, name, stated) * of
+        return total
 
     def joint_drive(self, j: int) -> Expr:
         """Torque or force of the actuators of one joint, without those that pull at tendons."""
-        found = ZERO
+        force_sum = ZERO
         for i, a in enumerate(self.m.actuators):
             if a.tendon < 0 and a.joint == j:
                 gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                found = found + gear * self.actuator_force(i)
-        return found
+                force_sum = force_sum + gear * self.actuator_force(i)
+        return force_sum
 
     def drive(self) -> list[Expr]:
         """Forces of the actuators at every joint."""
-        found = [self.joint_drive(j) for j in range(len(self.m.joints))]
+        forces = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
             if a.mount is not None:
                 force = self.actuator_force(i)
                 for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                    found[j] = found[j] + moment * force
+                    forces[j] = forces[j] + moment * force
             if a.tendon < 0:
                 continue
             gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
             force = gear * self.actuator_force(i)
             t = self.m.tendons[a.tendon]
             for j, c in zip(t.joints, t.coefficients, strict=True):
-                found[j] = found[j] + c * force
+                forces[j] = forces[j] + c * force
         if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
             for j, joint in enumerate(self.m.joints):
                 if joint.compensated_by_actuator:
-                    found[j] = found[j] + self.rigid.lift[j]
+                    forces[j] = forces[j] + self.rigid.lift[j]
         return [
             f if joint.force_range is None else clip(f, *joint.force_range)
-            for f, joint in zip(found, self.m.joints, strict=True)
+            for f, joint in zip(forces, self.m.joints, strict=True)
         ]
 
     def _is_lifted(self) -> bool:
@@ -462,11 +464,11 @@ class MechanismEquations:
 
     def applied(self) -> list[Expr]:
         """Force or torque at every joint, through its motion port."""
-        found = [f + self.passive(j) for j, f in enumerate(self.drive())]
+        forces = [f + self.passive(j) for j, f in enumerate(self.drive())]
         for i, t in enumerate(self.m.tendons):
             pull = self.tendon_force(i)
             for j, c in zip(t.joints, t.coefficients, strict=True):
-                found[j] = found[j] + c * pull
+                forces[j] = forces[j] + c * pull
         return [
             self.port(
                 self.rig.port_of("joint", j, "motion"),
@@ -474,7 +476,7 @@ class MechanismEquations:
                 position=self.q[j],
                 velocity=self.qd[j],
             )
-            for j, f in enumerate(found)
+            for j, f in enumerate(forces)
         ]
 
     @cached_property
@@ -509,16 +511,16 @@ class MechanismEquations:
         rubbing = [self.friction(j) for j in range(tree.n)]
         couplings = [self.coupling(c) for c in self.m.couplings]
         qdd = accelerations(tree, applied, passed, rubbing, couplings)
-        found: dict[str, Number] = {}
+        rates: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
-            found[joint.name] = qd
-            found[f"{joint.name}_velocity"] = a
+            rates[joint.name] = qd
+            rates[f"{joint.name}_velocity"] = a
         for i in range(len(self.m.actuators)):
-            found.update(self.actuator_rates(i))
+            rates.update(self.actuator_rates(i))
         for j, joint in enumerate(self.m.joints):
             if joint.spring_state:
-                found[joint.spring_state] = self.yielding(j)
-        return found
+                rates[joint.spring_state] = self.yielding(j)
+        return rates
 
     def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
         """The tree, and what reaches its joints where an effect lets what one of them carries move
@@ -548,9 +550,9 @@ class MechanismEquations:
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
                 beyond = self.tree(turned)
-                here, there = met[-1], self.load(beyond, applied, j, self.moving(beyond, applied))
+                near, there = met[-1], self.load(beyond, applied, j, self.moving(beyond, applied))
                 met.append(there)
-                return there if torque is here.torque else there.under(torque - here.torque)
+                return there if torque is near.torque else there.under(torque - near.torque)
 
             reaching = self.port(
                 port,
@@ -571,13 +573,13 @@ class MechanismEquations:
         passed: list[Expr | None] = [None] * tree.n
         for j, more in pushed.items():
             passed[j] = applied[j] - tree.holding[j] + more
-        for j, one in twisting.items():
+        for j, acceleration in twisting.items():
             for i in range(tree.n):
                 link = tree.link_inertia(i, j)
                 if link is not None:
                     before = passed[i]
                     before = applied[i] - tree.holding[i] if before is None else before
-                    passed[i] = before - link * one
+                    passed[i] = before - link * acceleration
         return tree, passed
 
     def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:

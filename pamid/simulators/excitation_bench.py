@@ -74,24 +74,24 @@ class ExcitationBench:
 
     def limits(self) -> tuple[str, ...]:
         """Limits that were checked, in words."""
-        said = []
+        sentences = []
         stops = [
             m.name
             for k, j in enumerate(self.ranged)
             for m in [self.m.joints[j]]
             if not np.isfinite(self.ends[k]).all()
         ]
-        for what, found in (
+        for what, names in (
             ("range", [self.m.joints[j].name for j in self.ranged]),
             ("speed", [self.m.joints[j].name for j in self.fast]),
             ("force", [self.m.actuators[i].name for i in self.forces]),
             ("force", [self.m.joints[j].name for j in self.efforts]),
         ):
-            if found:
-                said.append(f"{what} of {', '.join(found)}")
+            if names:
+                sentences.append(f"{what} of {', '.join(names)}")
         if stops:
-            said.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
-        return (*said, "bodies that touch")
+            sentences.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
+        return (*sentences, "bodies that touch")
 
     def _require_start(self) -> None:
         """DataError where the model stands outside its own ranges."""
@@ -133,17 +133,17 @@ class ExcitationBench:
     ) -> tuple[Trouble | None, dict[str, tuple[float, float]]]:
         """The first trouble of a run, None where there is none, and how far the joints went."""
         data, m = self._begin(), self.m
-        own = [i for i in sent if m.actuators[i].adr >= 0]
+        driven = [i for i in sent if m.actuators[i].adr >= 0]
         bare = [i for i in sent if m.actuators[i].adr < 0]
         samples = len(next(iter(sent.values())))
-        controls = np.array([sent[i] for i in own]).reshape(len(own), samples)
+        controls = np.array([sent[i] for i in driven]).reshape(len(driven), samples)
         torques = np.array([sent[i] for i in bare]).reshape(len(bare), samples)
-        places = [m.actuators[i].adr for i in own]
+        places = [m.actuators[i].adr for i in driven]
         dofs = [m.joints[m.actuators[i].joint].dof for i in bare]
         qpos = [joint.qpos for joint in m.joints]
         low, high = data.qpos[qpos].copy(), data.qpos[qpos].copy()
         for k in range(samples):
-            data.ctrl[places] = controls[:, k] if own else []
+            data.ctrl[places] = controls[:, k] if driven else []
             data.qfrc_applied[dofs] = torques[:, k] if bare else []
             self.mujoco.mj_step(self.model, data, self.count)
             q = data.qpos[qpos]
@@ -172,26 +172,26 @@ class ExcitationBench:
         if not max(wild) < WILD:
             return Trouble("the run becomes unstable", at, everything)
         if data.ncon:
-            for pair, (one, other) in self._pairs(data):
+            for pair, (name, other) in self._pairs(data):
                 if learn and self._is_fixed(pair):
                     self.usual.add(pair)
                 elif pair not in self.usual:
                     guilty = self._movers(pair)
-                    return Trouble(f"{one} would touch {other}", at, guilty)
+                    return Trouble(f"{name} would touch {other}", at, guilty)
         q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
         for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
             :1
         ]:
             j = self.ranged[int(k)]
             low, high = m.joints[j].range or (0.0, 0.0)
-            said = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
-            return Trouble(said, at, self._drivers(j), j)
+            message = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
+            return Trouble(message, at, self._drivers(j), j)
         v = np.abs(data.qvel[[m.joints[j].dof for j in self.fast]])
         for k in np.flatnonzero(v > self.speeds)[:1]:
             j = self.fast[int(k)]
             unit = f"{m.joints[j].unit}/s"
-            said = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
-            return Trouble(said, at, self._drivers(j))
+            message = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
+            return Trouble(message, at, self._drivers(j))
         return self._overload(data, at)
 
     def _overload(self, data: Any, at: float) -> Trouble | None:
@@ -200,32 +200,32 @@ class ExcitationBench:
         for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
             i = self.forces[int(k)]
             low, high = self.force_ends[k]
-            said = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
-            return Trouble(said, at, (i,))
+            message = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
+            return Trouble(message, at, (i,))
         f = data.qfrc_actuator[[m.joints[j].dof for j in self.efforts]]
         for k in np.flatnonzero((f < self.effort_ends[:, 0]) | (f > self.effort_ends[:, 1]))[:1]:
             j = self.efforts[int(k)]
             low, high = self.effort_ends[k]
-            said = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
-            return Trouble(f"{said} {m.joints[j].force_unit}", at, self._drivers(j))
+            message = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
+            return Trouble(f"{message} {m.joints[j].force_unit}", at, self._drivers(j))
         return None
 
     # ---- who touches whom ------------------------------------------------------------------------
 
     def _pairs(self, data: Any) -> list[tuple[tuple[int, int], tuple[str, str]]]:
         """Pairs of geoms in contact, with their names."""
-        found = []
+        contacts = []
         for c in range(data.ncon):
             contact = data.contact[c]
-            one, other = sorted(int(g) for g in contact.geom)
-            if one >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
-                found.append(((one, other), (self._named(one), self._named(other))))
-        return found
+            geom, other = sorted(int(g) for g in contact.geom)
+            if geom >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
+                contacts.append(((geom, other), (self._named(geom), self._named(other))))
+        return contacts
 
     def _named(self, geom: int) -> str:
-        own = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
+        name = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
         body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
-        return str(own) if own else f"a geom of {body}"
+        return str(name) if name else f"a geom of {body}"
 
     def _is_fixed(self, pair: tuple[int, int]) -> bool:
         """Is one of the two a part of the surroundings?"""
@@ -233,16 +233,16 @@ class ExcitationBench:
 
     def _chain(self, body: int) -> list[int]:
         """A body and those that carry it, without the world."""
-        found = []
+        bodies = []
         while body > 0:
-            found.append(body)
+            bodies.append(body)
             body = self.m.bodies[body].parent
-        return found
+        return bodies
 
     def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
         """The actuators of the joints between two geoms."""
-        one, other = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
-        between = one ^ other
+        first, second = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
+        between = first ^ second
         joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
         drivers = {i for j in joints for i in self._drivers(j)}
         return tuple(sorted(drivers)) or self.m.commanded
@@ -250,13 +250,13 @@ class ExcitationBench:
     def _drivers(self, joint: int) -> tuple[int, ...]:
         """The actuators of a joint, all where it has none of its own."""
         m = self.m
-        found = [
+        actuators = [
             i
             for i in m.commanded
             for a in [m.actuators[i]]
             if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
         ]
-        return tuple(found) or m.commanded
+        return tuple(actuators) or m.commanded
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
@@ -264,8 +264,8 @@ def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
     if file.path.suffix.lower() != ".urdf":
         return {}
     tags = tags_of(file.path.read_bytes())
-    own = {file.name("joint", i): name for i, name in enumerate(joints)}
-    found = {}
+    column_names = {file.name("joint", i): name for i, name in enumerate(joints)}
+    speeds = {}
     for tag in tags:
         if tag.name != "limit" or tag.parent < 0 or "velocity" not in tag.attributes:
             continue
@@ -274,6 +274,6 @@ def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
             speed = float(tag.attributes["velocity"])
         except ValueError:
             continue
-        if name in own and speed > 0.0:  # 0 is written by tools for "not known"
-            found[own[name]] = speed
-    return found
+        if name in column_names and speed > 0.0:  # 0 is written by tools for "not known"
+            speeds[column_names[name]] = speed
+    return speeds

@@ -1,7 +1,7 @@
 """Calls of an FMU's functions from inside compiled code: what happens at every sample.
 
 Every function returns a status: that of the FMU (2 and above: it failed), or one of those below,
-and leaves the place of the failing function in `told[0]`. C passes what a function does not read
+and leaves the place of the failing function in `report[0]`. C passes what a function does not read
 without harm, so that one call serves FMI 2.0 and 3.0 where their arguments begin alike.
 """
 
@@ -56,7 +56,7 @@ SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
 
 class FmiModel(NamedTuple):
     """An FMU as compiled code sees it. at: addresses of the functions of NAMES; the rest: value
-    references, the number of event indicators, typical sizes of states; told: a word that comes
+    references, the number of event indicators, typical sizes of states; report: words that come
     back."""
 
     at: NDArray[np.int64]
@@ -67,7 +67,7 @@ class FmiModel(NamedTuple):
     rates: Places
     indicators: int
     sizes: Array
-    told: NDArray[np.int64]
+    report: NDArray[np.int64]
 
 
 @njit(cache=True)
@@ -75,7 +75,7 @@ def _failed(m: FmiModel, status: int, place: int) -> int:
     """0 where it went well; else the status, and what was called is noted."""
     if status < FAILED_FROM:
         return 0
-    m.told[0] = place
+    m.report[0] = place
     return status
 
 
@@ -139,8 +139,9 @@ def step_copies(
 
 @njit(cache=True)
 def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
-    """Event iterations until nothing changes, from inside event mode or not, then continuous time.
-    due (1): time of the next event, infinite where none is known; m.told[1]: did states change?"""
+    """Iterate events until nothing changes, then enter continuous time. inside: in event mode
+    already; due (1): time of the next event, infinite if unknown. m.report[1] is 1 if states
+    changed."""
     status = 0
     if not inside:
         status = _failed(m, call_foreign(m.at[EVENT], c), EVENT)
@@ -163,7 +164,7 @@ def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
             return ENDED
         if status == 0 and not flags[0]:
             due[0] = info[3] if flags[4] else np.inf
-            m.told[1] = changed
+            m.report[1] = changed
             return _failed(m, call_foreign(m.at[CONTINUOUS], c), CONTINUOUS)
     return RESTLESS
 
@@ -280,12 +281,12 @@ def exchange(
 ) -> int:
     """Move x on by h seconds from `begin` under f. Steps end where grid says (ends from `begin`, up
     to a zero; where it begins with one they are chosen, and noted there). due (1): the next event
-    in time. m.told[2]: how many events there were within."""
+    in time. m.report[2]: how many events there were within."""
     # an event that falls between two exchanges belongs to the later one, whose inputs it sees
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
     status = put_inputs_anew(m, c, first, f, x, due)
-    m.told[2] = 0
+    m.report[2] = 0
     z, after = np.zeros(m.indicators), np.zeros(m.indicators)
     xn, err, K = np.zeros(len(x)), np.zeros(1), np.zeros((7, len(x)))
     status = status or indicators_at(m, c, z)
@@ -334,7 +335,7 @@ def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Arra
 @njit(cache=True)
 def _reread(m: FmiModel, c: int, x: Array) -> int:
     """States that an event has changed."""
-    if m.told[1] == 0 or len(x) == 0:
+    if m.report[1] == 0 or len(x) == 0:
         return 0
     return _failed(m, call_foreign(m.at[GET_X], c, x, len(x)), GET_X)
 
@@ -348,8 +349,8 @@ def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) 
     if status == 0 and flags[1]:
         return ENDED
     if status == 0 and (event or flags[0]):
-        m.told[2] += 1
-        if m.told[2] > MOST_EVENTS:
+        m.report[2] += 1
+        if m.report[2] > MOST_EVENTS:
             return CROWDED
         status = settle(m, c, False, due)
         status = status or _reread(m, c, x)

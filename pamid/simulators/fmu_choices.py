@@ -46,8 +46,8 @@ def read_choices(fmu: Path) -> FmuChoices:
     path = choices_path(fmu)
     if not path.exists():
         return FmuChoices(path)
-    said = read_toml(path)
-    for key, value in said.items():
+    table = read_toml(path)
+    for key, value in table.items():
         if key not in _KNOWN:
             raise FileError(
                 f"{path}: {key!r} is nothing that can be said of an FMU",
@@ -56,7 +56,7 @@ def read_choices(fmu: Path) -> FmuChoices:
             )
         if not isinstance(value, _KNOWN[key]):
             raise _wrong(path, key, value)
-    kind, free = said.get("kind", ""), said.get("free", [])
+    kind, free = table.get("kind", ""), table.get("free", [])
     if kind not in ("", EXCHANGE, CO_SIMULATION):
         raise FileError(
             f"{path}: kind = {kind!r} is none",
@@ -65,9 +65,9 @@ def read_choices(fmu: Path) -> FmuChoices:
         )
     if not all(isinstance(name, str) for name in free):
         raise _wrong(path, "free", free)
-    ports = said.get("ports", {})
+    ports = table.get("ports", {})
     motion = {name: _signals(path, name, port) for name, port in ports.items()}
-    return FmuChoices(path, kind, said.get("seen"), tuple(free), motion)
+    return FmuChoices(path, kind, table.get("seen"), tuple(free), motion)
 
 
 def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:

@@ -85,31 +85,35 @@ class FmuHost:
 
     def begin(self, p: Array) -> Array:
         self.let_go(self.copies)
-        self.copies, found = [], []
+        self.copies, readings = [], []
         for k, row in enumerate(p):
-            one = self.instance(k)
-            one.started(self.m, row)
-            self.copies.append(_Copy(0.0, row.copy(), 0, None, one.x.copy(), one.due.copy()))
-            found.append(self._left(k, one))
-        return self._run_begins(found)
+            instance = self.instance(k)
+            instance.started(self.m, row)
+            self.copies.append(
+                _Copy(0.0, row.copy(), 0, None, instance.x.copy(), instance.due.copy())
+            )
+            readings.append(self._left(k, instance))
+        return self._run_begins(readings)
 
-    def resume(self, kept: list[int], p: Array) -> Array:
+    def resume(self, numbers: list[int], p: Array) -> Array:
         self.let_go(self.copies)
-        self.copies, found = [], []
-        for k, (number, row) in enumerate(zip(kept, p, strict=True)):
+        self.copies, readings = [], []
+        for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
             before = self.kept[number]
-            one = self._entered(k, before)
-            one.x, one.due = before.x.copy(), before.due.copy()
+            instance = self._entered(k, before)
+            instance.x, instance.due = before.x.copy(), before.due.copy()
             changed = np.flatnonzero(before.p != row).tolist()
             if not all(self.about["tunable"][i] for i in changed):
                 raise ValueError("a parameter that is fixed from the start was to be changed")
             if changed:
-                one.retuned(self.m, changed, row)
-            self.copies.append(_Copy(before.time_s, row.copy(), 0, before.past, one.x, one.due))
-            found.append(self._left(k, one))
-        return self._run_begins(found)
+                instance.retuned(self.m, changed, row)
+            self.copies.append(
+                _Copy(before.time_s, row.copy(), 0, before.past, instance.x, instance.due)
+            )
+            readings.append(self._left(k, instance))
+        return self._run_begins(readings)
 
-    def _run_begins(self, found: list[Array]) -> Array:
+    def _run_begins(self, readings: list[Array]) -> Array:
         n = len(self.copies)
         self.standing = 0 if self.saves and n == 1 else -1
         self.statuses = np.zeros(n, np.int64)
@@ -118,7 +122,7 @@ class FmuHost:
         self.times = np.array([c.time_s for c in self.copies])
         self.x = np.array([c.x for c in self.copies]).reshape(n, -1)
         self.due = np.array([c.due for c in self.copies]).reshape(n, 1)
-        self.y = np.array(found)
+        self.y = np.array(readings)
         return self.y
 
     def step(self, f: Array, h: float) -> Array:
@@ -148,40 +152,40 @@ class FmuHost:
             name = self.about["called"][column]
             raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
-    def _left(self, k: int, one: FmuInstance) -> Array:
+    def _left(self, k: int, instance: FmuInstance) -> Array:
         """Readings of the instance, for a copy in the same state."""
         if self.saves:
-            self.copies[k].state = one.save(self.m)
+            self.copies[k].state = instance.save(self.m)
         else:
-            one.past = self.copies[k].past
-        return one.outputs(self.m)
+            instance.past = self.copies[k].past
+        return instance.outputs(self.m)
 
     def _entered(self, k: int, copy: _Copy) -> FmuInstance:
         """An instance where the copy stands."""
-        one = self.instance(k)
+        instance = self.instance(k)
         if self.saves:
-            one.restore(self.m, copy.state)
-            return one
-        if not one.fresh and one.past is copy.past and copy.past is not None:
-            return one
-        one.started(self.m, copy.p)
+            instance.restore(self.m, copy.state)
+            return instance
+        if not instance.fresh and instance.past is copy.past and copy.past is not None:
+            return instance
+        instance.started(self.m, copy.p)
         rows, past, time_s = [], copy.past, 0.0
         while past is not None:
             past, f, h = past
             rows.append((f, h))
-        state = one.x.copy(), one.due.copy()
+        state = instance.x.copy(), instance.due.copy()
         y = np.zeros((1, len(self.m.outputs)))
         none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
         for f, h in reversed(rows):
             if self.exchanges:
                 grid = np.zeros(MOST_STEPS + 1)
-                status[0] = exchange(self.m, one.handle, time_s, h, f, *state, grid)
+                status[0] = exchange(self.m, instance.handle, time_s, h, f, *state, grid)
             else:
-                handles, at = np.array([one.handle]), np.array([time_s])
+                handles, at = np.array([instance.handle]), np.array([time_s])
                 step_copies(self.m, handles, none, -1, at, f[None], h, y, status)
-            one.check(self.m, int(status[0]), time_s)
+            instance.check(self.m, int(status[0]), time_s)
             time_s += h
-        return one
+        return instance
 
     def keep(self) -> Array:
         first = self.count + 1
@@ -215,19 +219,19 @@ class FmuHost:
     def with_values(self, p: Array) -> FmuInstance:
         """An instance with these parameters."""
         key = p.tobytes()
-        one = self.of_values.pop(key, None)  # put back as the last: the first is started anew
-        if one is None:
+        instance = self.of_values.pop(key, None)  # put back as the last: the first is started anew
+        if instance is None:
             if len(self.of_values) >= self.most:
-                one = self.of_values.pop(next(iter(self.of_values)))
+                instance = self.of_values.pop(next(iter(self.of_values)))
             elif not self.of_values:
-                one = self.instance(0)
+                instance = self.instance(0)
             else:
-                one = FmuInstance(self.about, len(self.of_values))
-            one.started(self.m, p)
+                instance = FmuInstance(self.about, len(self.of_values))
+            instance.started(self.m, p)
             if not self.went:
-                self._refuse_clocks(one)
-        self.of_values[key] = one
-        return one
+                self._refuse_clocks(instance)
+        self.of_values[key] = instance
+        return instance
 
     @property
     def most(self) -> int:
@@ -270,29 +274,29 @@ class FmuHost:
             raise RuntimeError(why(table.model, status, h))
         self.went = self.went or not status
 
-    def _refuse_clocks(self, one: FmuInstance) -> None:
+    def _refuse_clocks(self, instance: FmuInstance) -> None:
         rows = []
         for at_s in (0.0, LATER_S):
-            rates = np.zeros(len(one.x))
-            one.check(self.m, rates_at(self.m, one.handle, at_s, one.x, rates), at_s)
-            rows.append([*rates, *one.outputs(self.m)])
-        if np.isfinite(one.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
+            rates = np.zeros(len(instance.x))
+            instance.check(self.m, rates_at(self.m, instance.handle, at_s, instance.x, rates), at_s)
+            rows.append([*rates, *instance.outputs(self.m)])
+        if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
             raise RuntimeError(TIMED)
 
     def moved(self, rows: Array, h: float) -> Array:
         """States and outputs h later, of rows of states, inputs and parameters."""
         nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
-        found, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
+        values, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
         grid, due = np.zeros(MOST_STEPS + 1), np.zeros(1)
         for k, row in enumerate(rows):
             c = self.with_values(row[nx + nf :]).handle
-            f, x = row[nx : nx + nf].copy(), found[k, ny:]
+            f, x = row[nx : nx + nf].copy(), values[k, ny:]
             x[:] = row[:nx]
             statuses[k] = exchange(self.m, c, 0.0, h, f, x, due, grid)
-            statuses[k] = statuses[k] or get_outputs(self.m, c, found[k, :ny])
-        self._judge(statuses, found, h)
+            statuses[k] = statuses[k] or get_outputs(self.m, c, values[k, :ny])
+        self._judge(statuses, values, h)
         self.went = True
-        return found
+        return values
 
     def shown(self, rows: Array) -> Array:
         """Outputs of rows of states and parameters."""
@@ -307,9 +311,9 @@ class FmuHost:
         word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
         begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
         table = np.frombuffer(request[begin:end]).reshape(n, m)
-        return self.told(word, table, h, json.loads(request[end:] or b"[]"))
+        return self.dispatch(word, table, h, json.loads(request[end:] or b"[]"))
 
-    def told(self, word: bytes, table: Array, h: float, kept: list[int]) -> Array:
+    def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
         """The same, taken apart."""
         table = np.array(table)  # compiled code has another version for what must not be written
         if word == b"s":
@@ -321,5 +325,5 @@ class FmuHost:
         if word == b"b":
             return self.begin(table)
         if word == b"r":
-            return self.resume(kept, table)
-        return self.keep() if word == b"k" else self.drop(kept)
+            return self.resume(numbers, table)
+        return self.keep() if word == b"k" else self.drop(numbers)

@@ -104,16 +104,16 @@ class FmuInstance:
             self.check(m, settle(m, self.handle, False, self.due))
 
     def states_of(self, m: FmiModel) -> Array:
-        found = np.zeros(len(m.states))
-        if len(found):
-            pointer = found.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-            self._call(m, GET_X, pointer, ctypes.c_size_t(len(found)))
-        return found
+        states = np.zeros(len(m.states))
+        if len(states):
+            pointer = states.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+            self._call(m, GET_X, pointer, ctypes.c_size_t(len(states)))
+        return states
 
     def outputs(self, m: FmiModel) -> Array:
-        found = np.zeros(len(m.outputs))
-        self.check(m, get_outputs(m, self.handle, found))
-        return found
+        outputs = np.zeros(len(m.outputs))
+        self.check(m, get_outputs(m, self.handle, outputs))
+        return outputs
 
     def outputs_at(self, m: FmiModel, x: Array) -> Array:
         """With states x and nothing going in."""
@@ -143,7 +143,7 @@ class FmuInstance:
         kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, *map(type_of, given))
         status = kind(int(m.at[place]))(self.handle, *given)
         if status >= 2:
-            m.told[0] = place
+            m.report[0] = place
             self.check(m, status)
 
     def check(self, m: FmiModel, status: int, at_s: float | None = None) -> None:
@@ -161,6 +161,6 @@ def why(m: FmiModel, status: int, at_s: float | None = None) -> str:
     when = "" if at_s is None else f", at {at_s:.4g} s"
     if status <= ENDED:
         return SAID[status] + when
-    name = f"fmi{m.version}{NAMES[m.version].split()[m.told[0]]}"
+    name = f"fmi{m.version}{NAMES[m.version].split()[m.report[0]]}"
     word = _STATUSES[status] if status < len(_STATUSES) else str(status)
     return f"{name} returned fmi{m.version}{word}{when}"

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _EMPTY = np.zeros((0, 0))
 
 
-class Kept:
+class SavedState:
     """A saved state, by its number where the FMU is held."""
 
     def __init__(self, number: int) -> None:
@@ -33,12 +33,12 @@ class UnitScale(NamedTuple):
     offset: Array
 
     def outside(self, values: Array) -> Array:
-        found: Array = (values - self.offset) / self.scale
-        return found
+        scaled: Array = (values - self.offset) / self.scale
+        return scaled
 
     def inside(self, values: Array) -> Array:
-        found: Array = values * self.scale + self.offset
-        return found
+        scaled: Array = values * self.scale + self.offset
+        return scaled
 
 
 class FmuUnits(NamedTuple):
@@ -55,7 +55,7 @@ class FmuLink(Carrier):
     units: FmuUnits
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
         """The answer to a request."""
         raise NotImplementedError
@@ -66,14 +66,14 @@ class FmuLink(Carrier):
         return self._readings(b"b", self.units.parameters.outside(p))
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        kept = [one.number for one in saved]
-        return self._readings(b"r", self.units.parameters.outside(p), kept=kept)
+        numbers = [state.number for state in saved]
+        return self._readings(b"r", self.units.parameters.outside(p), numbers=numbers)
 
     def step(self, f: Array, h: float) -> Array:
         return self._readings(b"s", self.units.inputs.outside(f), h)
 
-    def save(self) -> tuple[Kept, ...]:
-        return tuple(Kept(int(number)) for number in self._request(b"k", _EMPTY)[0])
+    def save(self) -> tuple[SavedState, ...]:
+        return tuple(SavedState(int(number)) for number in self._request(b"k", _EMPTY)[0])
 
     # ---- where its states are seen ---------------------------------------------------------------
 
@@ -103,9 +103,9 @@ class FmuLink(Carrier):
         return self.units.states.inside(rows[:, seen:]), self.units.outputs.inside(rows[:, :seen])
 
     def _readings(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        return self.units.outputs.inside(self._request(word, table, h, kept))
+        return self.units.outputs.inside(self._request(word, table, h, numbers))
 
 
 @dataclass

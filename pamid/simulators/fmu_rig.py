@@ -58,36 +58,36 @@ class FmuRig(StepRig):
     free: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, file: FmuFile | None = None) -> None:
-        own: Any = self  # tables that a class usually holds
+        untyped: Any = self  # tables that a class usually holds
         self.file = f = file or read_fmu(_beside(type(self), self.path))
-        own.name = f.name if type(self) is FmuRig else type(self).name
-        own.carries = not f.seen
-        own.motion, own.free = self.motion or f.motion, self.free or f.free
-        own.inputs = {v.name: v.si for v in f.inputs.variables}
-        own.outputs = {v.name: v.si for v in f.outputs.variables}
+        untyped.name = f.name if type(self) is FmuRig else type(self).name
+        untyped.carries = not f.seen
+        untyped.motion, untyped.free = self.motion or f.motion, self.free or f.free
+        untyped.inputs = {v.name: v.si for v in f.inputs.variables}
+        untyped.outputs = {v.name: v.si for v in f.outputs.variables}
         if f.seen:
             starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
-            own.states = tuple(
+            untyped.states = tuple(
                 State(v.name, v.si, start)
                 for v, start in zip(f.states.variables, starts.tolist(), strict=True)
             )
             sizes = np.array(f.nominals) * f.units.states.scale
-            own.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
+            untyped.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
         shown = {s.name for s in self.states}
-        own.readings = {name: si for name, si in self.outputs.items() if name not in shown}
+        untyped.readings = {name: si for name, si in self.outputs.items() if name not in shown}
         self._check_names()
-        own.parameters = tuple(map(self._parameter, f.parameters.variables))
-        own.remarks = (*f.remarks, *self._undeclared())
-        own.period_s = f.period_s or type(self).period_s
-        own.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
+        untyped.parameters = tuple(map(self._parameter, f.parameters.variables))
+        untyped.remarks = (*f.remarks, *self._undeclared())
+        untyped.period_s = f.period_s or type(self).period_s
+        untyped.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
             f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables
         }
 
     def _parameter(self, v: FmuVariable) -> Parameter:
         count = len(self.file.parameters.variables)
         wanted = v.name in self.free if self.free else count <= MOST_FREE
-        found = stated(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
-        return found
+        parameter = stated(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
+        return parameter
 
     def _way_in(self, v: FmuVariable) -> Port:
         if v.name not in self.motion:
@@ -102,8 +102,12 @@ class FmuRig(StepRig):
 
     def _check_names(self) -> None:
         """Those of the user's own tables."""
-        told = choices_path(Path(self.file.path))
-        where = told if self.motion is self.file.motion and told.exists() else self.file.path
+        choices_file = choices_path(Path(self.file.path))
+        where = (
+            choices_file
+            if self.motion is self.file.motion and choices_file.exists()
+            else self.file.path
+        )
         known = [(name, list(self.inputs), "input") for name in self.motion]
         known += [
             (signal, list(self._moving), "output")
@@ -133,10 +137,10 @@ class FmuRig(StepRig):
     def _undeclared(self) -> list[str]:
         """Forces and torques that go in without a place where they act."""
         names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
-        beside = choices_path(Path(self.file.path)).name
+        choices_file = choices_path(Path(self.file.path)).name
         return [
             f"{name} [{self.inputs[name]}] may be a force at a moving part: for friction, springs "
-            f"and drag to act there, write into {beside}: [ports.{name}] with position and "
+            f"and drag to act there, write into {choices_file}: [ports.{name}] with position and "
             f"velocity, of {', '.join(self._moving)}"
             for name in names
         ]

@@ -45,13 +45,15 @@ class ForeignLimits:
 
 def foreign_limits() -> ForeignLimits:
     """The limits that hold now. UsageError for a factor that is not a positive number."""
-    said = os.environ.get(VARIABLE, "").strip() or "1"
+    setting = os.environ.get(VARIABLE, "").strip() or "1"
     try:
-        factor = float(said)
+        factor = float(setting)
     except ValueError:
         factor = math.nan
     if not (math.isfinite(factor) and factor > 0.0):
-        raise UsageError(f"{VARIABLE}={said!r} is not a positive number.", "Write a number like 4.")
+        raise UsageError(
+            f"{VARIABLE}={setting!r} is not a positive number.", "Write a number like 4."
+        )
     return ForeignLimits(
         ProcessLimits(
             factor * COMPILE_S, factor * COMPILE_PATIENCE_S, round(factor * COMPILE_MEMORY)

@@ -15,7 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.soft_constraints import CoupledSystem, SoftCoupling, SoftFriction, rub
+from pamid.simulators.soft_constraints import (
+    CoupledSystem,
+    SoftCoupling,
+    SoftFriction,
+    solve_joint_friction,
+)
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
@@ -35,29 +40,31 @@ def accelerations(
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
     ]
-    found = rub(CoupledSystem(tree, couplings), reaching, friction)
-    still = [held(v) for v in found.value]
+    solution = solve_joint_friction(CoupledSystem(tree, couplings), reaching, friction)
+    still = [held(v) for v in solution.value]
     moving = tree.inverse_dynamics(still)
     change = []
     for i in range(tree.n):
-        own = moving[i] + still[i] * (tree.armature[i] + found.added[i]) - found.friction[i]
+        diagonal = (
+            moving[i] + still[i] * (tree.armature[i] + solution.added[i]) - solution.friction[i]
+        )
         if passed[i] is None:
-            change.append(own - force[i])
+            change.append(diagonal - force[i])
         else:
-            change.append(own - tree.holding_change[i] - reaching[i])
+            change.append(diagonal - tree.holding_change[i] - reaching[i])
     for coupling in couplings:
         force_along = coupling.force(still)
         for j, slope in coupling.slopes.items():
             change[j] = change[j] - slope * force_along
-    inverse = [found.system.column(i) for i in range(tree.n)]
+    inverse = [solution.system.column(i) for i in range(tree.n)]
     return [
-        tangent(found.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
+        tangent(solution.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
         for i in range(tree.n)
     ]
 
 
 def _total(terms: Sequence[Expr]) -> Expr:
-    found = ZERO
-    for one in terms:
-        found = found + one
-    return found
+    total = ZERO
+    for term in terms:
+        total = total + term
+    return total

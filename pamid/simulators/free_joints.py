@@ -76,8 +76,8 @@ def _has_forces(model: Any, joint: int) -> bool:
 
 def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
     """Give a body the joints of a floating base; their names."""
-    taken = {joint.name for joint in spec.joints}
-    while any(f"{name}_{word}" in taken for word, _, _ in BASE_JOINTS):
+    joint_names = {joint.name for joint in spec.joints}
+    while any(f"{name}_{word}" in joint_names for word, _, _ in BASE_JOINTS):
         name = f"{name}_base"
     place = np.array(body.pos)
     body.quat = [1.0, 0.0, 0.0, 0.0]

@@ -153,12 +153,12 @@ def coupled_joints(
     couplings: Sequence[Coupling], tendons: Sequence[MechanismTendon]
 ) -> frozenset[int]:
     """Joints that couplings move."""
-    found: set[int] = set()
+    joints: set[int] = set()
     for c in couplings:
         for end in (c.first, c.second):
             if end >= 0:
-                found.update((end,) if c.kind == "joint" else tendons[end].joints)
-    return frozenset(found)
+                joints.update((end,) if c.kind == "joint" else tendons[end].joints)
+    return frozenset(joints)
 
 
 @dataclass(frozen=True)
@@ -356,11 +356,11 @@ class Mechanism:
 
     def chain(self, body: int) -> tuple[int, ...]:
         """Joints that move a body."""
-        found: list[int] = []
+        joints: list[int] = []
         while body > 0:
-            found += [j for j, joint in enumerate(self.joints) if joint.body == body]
+            joints += [j for j, joint in enumerate(self.joints) if joint.body == body]
             body = self.bodies[body].parent
-        return tuple(sorted(found))
+        return tuple(sorted(joints))
 
     @property
     def commanded(self) -> tuple[int, ...]:

@@ -26,11 +26,11 @@ EQUATIONS_FORM, STEPPED_FORM = "equations", "stepped"
 def mechanism_rig(mechanism: Mechanism) -> Rig:
     """A mechanism in the form that it has without recordings, with the forms to choose from."""
     rig = SteppedMechanism if mechanism.hindrances else CompiledMechanism
-    made: Rig = rig(mechanism)
+    typed_rig: Rig = rig(mechanism)
     if mechanism.collides and all(f.element == CONTACT for f in mechanism.hindrances):
-        own: Any = made
-        own.forms = MechanismForms(mechanism)
-    return made
+        untyped: Any = typed_rig
+        untyped.forms = MechanismForms(mechanism)
+    return typed_rig
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class MechanismForms:
             ]
         rig: Any = kinds[form](replace(self.mechanism, findings=tuple(findings)))
         rig.forms, rig.form, rig.form_note = self, form, note
-        made: Rig = rig
-        return made
+        typed_rig: Rig = rig
+        return typed_rig
 
 
 def _free_words(met: RecordedContacts) -> str:
@@ -108,8 +108,8 @@ def _acting_words(met: RecordedContacts, path: str) -> str:
     if met.touching is None:
         return f"{met.limit}."
     pair = met.touching
-    one, other = pair.bodies
-    cure = f'<contact><exclude body1="{one}" body2="{other}"/></contact>'
+    first, second = pair.bodies
+    cure = f'<contact><exclude body1="{first}" body2="{second}"/></contact>'
     cure = "remove one <collision>" if path.endswith(".urdf") else cure
     return (
         f"{_pair_words(pair)} touch in about {100 * met.share:.2g} % of the samples of "

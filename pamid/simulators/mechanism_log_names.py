@@ -20,14 +20,14 @@ def log_names_of(m: Mechanism) -> dict[str, LogName]:
 
 def vector_sizes_of(m: Mechanism) -> dict[str, int]:
     """How many values MuJoCo's own vectors hold of this model."""
-    own = sum(not m.actuators[i].is_bare for i in m.commanded)
+    activations = sum(not m.actuators[i].is_bare for i in m.commanded)
     forces = 0 if any(a.is_bare for a in m.actuators) else len(m.actuators)
     joints = len(m.joints)
     return {
         "qpos": joints,
         "qvel": joints,
         "qfrc_actuator": joints,
-        "ctrl": own or joints,
+        "ctrl": activations or joints,
         "actuator_force": forces,
         "sensordata": m.sensor_values,
     }

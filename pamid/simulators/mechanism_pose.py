@@ -56,7 +56,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     return {
         m.bodies[last].name: np.stack(
             [
-                *(anchors[one] for one in _chain(m, last)),
+                *(anchors[link] for link in _chain(m, last)),
                 places[last] + _turned(turns[last], m.bodies[last].centre),
             ],
             axis=1,
@@ -67,7 +67,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
 def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
     """Joint -> its position at every sample."""
-    found = {}
+    positions = {}
     for k, joint in enumerate(m.joints):
         column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
         if column is None or joint.kind not in ("hinge", "slide"):
@@ -77,8 +77,8 @@ def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArra
                 "Give the model a jointpos sensor for every hinge and slide.",
                 code="no-pose",
             )
-        found[k] = y[column]
-    return found
+        positions[k] = y[column]
+    return positions
 
 
 def _ends(m: Mechanism) -> list[int]:
@@ -88,16 +88,16 @@ def _ends(m: Mechanism) -> list[int]:
     return [
         k
         for k in range(1, len(m.bodies))
-        if k not in parents and any(one in moved for one in _chain(m, k))
+        if k not in parents and any(link in moved for link in _chain(m, k))
     ]
 
 
 def _chain(m: Mechanism, last: int) -> list[int]:
     """From the body on the world to this one."""
-    found = [last]
-    while m.bodies[found[0]].parent > 0:
-        found.insert(0, m.bodies[found[0]].parent)
-    return found
+    chain = [last]
+    while m.bodies[chain[0]].parent > 0:
+        chain.insert(0, m.bodies[chain[0]].parent)
+    return chain
 
 
 def _turned(turn: FloatArray, vector: Vector) -> FloatArray:

@@ -109,8 +109,8 @@ def _whole_folder(name: str, folder: PathLike) -> str:
 
 def package_of(name: str) -> str:
     """The package in the name of a file, "" where it names none."""
-    found = re.match(r"(?:package|model):/+([^/]+)", name)
-    return found[1] if found else ""
+    match = re.match(r"(?:package|model):/+([^/]+)", name)
+    return match[1] if match else ""
 
 
 def places_of(

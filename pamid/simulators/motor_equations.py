@@ -89,10 +89,10 @@ class MotorEquations:
 
     def _passive(self) -> Expr:
         """Torque of cogging and bristles."""
-        found, value = ZERO, self.value
+        force, value = ZERO, self.value
         amplitude, periods, phase = self.motor.cogging
         if amplitude:
-            found = value("cogging", amplitude) * sin(periods * self.length + phase)
+            force = value("cogging", amplitude) * sin(periods * self.length + phase)
         if name := self._name("bristle"):
             words = ("stiffness", "damping", "coulomb", "static", "stribeck")
             stiffness, damping, sliding, static, speed = (
@@ -104,5 +104,5 @@ class MotorEquations:
             bent = self._states[name]
             rate = self.velocity - stiffness * absolute(self.velocity) / level * bent
             self.rates[name] = rate
-            found = found - stiffness * bent - damping * rate
-        return found
+            force = force - stiffness * bent - damping * rate
+        return force

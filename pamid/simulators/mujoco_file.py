@@ -62,8 +62,8 @@ class MujocoFile:
     def name(self, kind: str, number: int) -> str:
         """An element's own name; where it has none, its kind and number."""
         kinds = self.mujoco.mjtObj
-        found = self.mujoco.mj_id2name(self.model, _object(kinds, kind), number)
-        return str(found) if found else f"{kind}_{number}"
+        name = self.mujoco.mj_id2name(self.model, _object(kinds, kind), number)
+        return str(name) if name else f"{kind}_{number}"
 
     def word(self, enum: str, value: Any) -> str:
         """MuJoCo's word for a value of one of its enumerations: ("mjtJoint", 3) -> "hinge"."""
@@ -189,7 +189,11 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
     }
     for kind in ("joint", "tendon", "actuator", "sensor"):
         require_few(file, f"{kind}s", len(kinds[kind]))
-    lines = {key: line for kind, found in kinds.items() for key, line in _lines(kind, found)}
+    lines = {
+        key: line
+        for kind, element_lines in kinds.items()
+        for key, line in _lines(kind, element_lines)
+    }
     require_finite(MujocoFile(file, mujoco, model, lines))
     for text in warnings:
         if "NaN" in text:  # that MuJoCo takes for a value left out, such as a mass
@@ -272,33 +276,33 @@ def _lines(kind: str, elements: Iterable[Any]) -> Iterable[tuple[tuple[str, int]
 
 def _line(element: Any) -> int:
     """Where an element stands in the file, 0 where that is not known."""
-    found = _LINE.search(element.info or "")
-    return int(found.group(1)) if found else 0
+    match = _LINE.search(element.info or "")
+    return int(match.group(1)) if match else 0
 
 
 def _reason(error: Exception) -> str:
-    said = " ".join(str(error).split()).removeprefix("Error: ")
-    return f"MuJoCo cannot read it: {said[:300] or type(error).__name__}"
+    reason = " ".join(str(error).split()).removeprefix("Error: ")
+    return f"MuJoCo cannot read it: {reason[:300] or type(error).__name__}"
 
 
-def _hint(said: str) -> str:
-    if "opening file" in said or "Could not open" in said:
+def _hint(message: str) -> str:
+    if "opening file" in message or "Could not open" in message:
         return "Put the file that it names where the model looks for it (its own folder, meshdir)."
-    if "unknown exception" in said or "alloc" in said:
+    if "unknown exception" in message or "alloc" in message:
         most = foreign_limits().compilation.memory // MIB
         return f"Most likely it needs more than {most} MiB of memory. {RAISED}"
-    if "mass and inertia of moving bodies" in said:
+    if "mass and inertia of moving bodies" in message:
         return (
             "Give that body its mass (<inertial>), or let MuJoCo assume a small one, in a URDF with"
             ' <mujoco><compiler boundmass="1e-4" boundinertia="1e-7"/></mujoco> inside <robot>.'
         )
-    if "A + B >= C" in said:
+    if "A + B >= C" in message:
         return (
             "Mend the inertia of that body, or let MuJoCo do it, in a URDF with"
             ' <mujoco><compiler balanceinertia="true"/></mujoco> inside <robot>.'
         )
-    if "missing element: 'inertia'" in said:
+    if "missing element: 'inertia'" in message:
         return "Add <inertia> to that <inertial>; without <inertial> the shapes give the mass."
-    if "Schema violation" in said:
+    if "Schema violation" in message:
         return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
     return ""

@@ -37,7 +37,7 @@ _HARMLESS_FLAGS = (
 
 def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
     """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
-    found = [
+    findings = [
         *_warnings(file),
         *_free(file),
         *_first_link(file),
@@ -48,7 +48,7 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
         *_options(file, share, met),
         *_sensors(file),
     ]
-    return tuple(sorted(found, key=lambda f: not f.hinders))
+    return tuple(sorted(findings, key=lambda f: not f.hinders))
 
 
 def contact_share(file: MujocoFile) -> tuple[float, str]:

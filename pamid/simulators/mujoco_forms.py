@@ -29,7 +29,7 @@ TINY_SPRING = 1e-3  # of a constant force, per unit of the way: a spring far awa
 
 
 @dataclass(frozen=True)
-class FoundEffect:
+class IdentifiedEffect:
     """An effect of a finding. values: its parameters by name, SI; ports: those at which it acts."""
 
     label: str
@@ -70,7 +70,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Behind:
+class FlexibleLoad:
     """A load behind its motor: half gap, stiffness and damping of the contact (of the shaft where
     there is no gap), SI, and the share of the load that is there."""
 
@@ -92,7 +92,7 @@ class JointTerms:
     bristles: list[Bristle] = field(default_factory=list)
     waves: list[Wave] = field(default_factory=list)
     stop: Stop | None = None
-    behind: Behind | None = None
+    behind: FlexibleLoad | None = None
 
     def add_spring(self, linear: float, cubic: float, rest: float) -> None:
         """A force -linear (q - rest) - cubic (q - rest)^3."""
@@ -135,7 +135,7 @@ class Forms:
     notes: list[str] = field(default_factory=list)
 
 
-def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
+def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms:
     """All effects in MuJoCo's terms, for the installed version of it."""
     forms = Forms()
     for effect in effects:
@@ -146,7 +146,7 @@ def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
     return forms
 
 
-def _at_port(forms: Forms, mechanism: Mechanism, effect: FoundEffect, port: ModelPort) -> str:
+def _at_port(forms: Forms, mechanism: Mechanism, effect: IdentifiedEffect, port: ModelPort) -> str:
     """Add an effect at a port; the note on it, or ""."""
     table: Mapping[str, Callable[[Any, Any], str]]
     terms: Any
@@ -293,14 +293,14 @@ def _one_sided_stop(terms: JointTerms, p: Any) -> str:
 
 
 def _two_mass(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, Behind(0.0, p.frequency, p.damping, p.share))
+    return _load_behind(terms, FlexibleLoad(0.0, p.frequency, p.damping, p.share))
 
 
 def _backlash(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, Behind(p.half_gap, p.frequency, p.damping, p.share))
+    return _load_behind(terms, FlexibleLoad(p.half_gap, p.frequency, p.damping, p.share))
 
 
-def _load_behind(terms: JointTerms, behind: Behind) -> str:
+def _load_behind(terms: JointTerms, behind: FlexibleLoad) -> str:
     if terms.behind is not None:
         return "is not in the file: another effect lies between this joint and its link"
     terms.behind = behind

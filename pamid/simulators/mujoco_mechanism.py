@@ -73,12 +73,12 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
     tendons = _tendons(file, names, joints)
     actuators = _actuators(file, names, joints, tendons)
     couplings = _couplings(file, names)
-    taken = {a.column for a in actuators}
-    sensors = _sensors(file, names, joints, tendons, actuators, taken)
+    used_names = {a.column for a in actuators}
+    sensors = _sensors(file, names, joints, tendons, actuators, used_names)
     share, met = contact_share(file)
     bodies = _bodies(file, names)
     option = file.model.opt
-    found = Mechanism(
+    mechanism = Mechanism(
         str(file.path),
         _word(Path(file.path).stem),
         float(option.timestep),
@@ -97,8 +97,8 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         can_collide(file),
     )
     mounts = [a.mount.body for a in actuators if a.mount is not None]
-    moved = frozenset(j for body in mounts for j in found.chain(body))
-    return replace(found, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
+    moved = frozenset(j for body in mounts for j in mechanism.chain(body))
+    return replace(mechanism, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
 
 
 # ---- names and numbers ---------------------------------------------------------------------------
@@ -177,10 +177,10 @@ def _bodies(file: MujocoFile, names: _Names) -> tuple[Body, ...]:
 
 
 def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
-    m, found = file.model, []
+    m, joints = file.model, []
     for i in range(m.njnt):
         q, v = m.jnt_qposadr[i], m.jnt_dofadr[i]
-        found.append(
+        joints.append(
             MechanismJoint(
                 names.of("joint", i),
                 file.word("mjtJoint", m.jnt_type[i]),
@@ -207,13 +207,13 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 file.name("joint", i) in file.free.floating,
             )
         )
-    return tuple(found)
+    return tuple(joints)
 
 
 def _tendons(
     file: MujocoFile, names: _Names, joints: tuple[MechanismJoint, ...]
 ) -> tuple[MechanismTendon, ...]:
-    m, found = file.model, []
+    m, tendons = file.model, []
     for i in range(m.ntendon):
         first, count = int(m.tendon_adr[i]), int(m.tendon_num[i])
         fixed = [
@@ -221,7 +221,7 @@ def _tendons(
             for k in range(first, first + count)
             if file.word("mjtWrap", m.wrap_type[k]) == "joint"
         ]
-        found.append(
+        tendons.append(
             MechanismTendon(
                 names.of("tendon", i),
                 tuple(j for j, _ in fixed),
@@ -235,7 +235,7 @@ def _tendons(
                 _powers(m, "tendon_stiffnesspoly", i),
             )
         )
-    return tuple(found)
+    return tuple(tendons)
 
 
 def _powers(model: Any, array: str, row: Any) -> Vector:
@@ -246,7 +246,7 @@ def _powers(model: Any, array: str, row: Any) -> Vector:
 
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
     """The equalities between joints or fixed tendons."""
-    m, found = file.model, []
+    m, couplings = file.model, []
     if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
         return ()
     for i in range(m.neq):
@@ -261,7 +261,7 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
         else:
             references = [float(m.tendon_length0[t]) for t in ends]
             weights = [float(m.tendon_invweight0[t]) for t in ends]
-        found.append(
+        couplings.append(
             Coupling(
                 names.of("equality", i),
                 kind,
@@ -275,7 +275,7 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
                 file.line("equality", i),
             )
         )
-    return tuple(found)
+    return tuple(couplings)
 
 
 def _kind(gain: Vector, bias: Vector) -> str:
@@ -296,7 +296,7 @@ def _actuators(
     joints: tuple[MechanismJoint, ...],
     tendons: tuple[MechanismTendon, ...],
 ) -> tuple[Actuator, ...]:
-    m, found = file.model, []
+    m, actuators = file.model, []
     for i in range(m.nactuator):
         name, target = names.of("actuator", i), int(m.actuator_trnid[i, 0])
         drives = file.word("mjtTrn", m.actuator_trntype[i])
@@ -326,7 +326,7 @@ def _actuators(
             states = ((f"{name}_activation", ""),)
         commanded = int(m.actuator_ctrladr[i]) if column else -1
         commands = slice(commanded, commanded + 1)
-        found.append(
+        actuators.append(
             Actuator(
                 name,
                 kind,
@@ -358,8 +358,8 @@ def _actuators(
             )
         )
     # motors for passive forces leave the joints without commands
-    bare = () if any(a.column for a in found) else _bare(joints, _followers(file))
-    return (*found, *bare)
+    bare = () if any(a.column for a in actuators) else _bare(joints, _followers(file))
+    return (*actuators, *bare)
 
 
 def _motor(model: Any, i: int) -> WindingMotor:
@@ -453,16 +453,16 @@ def _sensors(
     joints: tuple[MechanismJoint, ...],
     tendons: tuple[MechanismTendon, ...],
     actuators: tuple[Actuator, ...],
-    taken: set[str],
+    used_names: set[str],
 ) -> tuple[MechanismSensor, ...]:
     """The sensors that pamid can read; of a file without such a sensor, position and velocity of
     every joint, and the quaternion of a floating base."""
-    m, found = file.model, list[MechanismSensor]()
+    m, sensors = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of = int(m.sensor_objid[i])
         if kind in FRAMES and reads_frame(file, i):
-            found += _frame_sensors(file, i, name, kind, taken)
+            sensors += _frame_sensors(file, i, name, kind, used_names)
             continue
         if kind not in SENSORS or _is_quaternion(kind, of, joints):
             continue
@@ -474,8 +474,8 @@ def _sensors(
         else:
             at = (-1, of)
         unit = _units_of(joints, tendons, *at)[place]
-        column = _fresh(with_unit(_stem(name, unit), unit), taken)
-        found.append(
+        column = _fresh(with_unit(_stem(name, unit), unit), used_names)
+        sensors.append(
             MechanismSensor(
                 name,
                 kind,
@@ -488,8 +488,8 @@ def _sensors(
                 file.line("sensor", i),
             )
         )
-    if found:
-        return tuple(found)
+    if sensors:
+        return tuple(sensors)
     for i, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide"):
             continue
@@ -498,23 +498,25 @@ def _sensors(
             ("jointvel", "velocity", f"{joint.unit}/s"),
         ):
             name = f"{joint.name}_{word}"
-            found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
+            sensors.append(
+                MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), used_names))
+            )
     for joint in joints:
         if joint.is_base and joint.name.endswith("_x"):
             base = joint.name.removesuffix("_x")
             for k, word in enumerate(FRAMES["framequat"][1]):
                 name, mount = f"{base}_{word}", Mount(joint.body)
-                column = _fresh(name, taken)
-                found.append(
+                column = _fresh(name, used_names)
+                sensors.append(
                     MechanismSensor(
                         name, "framequat", joint.body, "", column, mount=mount, component=k
                     )
                 )
-    return tuple(found)
+    return tuple(sensors)
 
 
 def _frame_sensors(
-    file: MujocoFile, i: int, name: str, kind: str, taken: set[str]
+    file: MujocoFile, i: int, name: str, kind: str, used_names: set[str]
 ) -> Iterator[MechanismSensor]:
     """The values of a sensor of a frame, one by one."""
     m, (unit, words) = file.model, FRAMES[kind]
@@ -524,7 +526,7 @@ def _frame_sensors(
             kind,
             int(m.sensor_objid[i]),
             unit,
-            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), taken),
+            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), used_names),
             float(m.sensor_cutoff[i]) if unit else 0.0,  # MuJoCo limits no quaternions
             float(m.sensor_noise[i]),
             int(m.sensor_adr[i]) + k,
@@ -555,8 +557,8 @@ def _is_quaternion(kind: str, of: int, joints: tuple[MechanismJoint, ...]) -> bo
     return kind.startswith("joint") and joints[of].kind not in ("hinge", "slide")
 
 
-def _fresh(column: str, taken: set[str]) -> str:
-    while column in taken:
+def _fresh(column: str, used_names: set[str]) -> str:
+    while column in used_names:
         column = f"read_{column}"
-    taken.add(column)
+    used_names.add(column)
     return column

@@ -41,15 +41,17 @@ def parameters_of(
     actuators: tuple[Actuator, ...],
 ) -> tuple[ModelParameter, ...]:
     """All of them, bodies first, then joints, tendons and actuators."""
-    found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
+    parameters = [
+        _mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)
+    ]
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide") and not joint.is_base:
-            found += _of_joint(i, joint, _strength(i, actuators))
+            parameters += _of_joint(i, joint, _strength(i, actuators))
     for i, tendon in enumerate(tendons):
-        found += _of_tendon(i, tendon, joints)
+        parameters += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
-        found += [] if actuator.is_bare else _of_actuator(i, actuator)
-    return tuple(found)
+        parameters += [] if actuator.is_bare else _of_actuator(i, actuator)
+    return tuple(parameters)
 
 
 def _moves(file: MujocoFile, body: int) -> bool:
@@ -146,7 +148,7 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
             "joint", joint.name, i, attribute, value, typical, unit, Write(array, row, -1, 1.0)
         )
 
-    found = [
+    parameters = [
         of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
            "dof_damping", joint.dof),
         of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
@@ -156,13 +158,15 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
         of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
            "jnt_stiffness", i),
     ]  # fmt: skip
-    found += _powers(
+    parameters += _powers(
         "joint", joint.name, i, force, joint.unit, joint.damping_powers, joint.stiffness_powers,
         ("dof_dampingpoly", joint.dof), ("jnt_stiffnesspoly", i),
     )  # fmt: skip
     if joint.spring_yield:
-        found.append(of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i))
-    return found
+        parameters.append(
+            of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i)
+        )
+    return parameters
 
 
 def _powers(
@@ -177,7 +181,7 @@ def _powers(
     stiffness_place: tuple[str, int],
 ) -> list[ModelParameter]:
     """Coefficients of the second and third power that a file states."""
-    found = []
+    parameters = []
     for word, stated, (array, row), x in (
         ("damping", damping, damping_place, f"{length}/s"),
         ("stiffness", stiffness, stiffness_place, length),
@@ -185,11 +189,11 @@ def _powers(
         for k, power in enumerate(("quadratic", "cubic")):
             if stated[k]:
                 unit = quotient(force, *([x] * (k + 2)))
-                found.append(
+                parameters.append(
                     _number(element, of, number, f"{word}_{power}", stated[k], 1.0, unit,
                             Write(array, row, k, 1.0))
                 )  # fmt: skip
-    return found
+    return parameters
 
 
 def _of_tendon(
@@ -203,13 +207,13 @@ def _of_tendon(
         ("frictionloss", tendon.friction_loss, force),
         ("stiffness", tendon.stiffness, quotient(force, length)),
     )
-    found = [
+    parameters = [
         _number("tendon", tendon.name, i, attribute, value, 1.0, unit,
                 Write(f"tendon_{attribute}", i, -1, 1.0))
         for attribute, value, unit in rows
         if value and tendon.joints
     ]  # fmt: skip
-    return found + _powers(
+    return parameters + _powers(
         "tendon", tendon.name, i, force, length, tendon.damping_powers, tendon.stiffness_powers,
         ("tendon_dampingpoly", i), ("tendon_stiffnesspoly", i),
     )  # fmt: skip
@@ -218,7 +222,7 @@ def _of_tendon(
 def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     """Gains and the time constant. A motor's gain is held: with it free every mass, damping and
     gain could be multiplied by one factor without any reading to tell it."""
-    name, found = actuator.name, []
+    name, parameters = actuator.name, []
 
     def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
         return ModelParameter(parameter, "actuator", name, i, attribute, writes)
@@ -229,7 +233,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     if actuator.kind in ("position", "velocity"):
         place = 1 if actuator.kind == "position" else 2
         word = "kp" if actuator.kind == "position" else "kv"
-        found.append(
+        parameters.append(
             of(
                 word,
                 stated(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
@@ -238,7 +242,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
             )
         )
         if actuator.kind == "position" and bias[2]:
-            found.append(
+            parameters.append(
                 of(
                     "kv",
                     stated(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
@@ -246,20 +250,20 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
                 )
             )
     elif actuator.motor is not None:
-        found += _of_motor(i, actuator, actuator.motor)
+        parameters += _of_motor(i, actuator, actuator.motor)
     elif gain[0]:
         held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
-        found.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
+        parameters.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
     if actuator.time_constant_s > 0.0:
         constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
-        found.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
+        parameters.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
     if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
         held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
-        found.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
+        parameters.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
     if actuator.delay_s > 0.0:
         delay = stated(f"{name}_delay", actuator.delay_s, "s")
-        found.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
-    return found
+        parameters.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
+    return parameters
 
 
 def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelParameter]:
@@ -267,7 +271,7 @@ def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelPara
     held: a motor of twice the resistance drives half of all masses, dampings and frictions alike. A
     controller commands torque, and without a limit the winding does not show in it."""
     force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
-    rate, found = f"{length}/s", []
+    rate, parameters = f"{length}/s", []
     shows = motor.input in ("voltage", "none")
     kp, ki, kd = motor.controller
     stiffness, damping, sliding, static, speed = motor.bristles
@@ -296,8 +300,10 @@ def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelPara
         if value:
             parameter = stated(f"{actuator.name}_{word}", value, unit, fitted=fitted)
             write = Write(f"actuator_{array}", i, place, 1.0)
-            found.append(ModelParameter(parameter, "actuator", actuator.name, i, word, (write,)))
-    return found
+            parameters.append(
+                ModelParameter(parameter, "actuator", actuator.name, i, word, (write,))
+            )
+    return parameters
 
 
 def _gain_unit(actuator: Actuator, word: str) -> str:

@@ -33,7 +33,7 @@ def ports_of(
     """All of them, in this order; the port of a joint has the joint's own name. A coupled joint has
     no transmission: what it carries does not give way by itself. The base has no motor.
     mounted: joints that actuators at bodies move."""
-    found: list[ModelPort] = []
+    ports: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)
     drives = [a for a in actuators if a.column]
     driven = {a.joint for a in drives} | mounted
@@ -41,20 +41,20 @@ def ports_of(
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
             whole = i not in coupled and not joint.is_base
-            found += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
-    taken = {port.name for port in found}
+            ports += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
+    used_names = {port.name for port in ports}
     for i, actuator in enumerate(actuators):
         if not actuator.column:
             continue
-        name = numbered(f"{actuator.name}_command", taken)
-        found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
+        name = numbered(f"{actuator.name}_command", used_names)
+        ports.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
     for i, sensor in enumerate(sensors):
-        name = numbered(sensor.name, taken)
+        name = numbered(sensor.name, used_names)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
         place = sensor.mount is None and sensor.kind.endswith("pos")
         offered = (("rate", rates[sensor.unit]),) if place else ()
-        found.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
-    return tuple(found)
+        ports.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
+    return tuple(ports)
 
 
 def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
@@ -81,10 +81,10 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     ]
 
 
-def numbered(name: str, taken: set[str]) -> str:
+def numbered(name: str, used_names: set[str]) -> str:
     """The name, with a number behind it where it is taken, which it is from then on."""
     stem, count = name, 2
-    while name in taken:
+    while name in used_names:
         name, count = f"{stem}_{count}", count + 1
-    taken.add(name)
+    used_names.add(name)
     return name

@@ -100,11 +100,11 @@ def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> 
     for recording, q in paths:
         if limit := _limit_reached(mechanism, recording, q):
             return RecordedContacts(limit=limit)
-        found = poses.along(recording, q)
-        if found is not None and found.touch:
-            return RecordedContacts(touching=found, share=poses.share(q))
-        if found is not None and (nearest is None or found.distance_m < nearest.distance_m):
-            nearest = found
+        contacts = poses.along(recording, q)
+        if contacts is not None and contacts.touch:
+            return RecordedContacts(touching=contacts, share=poses.share(q))
+        if contacts is not None and (nearest is None or contacts.distance_m < nearest.distance_m):
+            nearest = contacts
     return RecordedContacts(nearest=nearest)
 
 

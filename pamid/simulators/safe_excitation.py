@@ -28,7 +28,7 @@ MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is mo
 
 
 @dataclass(frozen=True)
-class KeptCommand:
+class SafeCommand:
     """Command within the limits: sent = shift + factor * the wanted one, about its centre; why: the
     limits that were in the way, in the order in which they were met."""
 
@@ -44,36 +44,38 @@ class KeptCommand:
 
 @dataclass(frozen=True, eq=False)
 class SafeExcitation:
-    """columns (samples,) in their own units; kept: every command; limits: what was looked at, in
+    """columns (samples,) in their own units; commands: every one; limits: what was looked at, in
     words; reached: joint -> lowest and highest position of the run, rad or m."""
 
     columns: dict[str, Array]
-    kept: tuple[KeptCommand, ...]
+    commands: tuple[SafeCommand, ...]
     limits: tuple[str, ...]
     reached: dict[str, tuple[float, float]]
 
     def sentences(self) -> list[str]:
         """Changes of the excitation, and the reach of the run with them."""
-        said = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
-        for one in self.kept:
-            if one.changed:
-                moved = f"its centre moved by {one.shift:.4g}" if one.shift else ""
-                scaled = f"made smaller, {one.factor:.3g} times" if one.factor != 1.0 else ""
+        sentences = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
+        for command in self.commands:
+            if command.changed:
+                moved = f"its centre moved by {command.shift:.4g}" if command.shift else ""
+                scaled = (
+                    f"made smaller, {command.factor:.3g} times" if command.factor != 1.0 else ""
+                )
                 done = " and ".join(part for part in (moved, scaled) if part)
-                said.append(f"{one.column}: {done}, because {'; '.join(one.why)}.")
-        if not any(one.changed for one in self.kept):
-            said.append("It stays within all of them as it is.")
+                sentences.append(f"{command.column}: {done}, because {'; '.join(command.why)}.")
+        if not any(command.changed for command in self.commands):
+            sentences.append("It stays within all of them as it is.")
         reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
-        return [*said, f"Reached in that run (rad or m): {reach}."]
+        return [*sentences, f"Reached in that run (rad or m): {reach}."]
 
 
 @dataclass
 class _CommandCourse:
-    """How one command is changed so far: sent = centre + shift + factor * (asked + balance -
+    """How one command is changed so far: sent = centre + shift + factor * (requested + balance -
     centre). rest: samples before it sets out; they stay as they are, and lead to the centre where
     that is moved. why: what was in the way -> at which time it was first met, s; -1 at none."""
 
-    asked: Array
+    requested: Array
     centre: float
     range: tuple[float, float] | None = None
     factor: float = 1.0
@@ -83,20 +85,22 @@ class _CommandCourse:
 
     @property
     def rest(self) -> int:
-        return int(np.argmax(self.asked != self.asked[0]))
+        return int(np.argmax(self.requested != self.requested[0]))
 
     @property
     def half(self) -> float:
         """The largest deviation from the centre that is asked for."""
-        return float(np.abs(self.asked[self.rest :] + self.balance - self.centre).max())
+        return float(np.abs(self.requested[self.rest :] + self.balance - self.centre).max())
 
     def sent(self) -> Array:
         if not self.changed:
-            return self.asked
-        moved = self.centre + self.shift + self.factor * (self.asked + self.balance - self.centre)
-        begins = np.full(self.rest, self.asked[0])
+            return self.requested
+        moved = (
+            self.centre + self.shift + self.factor * (self.requested + self.balance - self.centre)
+        )
+        begins = np.full(self.rest, self.requested[0])
         if self.shift:  # no jump: a drive would have to follow it at once
-            begins = np.linspace(self.asked[0], self.centre + self.shift, self.rest)
+            begins = np.linspace(self.requested[0], self.centre + self.shift, self.rest)
         moved[: self.rest] = begins
         return moved if self.range is None else np.clip(moved, *self.range)
 
@@ -156,8 +160,8 @@ def safe_excitation(
         if not any(course.centre for course in courses.values()):
             bench.require_held(trouble)
         _shrink(mechanism, courses, trouble)
-    kept = [
-        KeptCommand(
+    commands = [
+        SafeCommand(
             mechanism.actuators[i].column,
             c.factor,
             c.shift + c.factor * c.balance,
@@ -165,8 +169,8 @@ def safe_excitation(
         )
         for i, c in courses.items()
     ]
-    made = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
-    return SafeExcitation({**columns, **made}, tuple(kept), bench.limits(), reached)
+    signals = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
+    return SafeExcitation({**columns, **signals}, tuple(commands), bench.limits(), reached)
 
 
 # ---- what is changed -----------------------------------------------------------------------------
@@ -217,14 +221,14 @@ def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Tro
     push so that it pushes as much either way. Was there anything to move?"""
     done = False
     guilty = trouble.guilty if trouble.joint >= 0 else ()
-    for i in (one for one in guilty if one in courses):
+    for i in (actuator for actuator in guilty if actuator in courses):
         a, course = m.actuators[i], courses[i]
         allowed = _place_range(m, a) if a.joint == trouble.joint else None
         before = course.shift, course.balance
         if allowed is not None:
             course.shift += 0.5 * (allowed[0] + allowed[1]) - course.centre - course.shift
         elif a.kind == "motor":
-            course.balance = course.centre - float(np.mean(course.asked[course.rest :]))
+            course.balance = course.centre - float(np.mean(course.requested[course.rest :]))
             _within_range(a, course)
         moved = abs(course.shift - before[0]) + abs(course.balance - before[1])
         if moved > 1e-3 * course.half:

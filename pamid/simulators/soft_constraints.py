@@ -88,10 +88,10 @@ def impedance(shape: Sequence[float], error: Expr) -> Expr:
 
 def _power(base: Expr, power: float) -> Expr:
     if power == int(power):
-        found = base
+        product = base
         for _ in range(int(power) - 1):
-            found = found * base
-        return found
+            product = product * base
+        return product
     return exp(power * log(maximum(base, 1e-12)))
 
 
@@ -132,10 +132,10 @@ class CoupledSystem:
                 moved = moved + slope * free[j]
             right.append((c.aim if aimed else ZERO) - moved)
         force = _solved_dense(self._reduced, right)
-        found = list(free)
+        accelerations = list(free)
         for f, reach in zip(force, self._reach, strict=True):
-            found = [a + f * r for a, r in zip(found, reach, strict=True)]
-        return found
+            accelerations = [a + f * r for a, r in zip(accelerations, reach, strict=True)]
+        return accelerations
 
     @cached_property
     def _reach(self) -> list[list[Expr]]:
@@ -170,17 +170,17 @@ def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> li
             share = rows[i][k] / rows[k][k]
             rows[i] = [a - share * b if c > k else ZERO for c, (a, b) in
                        enumerate(zip(rows[i], rows[k], strict=True))]  # fmt: skip
-    found: list[Expr] = [ZERO] * n
+    solution: list[Expr] = [ZERO] * n
     for k in reversed(range(n)):
         rest = rows[k][n]
         for j in range(k + 1, n):
-            rest = rest - rows[k][j] * found[j]
-        found[k] = rest / rows[k][k]
-    return found
+            rest = rest - rows[k][j] * solution[j]
+        solution[k] = rest / rows[k][k]
+    return solution
 
 
 @dataclass(frozen=True)
-class Rubbed:
+class FrictionSolution:
     """q'' (value), what creeping joints have more of inertia (added), the rest of their friction
     force (friction), and the system with what is added."""
 
@@ -190,21 +190,21 @@ class Rubbed:
     system: CoupledSystem
 
 
-def rub(
+def solve_joint_friction(
     system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
-) -> Rubbed:
+) -> FrictionSolution:
     """Accelerations under what reaches each joint and friction; see above."""
     none = [ZERO] * system.tree.n
     value = system.accelerated(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:
-        return Rubbed(value, none, none, system)
+        return FrictionSolution(value, none, none, system)
     aims = _swept(system, value, where_)
-    found = Rubbed(value, none, none, system)
+    solution = FrictionSolution(value, none, none, system)
     for _ in range(SOLVES if len(where_) > 1 else 1):
-        found = _solved(system, reaching, where_, aims)
-        aims = {i: found.value[i] + f.rate * f.velocity for i, f in where_.items()}
-    return found
+        solution = _solved(system, reaching, where_, aims)
+        aims = {i: solution.value[i] + f.rate * f.velocity for i, f in where_.items()}
+    return solution
 
 
 def _swept(
@@ -226,11 +226,11 @@ def _swept(
             force[i] = new
         order.reverse()
     # beyond what the loss allows where it was reached: the side of it is all that counts
-    found = {}
+    slopes = {}
     for i, f in friction.items():
         reached = absolute(force[i]) >= f.loss
-        found[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
-    return found
+        slopes[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
+    return slopes
 
 
 def _solved(
@@ -238,7 +238,7 @@ def _solved(
     reaching: Sequence[Expr],
     friction: dict[int, SoftFriction],
     aims: dict[int, Expr],
-) -> Rubbed:
+) -> FrictionSolution:
     n = system.tree.n
     added, more = [ZERO] * n, [ZERO] * n
     for i, f in friction.items():
@@ -248,4 +248,4 @@ def _solved(
         more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
     loaded = system.with_added(added)
     value = loaded.accelerated([r + m for r, m in zip(reaching, more, strict=True)])
-    return Rubbed(value, added, more, loaded)
+    return FrictionSolution(value, added, more, loaded)

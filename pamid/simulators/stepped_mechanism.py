@@ -60,11 +60,11 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     def __init__(self, mechanism: Mechanism) -> None:
         CompiledMechanism.__init__(self, mechanism)
         _refuse_quaternions(mechanism)
-        own: Any = self
-        kept = {p.name for p in mechanism.ports if p.kind != "transmission"}
-        own.ports = {name: port for name, port in self.ports.items() if name in kept}
-        own.states = (*self.states, *self._further)
-        own.remarks = (
+        untyped: Any = self
+        port_names = {p.name for p in mechanism.ports if p.kind != "transmission"}
+        untyped.ports = {name: port for name, port in self.ports.items() if name in port_names}
+        untyped.states = (*self.states, *self._further)
+        untyped.remarks = (
             f"stepped by MuJoCo, its own step {mechanism.timestep_s:g} s: "
             + "; ".join(map(str, mechanism.hindrances)),
             "left out: effects between joint and link (backlash, a soft shaft), which want the "
@@ -97,9 +97,9 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         equations, m = MechanismEquations(self, x, u, p, port), self.mechanism
-        own = [i for i in m.commanded if not m.actuators[i].is_bare]
+        dynamic = [i for i in m.commanded if not m.actuators[i].is_bare]
         into: dict[str, Number] = {
-            f"{m.actuators[i].name}_command": equations.command(i) for i in own
+            f"{m.actuators[i].name}_command": equations.command(i) for i in dynamic
         }
         # what pamid puts in the place of actuators, where the file has none, goes in from outside
         inside = self._known_forces(
@@ -116,23 +116,23 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     ) -> list[Expr]:
         """Known forces of joints, tendons and these actuators at every joint."""
         m = self.mechanism
-        found = [ZERO] * len(m.joints)
+        forces = [ZERO] * len(m.joints)
         for i in actuators:
             a = m.actuators[i]
             if _is_plain(a) and not self._is_other(i):
                 force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
                 for j, share in _ends(m, a):
-                    found[j] = found[j] + share * force
-        found = [
+                    forces[j] = forces[j] + share * force
+        forces = [
             f if j.force_range is None else clip(f, *j.force_range)
-            for f, j in zip(found, m.joints, strict=True)
+            for f, j in zip(forces, m.joints, strict=True)
         ]
-        found = [f + equations.passive(j) for j, f in enumerate(found)]
+        forces = [f + equations.passive(j) for j, f in enumerate(forces)]
         for i, tendon in enumerate(m.tendons):
             pull = equations.tendon_force(i)
             for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
-                found[j] = found[j] + share * pull
-        return found
+                forces[j] = forces[j] + share * pull
+        return forces
 
     def _is_other(self, actuator: int) -> bool:
         """Is its law none of those that the description knows?"""

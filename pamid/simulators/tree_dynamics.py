@@ -67,11 +67,11 @@ class _Frame:
         turned = through(tuple(zip(*self.turn, strict=True)), vector)  # type: ignore[arg-type]
         return through(constant(self.fixed.T), turned)
 
-    def vector(self, own: Array) -> Vec:
-        return through(self.turn, vec(list(_clean(self.fixed @ own))))
+    def vector(self, local_vector: Array) -> Vec:
+        return through(self.turn, vec(list(_clean(self.fixed @ local_vector))))
 
-    def point(self, own: Array) -> Vec:
-        return plus(self.place, self.vector(own))
+    def point(self, local_point: Array) -> Vec:
+        return plus(self.place, self.vector(local_point))
 
 
 @dataclass(frozen=True)
@@ -161,14 +161,14 @@ class Tree:
 
     def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
         """The frame behind a joint; remembers the joint's motion vector."""
-        own, anchor = np.array(joint.axis), np.array(joint.anchor)
+        axis, anchor = np.array(joint.axis), np.array(joint.anchor)
         moved = self.q[j] - joint.reference
         self.up.append(below)
         if joint.kind == "slide":
-            along = frame.vector(own)
+            along = frame.vector(axis)
             self.axis.append(Spatial(NOUGHT, along))
             return _Frame(frame.turn, frame.fixed, plus(frame.place, times(moved, along)))
-        aligned = _aligned(_clean(frame.fixed @ own))
+        aligned = _aligned(_clean(frame.fixed @ axis))
         base = product(frame.turn, constant(aligned))
         point = frame.point(anchor)
         c, s = cos(moved), sin(moved)
@@ -182,24 +182,24 @@ class Tree:
 
     def mounted(self, mount: Mount) -> _Frame:
         """The frame in the world."""
-        frame, own = self.frames[mount.body], rotation(mount.quaternion)
+        frame, mount_rotation = self.frames[mount.body], rotation(mount.quaternion)
         place = frame.point(np.array(mount.position))
-        return _Frame(frame.turn, frame.fixed @ own, place)
+        return _Frame(frame.turn, frame.fixed @ mount_rotation, place)
 
     def quaternion(self, mount: Mount) -> Quaternion:
         """Attitude of the frame, continuous in the positions of the joints."""
         chain, number = [mount.body], mount.body
         while (number := self.mechanism.bodies[number].parent) > 0:
             chain.insert(0, number)
-        found: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
+        quaternion: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
         for number in chain:
-            found = _turned(found, _unit(self.mechanism.bodies[number].quaternion))
+            quaternion = _turned(quaternion, _unit(self.mechanism.bodies[number].quaternion))
             for j, joint in enumerate(self.mechanism.joints):
                 if joint.body == number and joint.kind == "hinge":
                     half = 0.5 * (self.q[j] - joint.reference)
                     x, y, z = (sin(half) * float(a) for a in joint.axis)
-                    found = _turned(found, (cos(half), x, y, z))
-        return _turned(found, _unit(mount.quaternion))
+                    quaternion = _turned(quaternion, (cos(half), x, y, z))
+        return _turned(quaternion, _unit(mount.quaternion))
 
     def motion(self, mount: Mount) -> Spatial:
         """Angular velocity of the frame and velocity of its origin, along the world's axes."""
@@ -219,13 +219,13 @@ class Tree:
     @cached_property
     def inertia(self) -> list[Inertia]:
         """Of each link by itself."""
-        found = []
+        inertias = []
         for bodies in self.bodies:
             total = MASSLESS
-            for one in bodies:
-                total = total + one.each.by(one.mass)
-            found.append(total)
-        return found
+            for body in bodies:
+                total = total + body.each.by(body.mass)
+            inertias.append(total)
+        return inertias
 
     @cached_property
     def composite(self) -> list[Inertia]:
@@ -241,10 +241,10 @@ class Tree:
 
     @cached_property
     def velocity(self) -> list[Spatial]:
-        found: list[Spatial] = []
+        velocities: list[Spatial] = []
         for i in range(self.n):
-            found.append(self._below(found, i, AT_REST) + self.axis[i].by(self.qd[i]))
-        return found
+            velocities.append(self._below(velocities, i, AT_REST) + self.axis[i].by(self.qd[i]))
+        return velocities
 
     def _below(self, of: list[Spatial], i: int, ground: Spatial) -> Spatial:
         return of[self.up[i]] if self.up[i] >= 0 else ground
@@ -256,21 +256,21 @@ class Tree:
 
     @cached_property
     def momentum(self) -> list[Spatial]:
-        return [one.momentum(v) for one, v in zip(self.inertia, self.velocity, strict=True)]
+        return [inertia.momentum(v) for inertia, v in zip(self.inertia, self.velocity, strict=True)]
 
     def acceleration(self, qdd: Sequence[Number]) -> list[Spatial]:
         """Of each link, gravity as an acceleration of the ground."""
-        found: list[Spatial] = []
+        accelerations: list[Spatial] = []
         for i in range(self.n):
-            own = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
-            found.append(self._below(found, i, self.gravity) + own)
-        return found
+            joint_acceleration = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
+            accelerations.append(self._below(accelerations, i, self.gravity) + joint_acceleration)
+        return accelerations
 
     def forces(self, acceleration: list[Spatial]) -> list[Spatial]:
         """Forces on each link by itself."""
         return [
-            one.momentum(a) + v.cross_force(h)
-            for one, a, v, h in zip(
+            inertia.momentum(a) + v.cross_force(h)
+            for inertia, a, v, h in zip(
                 self.inertia, acceleration, self.velocity, self.momentum, strict=True
             )
         ]
@@ -278,27 +278,27 @@ class Tree:
     @cached_property
     def reach(self) -> list[Spatial]:
         """Composite inertia times the joint's motion vector."""
-        return [one.momentum(s) for one, s in zip(self.composite, self.axis, strict=True)]
+        return [inertia.momentum(s) for inertia, s in zip(self.composite, self.axis, strict=True)]
 
     def path(self, i: int) -> list[int]:
         """The joint and those below it, down to the ground."""
-        found = []
+        joints = []
         while i >= 0:
-            found.append(i)
+            joints.append(i)
             i = self.up[i]
-        return found
+        return joints
 
     # ---- equations -------------------------------------------------------------------------------
 
     @cached_property
     def mass_matrix(self) -> dict[tuple[int, int], Expr]:
         """M (i, j) for j on the path of i, armature included."""
-        found = {}
+        matrix = {}
         for i in range(self.n):
             for j in self.path(i):
                 value = self.axis[j].dot(self.reach[i])
-                found[i, j] = value + self.armature[i] if i == j else value
-        return found
+                matrix[i, j] = value + self.armature[i] if i == j else value
+        return matrix
 
     @cached_property
     def bias(self) -> list[Expr]:
@@ -309,14 +309,14 @@ class Tree:
     @cached_property
     def lift(self) -> list[Expr]:
         """At each joint, of the forces that carry bodies' weight at their centres."""
-        found = []
+        lift = []
         for bodies in self.bodies:
             total = MASSLESS
-            for one in bodies:
-                if share := self.lifted[one.body]:
-                    total = total + one.each.by(share * one.mass)
-            found.append(total.momentum(self.gravity))
-        total_force = self._gathered(found)
+            for body in bodies:
+                if share := self.lifted[body.body]:
+                    total = total + body.each.by(share * body.mass)
+            lift.append(total.momentum(self.gravity))
+        total_force = self._gathered(lift)
         return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
 
     def factored(self, added: Sequence[Expr] | None = None) -> Factors:
@@ -362,8 +362,8 @@ class Tree:
         total = self._gathered(forces)
         b = self._gathered(
             [
-                coriolis(one, v, h)
-                for one, v, h in zip(self.inertia, self.velocity, self.momentum, strict=True)
+                coriolis(inertia, v, h)
+                for inertia, v, h in zip(self.inertia, self.velocity, self.momentum, strict=True)
             ]
             or [UNMOVED]
         )
@@ -414,17 +414,17 @@ class Tree:
         if bodies == self.bodies[i] and len(bodies) == 1:
             per = 1.0 / bodies[0].mass
             return [(bodies[0].mass, force.by(per))]
-        found = []
-        for one in bodies:
-            h = one.each.momentum(self.velocity[i])
-            alone = one.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
-            found.append((one.mass, alone))
-        return found
+        forces = []
+        for part in bodies:
+            h = part.each.momentum(self.velocity[i])
+            alone = part.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
+            forces.append((part.mass, alone))
+        return forces
 
     def unit(self, factors: Factors, i: int) -> list[Expr]:
         """A column of M^-1."""
-        one = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
-        return self.solve(factors, one)
+        unit_force = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
+        return self.solve(factors, unit_force)
 
     @cached_property
     def holding_change(self) -> list[Expr]:
@@ -449,8 +449,8 @@ class Tree:
 
     def link_inertia(self, i: int, j: int) -> Expr | None:
         """M_ij without the motors; None where neither joint carries the other."""
-        found = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
-        return found - self.armature[i] if found is not None and i == j else found
+        inertia = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
+        return inertia - self.armature[i] if inertia is not None and i == j else inertia
 
 
 # ---- numbers -------------------------------------------------------------------------------------
@@ -471,9 +471,9 @@ def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-def _clean(own: Array) -> Array:
-    near = np.round(own)
-    return np.where(np.abs(own - near) < 1e-15, near, own)
+def _clean(values: Array) -> Array:
+    near = np.round(values)
+    return np.where(np.abs(values - near) < 1e-15, near, values)
 
 
 def _aligned(axis: Array) -> Array:

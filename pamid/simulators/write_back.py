@@ -25,10 +25,10 @@ from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelPar
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_forms import (
     TINY_SPRING,
-    Behind,
     CommandTerms,
+    FlexibleLoad,
     Forms,
-    FoundEffect,
+    IdentifiedEffect,
     JointTerms,
     ReadingTerms,
     forms_of,
@@ -67,7 +67,7 @@ class WrittenModel:
 
 
 def write_back(
-    mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[FoundEffect] = ()
+    mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
     """The mechanism's file with these values (SI) by parameter in the place of its own, and with
     effects. Values of a `BodyShape` change the whole inertia of its body.
@@ -81,21 +81,21 @@ def write_back(
     # limits and soft friction are in units of the inverse inertia, which the other changes decide
     for _ in range(2 if any(_is_weighted(t) for t in forms.joints.values()) else 1):
         writer = _Writer(file, mechanism, text, forms, dict(values), weights)
-        made = writer.write()
-        file_again = read_text(path, made)
+        written = writer.write()
+        file_again = read_text(path, written)
         m = file_again.model
         weights = {
             file_again.name("joint", j): float(m.dof_invweight0[m.jnt_dofadr[j]])
             for j in range(m.njnt)
         }
-    again = mechanism_of(file_again)
+    reread = mechanism_of(file_again)
     left, changed = list(writer.left), dict(writer.changed)
-    for name, why in _lost(again, {n: now for n, (_, now) in changed.items()}):
+    for name, why in _lost(reread, {n: now for n, (_, now) in changed.items()}):
         del changed[name]
         left.append(f"{name}: {why}")
     notes = (*forms.notes, *writer.notes)
-    again = _with_columns(again, mechanism)
-    return WrittenModel(made, changed, tuple(left), notes, file_again, again)
+    reread = _with_columns(reread, mechanism)
+    return WrittenModel(written, changed, tuple(left), notes, file_again, reread)
 
 
 def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
@@ -127,22 +127,22 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
         yield Path(copy.name)
 
 
-def _lost(again: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
+def _lost(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
     """The values that MuJoCo reads otherwise than they were to be."""
-    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in again.parameters}
+    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
     sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
-    for shape in shapes_of(again):
+    for shape in shapes_of(reread):
         read |= figures_of(shape, shape.body)
         sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
         sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
-    found = []
+    losses = []
     for name, value in wanted.items():
         got = read.get(name, 0.0)
         if abs(got - value) > SAME * max(abs(value), sizes.get(name, 1e-12)):
-            found.append(
+            losses.append(
                 (name, f"MuJoCo makes {got:.6g} of {value:.6g} (a setting of <compiler>?)")
             )
-    return found
+    return losses
 
 
 def number(value: float) -> str:
@@ -220,40 +220,42 @@ class _Writer:
             self._reading(s, reading)
         for shape in self.shapes:
             special |= self._whole_inertia(shape, special)
-        for one in self.mechanism.parameters:
-            if one.parameter.name not in special | reshaped:
-                self._parameter(one)
+        for entry in self.mechanism.parameters:
+            if entry.parameter.name not in special | reshaped:
+                self._parameter(entry)
         self._add_passive()
         self._add_dynamics()
         self._extend_keyframes()
         return self.edits.made(self.tags)
 
-    def _parameter(self, one: ModelParameter) -> None:
-        name = one.parameter.name
-        was, now = one.parameter.value * one.parameter.factor, self.values[name]
+    def _parameter(self, entry: ModelParameter) -> None:
+        name = entry.parameter.name
+        was, now = entry.parameter.value * entry.parameter.factor, self.values[name]
         if abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
             return
-        if why := self.put(one, now):
+        if why := self.put(entry, now):
             self.left.append(f"{name} = {now:.6g}: {why}")
         else:
             self.changed[name] = (was, now)
 
-    def put(self, one: ModelParameter, value: float) -> str:
+    def put(self, parameter: ModelParameter, value: float) -> str:
         """Note a change; why it cannot be made, or ""."""
-        tag, why = self._tag_of(one.element, one.number, one.of)
+        tag, why = self._tag_of(parameter.element, parameter.number, parameter.of)
         if tag is None:
             return why
-        if one.element == "body":
-            return self._mass(tag, one, value)
+        if parameter.element == "body":
+            return self._mass(tag, parameter, value)
         if self.is_urdf:
-            return self._urdf_joint(tag, one.attribute, value)
-        if one.element == "actuator":
-            return self._actuator(tag, one, value)
-        word = one.attribute.partition("_")[0]
+            return self._urdf_joint(tag, parameter.attribute, value)
+        if parameter.element == "actuator":
+            return self._actuator(tag, parameter, value)
+        word = parameter.attribute.partition("_")[0]
         if word in ("damping", "stiffness"):
-            self.edits.set(tag, word, _trimmed(self._polynomial(one.element, one.number, word)))
-        elif one.attribute == "springyield":
-            self.edits.set(tag, word, self._angle(self.mechanism.joints[one.number], value))
+            self.edits.set(
+                tag, word, _trimmed(self._polynomial(parameter.element, parameter.number, word))
+            )
+        elif parameter.attribute == "springyield":
+            self.edits.set(tag, word, self._angle(self.mechanism.joints[parameter.number], value))
         else:
             self.edits.set(tag, word, number(value))
         return ""
@@ -273,9 +275,9 @@ class _Writer:
         name = self.file.mujoco.mj_id2name(
             self.file.model, getattr(self.file.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i
         )
-        own = [tag for tag in self.tags if self._is(tag, kind)]
+        kind_tags = [tag for tag in self.tags if self._is(tag, kind)]
         if name:
-            found = [tag for tag in own if tag.attributes.get("name") == name]
+            matches = [tag for tag in kind_tags if tag.attributes.get("name") == name]
         else:
             line = self.file.line(kind, i)
             same = [
@@ -283,10 +285,14 @@ class _Writer:
                 for k in range(len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s"))))
                 if self.file.line(kind, k) == line
             ]
-            found = [tag for tag in own if tag.line == line and "name" not in tag.attributes]
-            found = found[same.index(i) : same.index(i) + 1] if len(found) == len(same) else []
-        if len(found) == 1:
-            return found[0], ""
+            matches = [
+                tag for tag in kind_tags if tag.line == line and "name" not in tag.attributes
+            ]
+            matches = (
+                matches[same.index(i) : same.index(i) + 1] if len(matches) == len(same) else []
+            )
+        if len(matches) == 1:
+            return matches[0], ""
         return None, f"the {kind} {of!r} does not stand by itself in the text of the file"
 
     def _is(self, tag: Tag, kind: str) -> bool:
@@ -435,7 +441,7 @@ class _Writer:
         for attribute, value in _as_limit(stop.stiffness, stop.damping, weight).items():
             self.edits.set(tag, attribute, value)
 
-    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: Behind) -> set[str]:
+    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: FlexibleLoad) -> set[str]:
         """A second joint on the same axis, with the motor's inertia on the first."""
         name = self.file.name("joint", j)
         load = max(joint.typical_inertia - joint.armature, 1e-12)
@@ -480,13 +486,13 @@ class _Writer:
             words |= _as_limit(stiffness, damping, weight)
         else:
             words |= {"stiffness": number(stiffness), "damping": number(damping)}
-        told = " ".join(f'{key}="{value}"' for key, value in words.items())
+        attributes = " ".join(f'{key}="{value}"' for key, value in words.items())
         self.added_joints.append((joint.qpos + 1, joint.dof + 1))
         written = set()
         if body is None:
-            self.edits.add_after(tag, f"<joint {told}/>")
+            self.edits.add_after(tag, f"<joint {attributes}/>")
         else:
-            written |= self._divide(tag, body, joint, near, f"<joint {told}/>")
+            written |= self._divide(tag, body, joint, near, f"<joint {attributes}/>")
         if needed > armature:
             written |= self._set_value(tag, j, "armature", needed)
         return written
@@ -513,8 +519,8 @@ class _Writer:
                 "mass": number(share * body.mass_kg),
                 "diaginertia": numbers([share * v for v in body.inertia]),
             }
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            return f"<inertial {told}/>"
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            return f"<inertial {attributes}/>"
 
         stated = self._inside(outer, "inertial")
         if stated is not None:
@@ -540,11 +546,11 @@ class _Writer:
         """A motor without a command that only has friction or a torque with a period."""
         joint = self.file.name("joint", j)
         self.edits.set(tag, "name", joint)
-        taken = {t.attributes.get("name") for t in self.tags} | self.motors
+        used_names = {t.attributes.get("name") for t in self.tags} | self.motors
         name = next(
             name
             for name in (f"{joint}_{word}{k}" for k in ("", *map(str, range(2, 1000))))
-            if name not in taken
+            if name not in used_names
         )
         self.motors.add(name)
         self.passive.append(
@@ -666,17 +672,17 @@ class _Writer:
         name = self.file.mujoco.mj_id2name(
             self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
         )
-        found = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
-        if not name or len(found) != 1:
+        tags = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
+        if not name or len(tags) != 1:
             self.left.append(f"effects at the reading of {sensor.name}: the sensor has no name")
             return
         if terms.delay:
             stated = float(self.file.model.sensor_delay[at])
-            self._delay(found[0], terms.delay + stated)
+            self._delay(tags[0], terms.delay + stated)
         if np.isfinite(terms.cutoff):
-            self.edits.set(found[0], "cutoff", number(terms.cutoff))
+            self.edits.set(tags[0], "cutoff", number(terms.cutoff))
 
-    def _actuator(self, tag: Tag, one: ModelParameter, value: float) -> str:
+    def _actuator(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
         shortcut = {
             ("position", "kp"): "kp",
             ("position", "kv"): "kv",
@@ -684,17 +690,17 @@ class _Writer:
             ("intvelocity", "kv"): "kv",
             ("velocity", "kv"): "kv",
             ("position", "time_constant"): "timeconst",
-        }.get((tag.name, one.attribute))
-        if one.attribute == "delay":
+        }.get((tag.name, parameter.attribute))
+        if parameter.attribute == "delay":
             self._delay(tag, value)
             return ""
-        if one.attribute == "gear":
-            rest = list(self.file.model.actuator_gear[one.number])[1:]
+        if parameter.attribute == "gear":
+            rest = list(self.file.model.actuator_gear[parameter.number])[1:]
             whole = len(tag.attributes.get("gear", "").split()) > 1
             self.edits.set(tag, "gear", numbers([value, *rest]) if whole else number(value))
             return ""
         if tag.name == "dcmotor":
-            self._dc_motor(tag, one.number, one.attribute)
+            self._dc_motor(tag, parameter.number, parameter.attribute)
             return ""
         if shortcut:
             self.edits.set(tag, shortcut, number(value))
@@ -702,14 +708,14 @@ class _Writer:
                 self.edits.set(tag, "dampratio", None)
             return ""
         if tag.name != "general":
-            self._as_general(tag, one.number, self._actuator_arrays(one.number), {})
+            self._as_general(tag, parameter.number, self._actuator_arrays(parameter.number), {})
             return ""
-        for write in one.writes:
+        for write in parameter.writes:
             word = write.array.removeprefix("actuator_")
-            said = np.array(getattr(self.file.model, write.array)[write.row])
-            said = self.vectors.setdefault((one.number, word), said)
-            said[write.column] = write.factor * value
-            self.edits.set(tag, word, numbers(list(np.trim_zeros(said, "b"))))
+            vector = np.array(getattr(self.file.model, write.array)[write.row])
+            vector = self.vectors.setdefault((parameter.number, word), vector)
+            vector[write.column] = write.factor * value
+            self.edits.set(tag, word, numbers(list(np.trim_zeros(vector, "b"))))
         return ""
 
     def _dc_motor(self, tag: Tag, i: int, attribute: str) -> None:
@@ -754,9 +760,9 @@ class _Writer:
 
     # ---- bodies ----------------------------------------------------------------------------------
 
-    def _mass(self, tag: Tag, one: ModelParameter, value: float) -> str:
-        body, inertial = self.bodies[one.number], self._inside(tag, "inertial")
-        ratio = value / self.mechanism.bodies[one.number].mass_kg
+    def _mass(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
+        body, inertial = self.bodies[parameter.number], self._inside(tag, "inertial")
+        ratio = value / self.mechanism.bodies[parameter.number].mass_kg
         if self.is_urdf:
             return self._urdf_mass(inertial, value, ratio)
         if inertial is None:
@@ -767,14 +773,14 @@ class _Writer:
                 "mass": number(value),
                 "diaginertia": numbers(body.inertia),
             }
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {told}/>")
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            self.edits.add_inside(tag, f"<inertial {attributes}/>")
             return ""
         self.edits.set(inertial, "mass", number(value))
         for attribute in ("diaginertia", "fullinertia"):
-            if said := inertial.attributes.get(attribute):
+            if stated := inertial.attributes.get(attribute):
                 self.edits.set(
-                    inertial, attribute, numbers([ratio * float(v) for v in said.split()])
+                    inertial, attribute, numbers([ratio * float(v) for v in stated.split()])
                 )
         return ""
 
@@ -804,8 +810,8 @@ class _Writer:
         }
         inertial = self._inside(tag, "inertial")
         if inertial is None:
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {told}/>")
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            self.edits.add_inside(tag, f"<inertial {attributes}/>")
             return ""
         for word in (*_ORIENTATIONS, "diaginertia"):
             self.edits.set(inertial, word, None)
@@ -829,8 +835,8 @@ class _Writer:
         for name, words in parts.items():
             part = self._inside(inertial, name)
             if part is None:
-                told = " ".join(f'{k}="{v}"' for k, v in words.items())
-                self.edits.add_inside(inertial, f"<{name} {told}/>")
+                attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+                self.edits.add_inside(inertial, f"<{name} {attributes}/>")
                 continue
             for word, value in words.items():
                 self.edits.set(part, word, value)
@@ -842,8 +848,8 @@ class _Writer:
             return "its <link> has no <inertial>"
         self.edits.set(mass, "value", number(value))
         if about := self._inside(inertial, "inertia"):
-            for name, said in about.attributes.items():
-                self.edits.set(about, name, number(ratio * float(said)))
+            for name, key in about.attributes.items():
+                self.edits.set(about, name, number(ratio * float(key)))
         return ""
 
     def _urdf_joint(self, tag: Tag, attribute: str, value: float) -> str:
@@ -893,10 +899,10 @@ class _Writer:
     def _add_dynamics(self) -> None:
         """<dynamics> of the joints that had none."""
         for tag in self.tags:
-            if found := self.dynamics.get(tag.begin):
-                values = {"damping": 0.0, "friction": 0.0} | found
-                told = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
-                self.edits.add_inside(tag, f"<dynamics {told}/>")
+            if dynamics := self.dynamics.get(tag.begin):
+                values = {"damping": 0.0, "friction": 0.0} | dynamics
+                attributes = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
+                self.edits.add_inside(tag, f"<dynamics {attributes}/>")
 
 
 def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
@@ -919,9 +925,9 @@ def _inertia_about(body: Body, joint: MechanismJoint) -> float:
         return body.mass_kg
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
     turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
-    own = float((turn.inv().apply(axis) ** 2) @ body.inertia)
+    central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
     arm = np.cross(axis, np.array(body.centre) - joint.anchor)
-    return own + body.mass_kg * float(arm @ arm)
+    return central + body.mass_kg * float(arm @ arm)
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:

@@ -30,7 +30,7 @@ class Tag:
 def tags_of(text: bytes) -> list[Tag]:
     """Every start tag in the order of the text. FileError where it is no XML, or defines entities
     of its own."""
-    found: list[Tag] = []
+    tags: list[Tag] = []
     open_tags: list[int] = []
     parser = expat.ParserCreate()
 
@@ -38,18 +38,18 @@ def tags_of(text: bytes) -> list[Tag]:
         at = parser.CurrentByteIndex
         parent = open_tags[-1] if open_tags else -1
         line = parser.CurrentLineNumber
-        found.append(Tag(name, attributes, line, at, _end(text, at), parent))
-        open_tags.append(len(found) - 1)
+        tags.append(Tag(name, attributes, line, at, _end(text, at), parent))
+        open_tags.append(len(tags) - 1)
 
     def refuse(*_: object) -> None:
         raise FileError("The file defines entities of its own.", "Write them out.", code="model")
 
     def end(_: str) -> None:
         number, at = open_tags.pop(), parser.CurrentByteIndex
-        tag = found[number]
+        tag = tags[number]
         alone = text[tag.end - 2 : tag.end] == b"/>"
         closing, after = (tag.begin, tag.end) if alone else (at, _end(text, at))
-        found[number] = replace(tag, closing=closing, after=after)
+        tags[number] = replace(tag, closing=closing, after=after)
 
     parser.StartElementHandler, parser.EndElementHandler = begin, end
     parser.EntityDeclHandler = refuse
@@ -57,7 +57,7 @@ def tags_of(text: bytes) -> list[Tag]:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         raise FileError(f"The file is no XML: {error}.", code="model") from error
-    return found
+    return tags
 
 
 def _end(text: bytes, begin: int) -> int:
