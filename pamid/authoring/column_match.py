@@ -1,5 +1,7 @@
-"""Which column of a recording is which column of a rig, by name and by unit; and the rig of the
-catalogue whose columns a recording's come nearest to."""
+"""Matching of a recording's columns to those of a rig, by name and by unit.
+
+It also selects the rig of the catalogue whose columns match a recording best.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,10 @@ _COPIED = ("pamid.model.", "pamid.symbolic.")
 
 @dataclass(frozen=True)
 class Pair:
-    """A column of a rig and the recorded one that stands for it.
+    """A column of a rig, with the recorded column that is assigned to it.
 
-    by: "name", "word", "unit", or "you" where it was said; scaled: it is of another quantity, so
-    that a gain stands between them.
+    by: "name", "word" or "unit"; "you" if the user assigned it. scaled: the quantities differ, so
+    that a gain converts one to the other.
     """
 
     wanted: str
@@ -43,10 +45,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class Match:
-    """How a recording's columns fit a rig.
+    """Assignment of a recording's columns to a rig.
 
-    missing: inputs that the rig cannot do without; unrecorded: outputs and optional inputs that
-    are not there; unused: recorded columns without a place; score: 1 where everything fits by name.
+    missing      inputs that the rig cannot do without
+    unrecorded   outputs and optional inputs that the recording lacks
+    unused       recorded columns without a place
+    score        1 if everything matches by name
     """
 
     rig: type[Rig]
@@ -58,25 +62,25 @@ class Match:
 
     @property
     def fits(self) -> bool:
-        """Is there all that its equations need, and something to compare with?"""
+        """True if every necessary input is recorded, and an output to compare with."""
         return not self.missing and any(q.role == "output" for q in self.pairs)
 
     @property
     def named(self) -> bool:
-        """Is a needed input, or an output, known by more than its unit?"""
+        """True if a necessary input or an output matches by more than its unit."""
         return any(
             q.by != "unit" and q.role != "reference" and q.wanted not in self.rig.optional
             for q in self.pairs
         )
 
     def taken_as(self, role: str) -> tuple[str, ...]:
-        """Recorded columns that are inputs, causes, or outputs, effects."""
+        """Recorded inputs, as causes, and outputs, as effects."""
         return tuple(q.found for q in self.pairs if q.role == role)
 
     @property
     def turned(self) -> tuple[str, ...]:
-        """Rigs to start from in which what is sent and what is read have changed places: a force or
-        torque for a motion, or the reverse."""
+        """Template rigs with cause and effect exchanged: a force or torque for a motion, or the
+        reverse."""
         sides = {"load", "motion"}
         sent = {_side(q.wanted) for q in self.pairs if q.role == "input"} & sides
         read = {_side(q.wanted) for q in self.pairs if q.role == "output"} & sides
@@ -90,7 +94,7 @@ class Match:
         )
 
     def why_not(self) -> str:
-        """Missing parts, in words."""
+        """Missing parts, as text."""
         rates = [(q, w) for w in self.missing for q in self.unused if _is_rate(q, w)]
         if rates:
             return "; ".join(
@@ -102,25 +106,26 @@ class Match:
 
 
 def _left_over(match: Match) -> tuple[int, int, int]:
-    """Recorded columns without a place, columns of the rig that were not recorded, its states."""
+    """Number of unused columns, of unrecorded columns of the rig, and of its states."""
     return len(match.unused), len(match.unrecorded), len(match.rig.states)
 
 
 def _side(column: str) -> str:
-    """ "load" of a force or torque, "motion" of a way, an angle or a speed, else what it is."""
+    """"load" for a force or torque, "motion" for a length, an angle or a speed, else the quantity.
+    """
     quantity = quantity_of(split_column(column)[1])
     sides = {"load": ("force", "torque"), "motion": ("position", "angle", *_SPEEDS)}
     return next((side for side, those in sides.items() if quantity in those), quantity)
 
 
 def _is_rate(recorded: str, wanted: str) -> bool:
-    """Is a recorded column the speed of what a rig wants the way or angle of?"""
+    """True if the recorded column is the speed of a length or angle that the rig needs."""
     symbol, wanted_unit = split_column(recorded)[1], split_column(wanted)[1]
     return wanted_unit != NONE and symbol != NONE and compatible(symbol, quotient(wanted_unit, "s"))
 
 
 def _add_up(symbol: str, wanted: str) -> str:
-    """How a way is made of a speed."""
+    """Hint on how to integrate a speed to a position."""
     return (
         f"Add it up into a column of its own, the running sum of {symbol} times the sampling "
         f"period, and say --column {wanted}=THAT; or in a copy of the rig make {symbol} the input "
@@ -134,7 +139,7 @@ def _told(column: str) -> str:
 
 
 def examples() -> dict[str, type[Rig]]:
-    """Rigs of the catalogue that a file of one's own can start from: those written in one file."""
+    """Rigs of the catalogue that can serve as a template: those written in a single file."""
     return {name: rig for name, rig in rigs().items() if _stands_alone(rig)}
 
 
@@ -149,7 +154,7 @@ def _stands_alone(rig: type[Rig]) -> bool:
 
 
 def example_named(name: str) -> type[Rig]:
-    """One of `examples`; UsageError with the nearest name."""
+    """Return a rig of `examples`. An unknown name raises UsageError with the nearest name."""
     known = examples()
     if name in known:
         return known[name]
@@ -165,7 +170,7 @@ def example_named(name: str) -> type[Rig]:
 
 
 def roles_of(rig: type[Rig]) -> dict[str, str]:
-    """Every column that a rig knows, with what it is."""
+    """Return every column of a rig with its role."""
     return {
         **{name: "input" for name in rig.inputs},
         **{name: "output" for name in rig.outputs},
@@ -179,10 +184,24 @@ def match_columns(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> Match:
-    """The best assignment of recorded columns to those of a rig; said: column of the rig ->
-    recorded column, taken as it is; held: recorded columns that go from one level to the next, as
-    nothing does that is measured or moves. UsageError for a name on either side that is not
-    there."""
+    """Assign recorded columns to those of a rig.
+
+    Parameters
+    ----------
+    recorded
+        Columns of the recording.
+    rig
+        Rig to match.
+    stated
+        Column of the rig -> recorded column; the user's assignments, which are not questioned.
+    held
+        Recorded columns that step from level to level, which no measured or moving quantity does.
+
+    Raises
+    ------
+    UsageError
+        A stated name does not exist on its side.
+    """
     recorded, roles, stated = list(recorded), roles_of(rig), dict(stated or {})
     for wanted, column in stated.items():
         if wanted not in roles:
@@ -239,13 +258,13 @@ def match_columns(
 
 
 def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
-    """Does the recording bear the names of all that a rig needs, and of an output?"""
+    """True if the recording has all inputs of the rig and an output, under the rig's names."""
     names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
     return bool(needed) and names >= needed and bool(names & set(rig.outputs))
 
 
 def _by_names(match: Match) -> bool:
-    """Do all pairs bear one name, in units of one quantity?"""
+    """True if both names of every pair agree, in units of one quantity."""
     return all(q.by == "name" and not q.scaled for q in match.pairs)
 
 
@@ -259,12 +278,22 @@ def best_match(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
-    """The rig that fits best, or the one asked for, and the others that fit, best first; held: as
-    in `match_columns`.
+    """Return the rig that matches best, or the stated one, and the other matching rigs, best first.
 
-    A rig that a recording fits by units alone is named, not taken: two quantities of a kind say
-    nothing of which machine they belong to. FileError then, and where none fits, saying what each
-    of them lacks; UsageError for a name that is not there.
+    A match by units alone is reported, but not used. Two quantities of one kind do not identify a
+    machine.
+
+    Parameters
+    ----------
+    held
+        As in `match_columns`.
+
+    Raises
+    ------
+    FileError
+        No rig matches, or only by units. The message lists the gaps of each rig.
+    UsageError
+        A stated name does not exist.
     """
     recorded = list(recorded)
     if like is not None:

@@ -1,8 +1,8 @@
-"""A rig file made from a rig of the catalogue: its source with the recording's columns in their
-units, its imports from the face, its priors as wide as a guess.
+"""Rig file derived from a rig of the catalogue.
 
-What comes from the recording is names, and they become code: only plain words are taken
-(`require_plain`), and everything else that is quoted is printed as a Python literal.
+The source gets the recording's columns in their units, its imports from `pamid`, and priors as wide
+as a guess. The recording supplies names, and these become code. Only plain words are accepted
+(`require_plain`), and any other quoted text is written as a Python literal.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def require_plain(name: str, what: str) -> str:
-    """The name, which is to stand in a program; FileError where it is no plain word of Python."""
+    """Return a name that may stand in a program. FileError for anything but a plain Python word."""
     if not _PLAIN_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise FileError(
             f"{what} {name!r} cannot stand in a rig file.",
@@ -58,14 +58,14 @@ def require_plain(name: str, what: str) -> str:
 
 
 def class_name(stem: str) -> str:
-    """ "my_rig" -> "MyRig"; FileError where a file's name makes no class."""
+    """"my_rig" -> "MyRig". FileError if the file's name does not give a class name."""
     name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
     return require_plain(name, "The name of the output,")
 
 
 @dataclass(frozen=True)
 class _Gain:
-    """A factor between a recorded signal and the quantity that the equations know."""
+    """Factor between a recorded signal and the quantity in the equations."""
 
     name: str
     value: float
@@ -80,7 +80,7 @@ class _Edit:
 
 
 class RigSource:
-    """The source of a rig like another one, for a recording."""
+    """Source of a rig for a recording, derived from a template rig."""
 
     def __init__(self, match: Match, recording: Recording, name: str, why: str) -> None:
         self.match, self.recording, self.name, self.told = match, recording, name, why
@@ -101,7 +101,7 @@ class RigSource:
         self.begins = np.concatenate([[0], np.cumsum(lengths)])
 
     def text(self) -> str:
-        """The whole file."""
+        """Complete text of the file."""
         content = self.source.encode()
         assert content.isascii(), "places in the tree are counted in bytes"
         for edit in sorted(self._edits(), key=lambda e: -e.first):
@@ -128,7 +128,7 @@ class RigSource:
                 yield from self._function(node)
 
     def _settled(self) -> dict[str, str]:
-        """Class attributes that are written anew."""
+        """Class attributes that are replaced."""
         rig, names = self.rig, {c: self._found(c) for c in self.columns}
         noise = {names[c]: self._noise(c) for c in rig.outputs if c in names}
         swings = self._swings()
@@ -190,7 +190,7 @@ class RigSource:
             yield from self._parameters(node)
 
     def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
-        """Edits that turn the example's data-sheet values into guesses with priors as wide."""
+        """Edits that turn the template's data-sheet values into guesses with wide priors."""
         assert isinstance(node.value, ast.Tuple)
         for sourced in node.value.elts:
             call = declared(sourced)
@@ -246,7 +246,7 @@ class RigSource:
         return self.by_wanted[column].found if column in self.by_wanted else column
 
     def _unit(self, column: str) -> str:
-        """SI symbol of a column as the equations see it."""
+        """SI symbol of a column in the equations."""
         pair, rig_unit = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
         if pair is None or not pair.scaled:
             return rig_unit
@@ -256,13 +256,16 @@ class RigSource:
         return self.recording.columns[pair.found]
 
     def _noise(self, column: str) -> float:
-        """Noise that a recorded output shows, in its unit."""
+        """Measured noise of a recorded output, in its unit."""
         values = self._values(self.by_wanted[column])
         return _short(float(noise_level(values[:, None])[0]), 1)
 
     def _swings(self) -> dict[str, tuple[float, float]]:
-        """Centre and half range of what was sent, per recorded column, in its unit: of the columns
-        that the example excites. The temperature of a room is an input, and nobody sends it."""
+        """Centre and half range per recorded command, in its unit.
+
+        Only columns that the template excites count. A room temperature is an input, but not a
+        command.
+        """
         swings = {}
         for pair in self.match.pairs:
             if pair.wanted not in self.rig.excited or (pair.role == "reference" and not self.loops):
@@ -274,7 +277,7 @@ class RigSource:
         return swings
 
     def _controller(self) -> dict[str, float]:
-        """The example's controller in the unit of the recorded reading."""
+        """Controller of the template, in the unit of the recorded reading."""
         (loop, *_), gains = self.rig.loops, dict[str, float]()
         old, new = (split_column(c)[1] for c in (loop.reading, self._found(loop.reading)))
         for key, value in self.rig.controller.items():
@@ -289,7 +292,7 @@ class RigSource:
         return gains
 
     def _gain(self, pair: Pair) -> _Gain | None:
-        """Gain between a column and the example's quantity, from the ranges of both."""
+        """Gain between a column and the template's quantity, from the ranges of both."""
         if not pair.scaled:
             return None
         symbol, rig_unit = (
@@ -305,7 +308,7 @@ class RigSource:
         return _Gain(name, _short(ratio), "" if unit_text == NONE else unit_text)
 
     def _usual_span(self, column: str) -> float:
-        """Span of the example's column (SI) under its usual excitation."""
+        """Span of the template's column (SI) under its usual excitation."""
         trial = ExcitedRig(self.rig)
         if column in self.rig.inputs:
             return float(np.ptp(trial.u[:, list(self.rig.inputs).index(column)]))
@@ -315,7 +318,7 @@ class RigSource:
     # ---- words ----------------------------------------------------------------------------------
 
     def _left_over(self) -> str:
-        """Comments on what was not recorded, and on what was and has no place."""
+        """Comments on unrecorded columns of the rig and on unused columns of the recording."""
         lines = [f"    # {name}: not recorded, and done without" for name in self.match.unrecorded]
         lines += [
             f"    # state {name}: left out, for no recorded column depends on it"
@@ -348,7 +351,7 @@ class RigSource:
         )
 
     def _imports(self, nodes: list[ast.Import | ast.ImportFrom], body: str) -> str:
-        """The imports that the body needs, pamid's own from its face."""
+        """Imports of the body, those of pamid from its public interface."""
         words = set(re.findall(r"\b[A-Za-z_]+\b", re.sub(r'"[^"\n]*"', "", body)))
         blocks: dict[str, list[str]] = {"__future__": ["from __future__ import annotations"]}
         for node in nodes:
@@ -363,7 +366,7 @@ class RigSource:
         return "\n\n".join("\n".join(lines) for lines in (*blocks.values(), mine)) + "\n\n\n"
 
     def _span(self, node: ast.AST) -> tuple[int, int]:
-        """First and last place of a node in the source."""
+        """First and last character of a node in the source."""
         assert isinstance(node, ast.expr | ast.stmt)
         assert node.end_lineno is not None and node.end_col_offset is not None
         return (
@@ -377,7 +380,7 @@ def _short(value: float, digits: int = 2) -> float:
 
 
 def _literal(value: Any) -> str:
-    """A value as Python writes it, with the quotation marks of the house."""
+    """Value as a Python literal in double quotes."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_literal(k)}: {_literal(v)}" for k, v in value.items()) + "}"
     if isinstance(value, tuple):

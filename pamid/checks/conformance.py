@@ -1,13 +1,13 @@
 """Requirements for every rig and effect: checks that return numbers, and the findings of `pamid
 check`.
 
-    null_error          an effect at its null leaves every output as it was
-    finite_everywhere   nothing blows up at random points of the bounds
+    null_error          an effect at its null leaves every output unchanged
+    finite_everywhere   outputs are finite at random points of the bounds
     sensitivity_error   exact sensitivities equal finite differences
-    visible_change      an effect of typical size does something
+    visible_change      an effect of typical size changes an output
 
-All of them run on an excited, open-loop stretch of the rig (`Trial`). Effects are tried on every
-rig they fit and on `Bench`, a small machine with one port of each kind.
+All of them run on an excited, open-loop stretch of the rig (`ExcitedRig`). Effects are tried on
+every rig that has their ports, and on `EveryPortRig`, a small machine with one port of each kind.
 """
 
 from __future__ import annotations
@@ -54,8 +54,7 @@ QUANTILE = 0.97
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """One check: what was looked at, whether it is as it should be, and the figure or sentence
-    behind it."""
+    """Outcome of a check: its subject, pass or fail, and the figure or sentence behind it."""
 
     check: str
     ok: bool
@@ -68,8 +67,10 @@ class CheckOutcome:
 
 
 class EveryPortRig(Rig):
-    """A pump fills a vessel that pushes a sprung mass: one port of every kind, with the signals
-    usual there."""
+    """A pump that fills a vessel, which pushes a sprung mass.
+
+    It has one port of every kind, with the usual signals.
+    """
 
     inputs = {"command": ""}
     outputs = {"position_m": "m", "angle_rad": "rad", "pressure_pa": "Pa", "force_n": "N"}
@@ -142,8 +143,7 @@ class EveryPortRig(Rig):
 
 @dataclass(frozen=True, eq=False)
 class ExcitedRig:
-    """An excited stretch of a rig, with an effect or without: everything a check needs to run it
-    again."""
+    """Excited stretch of a rig, with or without an effect; it can be run repeatedly."""
 
     rig: Rig
     attachment: Attachment | None = None
@@ -169,8 +169,11 @@ class ExcitedRig:
 
     @cached_property
     def u(self) -> Array:
-        """Inputs (samples x inputs, SI): random steps over what the rig calls usual, else within
-        +-0.7 SI; optional inputs at their default where nothing is usual."""
+        """Inputs (samples x inputs, SI).
+
+        Random steps over the usual range of the rig, or within +-0.7 SI if it states none. Optional
+        inputs without a usual range stay at their default.
+        """
         rig, period = self.rig, self.rig.period_s
         columns = []
         for i, name in enumerate(Assembly(rig).traced.inputs):
@@ -199,14 +202,15 @@ class ExcitedRig:
 
     @cached_property
     def own(self) -> list[tuple[int, Bound]]:
-        """Places of the parameters under test: the effect's, or the rig's where there is none."""
+        """Indices of the parameters under test: those of the effect, or of the rig without an
+        effect."""
         return [(i, b) for i, b in enumerate(self.assembly.parameters) if b.owner == self.owner]
 
     def stepping(self, p: Array) -> Stepping:
         return choose_stepping(self.assembly, self.u, p, self.rig.period_s, self.assembly.start(p))
 
     def run(self, p: Array, stepping: Stepping | None = None) -> Array:
-        """Outputs (samples x outputs, SI); NaN from the sample on at which the state blew up."""
+        """Outputs (samples x outputs, SI); NaN from the sample at which the state diverged."""
         done = free_run(
             self.assembly, self.u, p, self.rig.period_s, stepping=stepping or self.stepping(p)
         )
@@ -215,8 +219,10 @@ class ExcitedRig:
         return done.outputs
 
     def random_point(self, random: np.random.Generator) -> Array:
-        """Fitted parameters under test drawn evenly from their bounds (or their logarithms), the
-        others as they are: no fit moves a held one."""
+        """Draw the fitted parameters under test evenly from their bounds, or from their logarithms.
+
+        The others keep their values, because no fit moves a fixed parameter.
+        """
         p = self.assembly.values()
         for i, b in self.own:
             if not b.fitted:
@@ -233,8 +239,10 @@ class ExcitedRig:
 
 
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
-    """Largest change of any output, as a share of its size, with the effect at its null, the rest
-    of it random."""
+    """Largest change of any output, relative to its size, with the effect at its null.
+
+    The remaining parameters of the effect are random.
+    """
     trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
@@ -252,8 +260,10 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
 
 
 def visible_change(rig: Rig, attachment: Attachment) -> float:
-    """Largest change of any output, as a share of its size, by the effect at its typical size: that
-    of its prior, where this lies about nothing."""
+    """Largest change of any output, relative to its size, by the effect at its typical size.
+
+    That is the size of its prior, if the prior is centred on the null.
+    """
     trial = ExcitedRig(rig, attachment)
     p = trial.assembly.values()
     if all(b.null is None or b.value == b.null for _, b in trial.own):
@@ -267,8 +277,10 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
 
 
 def _half_stretch(rig: Rig) -> int:
-    """Samples of the longer checks. Derivatives of a stepped rig cost the square of its states, so
-    that one of many states is tried over fewer."""
+    """Number of samples of the longer checks.
+
+    Derivatives of a stepped rig cost the square of its states, so a rig of many states gets fewer.
+    """
     if not isinstance(rig, StepRig):
         return SAMPLES // 2
     share = min(1.0, FULL_STRETCH_STATES / max(len(rig.states), 1)) ** 2
@@ -278,7 +290,8 @@ def _half_stretch(rig: Rig) -> int:
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
-    """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
+    """Points of the bounds, as text, at which the outputs are not finite; empty if there are none.
+    """
     trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
     random = np.random.default_rng(seed)
     problems = []
@@ -296,9 +309,12 @@ def finite_everywhere(
 
 
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
-    """Largest disagreement of exact sensitivities with central differences, relative to each
-    channel's largest, as long as the differences are small: where errors of the state grow
-    exponentially, as in an undamped arm, they soon are no slopes any more."""
+    """Largest difference between exact sensitivities and central differences.
+
+    It is relative to each channel's largest value, and only counts while the differences are small.
+    If errors of the state grow exponentially, as in an undamped arm, large differences are not
+    slopes.
+    """
     trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig), seed=seed)
     p = trial.assembly.values()
     for i, b in trial.own:
@@ -341,11 +357,18 @@ def _slope_errors(
     exact: Array,
     scale: Array,
 ) -> Array:
-    """Disagreement of exact sensitivities by a parameter with differences over +-h, relative to
-    each channel's largest, as long as these move no output by more than `SMALL_MOVE`.
+    """Difference between exact sensitivities by a parameter and differences over +-h.
 
-    exact (samples x channels); scale: size of every output. NaN of a channel that the parameter
-    does not reach: it shows the rounding of the differences only.
+    It is relative to each channel's largest value, and counts while no output moves by more than
+    `SMALL_MOVE`. A channel that the parameter does not reach has NaN, because its differences are
+    rounding errors.
+
+    Parameters
+    ----------
+    exact
+        Sensitivities (samples x channels).
+    scale
+        Size of every output.
     """
     up, down = p.copy(), p.copy()
     up[place], down[place] = p[place] + h, p[place] - h
@@ -361,8 +384,7 @@ def _slope_errors(
 
 
 def _start_slopes(trial: ExcitedRig, p: Array) -> Array:
-    """Derivative of the start state by the parameters under test (states x parameters), which may
-    set it."""
+    """Derivatives of the start state by the parameters under test (states x parameters)."""
     slopes = []
     for i, b in trial.own:
         h = 1e-6 * max(abs(b.value), b.spread if not b.log else 0.0, 1e-12)
@@ -380,8 +402,10 @@ def _scale(outputs: Array) -> Array:
 
 
 def background_findings(rig: Rig) -> list[CheckOutcome]:
-    """The fault of a background that does not build, such as a map of a signal that its port does
-    not offer: every fit would refuse it."""
+    """Fault of a background that does not build, which every fit would refuse.
+
+    An example is a map of a signal that its port does not have.
+    """
     if isinstance(rig, StepRig) or not rig.background:
         return []
     try:
@@ -394,9 +418,9 @@ def background_findings(rig: Rig) -> list[CheckOutcome]:
 def rig_findings(
     rig: Rig, effects: Iterable[type[Effect]] = (), *, slopes: bool = True
 ) -> list[CheckOutcome]:
-    """Everything that can be said about a rig without a recording.
+    """All findings on a rig without a recording.
 
-    slopes: hold its sensitivities against differences; those of a model file are pamid's work, and
+    slopes: compare its sensitivities with differences. pamid generates those of a model file, and
     nothing in the file can spoil them.
     """
     try:
@@ -462,8 +486,8 @@ def rig_findings(
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
-    """Everything that can be said about an effect: its data sheet, and how it behaves wherever it
-    fits."""
+    """All findings on an effect: its data sheet, and its behaviour on every rig that has its ports.
+    """
     findings = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
         return findings
@@ -523,7 +547,7 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
 
 
 def follows_mean(rig: Rig, attachment: Attachment) -> bool:
-    """Are its derivatives those of a mean course, which differences do not show?"""
+    """True if its derivatives are those of a mean course, which differences do not show."""
     return rig.ports[attachment.ports[0]].kind in attachment.effect.mean_slope_at
 
 

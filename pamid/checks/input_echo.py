@@ -1,10 +1,10 @@
-"""Measured columns that carry the signal of an input: exported twice, or read before the machine.
+"""Measured columns that repeat the signal of an input: exported twice, or read before the machine.
 
 Such an echo is a scaled, shifted, slightly delayed or smoothed input with nothing but white noise
-added. A stiff, fast machine looks the same, so that an echo is called one only where the rig's
-model has dynamics that could not follow the input so closely and so soon, at the data sheet's
-parameters and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads. The model runs
-from the state that the first readings show: from anywhere else it moves there first.
+added. A stiff, fast machine looks the same. An echo is therefore only reported if the rig's model
+could not follow the input so closely and so soon. The model is tried at the data sheet's parameters
+and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads. It runs from the state of
+the first readings, because from any other state it would move there first.
 
     y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
                                              time of u
@@ -44,7 +44,7 @@ def echoed_inputs(
 ) -> list[QualityIssue]:
     """Measured columns that carry the same signal as an input or a reference.
 
-    A controller makes its command of the reading, so that inputs of a closed loop are not compared.
+    A controller derives its command from the reading, so inputs of a closed loop are not compared.
     """
     issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
@@ -65,8 +65,10 @@ def echoed_inputs(
 
 
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
-    """Root mean square of what the closest echo of u leaves of y, both (samples,), and by how many
-    samples that echo is late, delay and lag together, at most `latest`."""
+    """RMS residual of y after the closest echo of u, and the delay of that echo in samples.
+
+    Both signals have shape (samples,). The delay is the sum of delay and lag, at most `latest`.
+    """
     size = len(u)
     u, y = u - u[0], y - y.mean()
     if not float(np.ptp(u)) > 0.0 or not float(y.std()) > 0.0:
@@ -84,8 +86,7 @@ def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, flo
 
 
 def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
-    """Root mean square that gain and offset leave at the best delay of 0..most samples, and that
-    delay."""
+    """RMS residual after gain and offset at the best delay of 0..most samples, and that delay."""
     most = min(most, len(y) // 4)
     a, b = u - u.mean(), y - y.mean()
     size = 2 * len(b)
@@ -99,7 +100,7 @@ def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
 
 
 def _model_echoes(comparison: SheetComparison, source: int, output: int, latest: float) -> bool:
-    """Whether the rig's model follows this input as closely, and at most `latest` samples late."""
+    """True if the rig's model follows this input as closely, at most `latest` samples late."""
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
     u = comparison.u[:size, source]
@@ -114,7 +115,7 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
 
 
 def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
-    """The data sheet's, then draws in prior spreads around it, within the bounds."""
+    """Parameters of the data sheet, then draws in prior spreads around it, within the bounds."""
     yield comparison.p
     random = np.random.default_rng(0)
     for _ in range(draws):

@@ -1,4 +1,4 @@
-"""Inputs that leave the range which their rig states: a valve beyond 0..1."""
+"""Inputs beyond the range that their rig states, for example a valve beyond 0..1."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ RANGE_SLACK = 0.01  # of a stated range: noise of what reads it back
 
 
 def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Inputs that leave the range which the rig states for them."""
+    """Findings on inputs beyond the range that the rig states."""
     issues = []
     for name, (low, high) in rig.ranges.items():
         column = match_column(recording.columns, name)

@@ -66,8 +66,10 @@ STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
 
 @dataclass(frozen=True)
 class Inspection:
-    """said: what is printed and given to scripts; recording and issues: of a recording that could
-    be read."""
+    """Result of an inspection.
+
+    said: printed result, also for scripts; recording, issues: of a recording that could be read.
+    """
 
     said: dict[str, Any]
     recording: Recording | None = None
@@ -77,11 +79,22 @@ class Inspection:
 def inspect(
     source: Path | Recording | type[Rig] | type[Effect], rig: str | Rig | None = None
 ) -> Inspection:
-    """Check a recording (.csv) or a Python file with rigs and effects (.py), or one of these
-    itself: {"schema", "kind", "ok", "findings"...}.
+    """Check a recording (.csv), a Python file with rigs and effects (.py), a rig or an effect.
 
-    `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a
-    file of another kind or one that is not there; whatever is wrong inside is listed, not raised.
+    The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
+    inside the file are listed, not raised.
+
+    Parameters
+    ----------
+    path
+        File, rig or effect.
+    rig
+        Rig of a recording; by default the one that its TOML names.
+
+    Raises
+    ------
+    FileError
+        The file is absent or of another kind.
     """
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
@@ -127,9 +140,11 @@ def inspect(
 
 
 def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
-    """Refuse a recording with which any fit of this rig is nonsense, naming everything that
-    `inspect` calls wrong in its values: DataError for a sensor that shows nothing, else FileError.
-    Returns sentences about what a fit would put down to the machine: an offset, another scale.
+    """Refuse a recording on which any fit of this rig is nonsense.
+
+    The message names every fault of its values that `inspect` calls wrong. A sensor without a
+    signal raises DataError, any other fault FileError. The result are sentences on advice: an
+    offset or a scale that a fit would attribute to the machine.
     """
     issues = before_a_fit(recording, rig)
     wrong = [issue for issue in issues if issue.severity == "wrong"]
@@ -219,8 +234,7 @@ def _recording(
 
 
 def _column(recording: Recording, name: str) -> dict[str, Any]:
-    """Range, level and length of the rest at the start, and how much of the time the column stands
-    still."""
+    """Range, level and length of the rest at the start, and the share of time at standstill."""
     values = recording.columns[name]
     # scaled to it, since nobody says that numbers are small
     size = float(np.abs(values).max()) or 1.0
@@ -243,9 +257,9 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
 def _against_rig(
     recording: Recording, rig_name: str | Rig | None
 ) -> tuple[Rig | None, list[CheckOutcome]]:
-    """The rig, which of its columns are there, and which columns it does not know.
+    """Rig, its recorded columns, and the columns that are not part of it.
 
-    A rig file is run only where the user names it; one that a recording's TOML names is told, not
+    A rig file only runs if the user names it. One that a recording's TOML names is reported, not
     run.
     """
     try:
@@ -283,7 +297,7 @@ def _against_rig(
 
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Outputs whose noise in fits is not what the rig or the samples suggest."""
+    """Findings on outputs whose noise in fits contradicts the rig or the samples."""
     channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
     return [
         CheckOutcome(remark.kind, False, remark.text, advice=True)
@@ -292,7 +306,8 @@ def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Known values of parameters that the rig does not have, and those outside their bounds."""
+    """Findings on known values without a parameter in the rig, and on those outside their bounds.
+    """
     plain = Assembly(rig)
     names = [p.outside_name for p in rig.parameters]
     strange = [key for key in recording.known if not plain.knows(key)]
@@ -314,8 +329,10 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
 def _column_findings(
     recording: Recording, rig: Rig, wanted: dict[str, str | None]
 ) -> list[CheckOutcome]:
-    """Inputs and outputs of the rig that are missing, and columns that it does not know; wanted:
-    the recording's own column for each of its inputs and outputs."""
+    """Findings on missing inputs and outputs of the rig, and on unknown columns.
+
+    wanted: recorded column for each input and output of the rig.
+    """
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
@@ -358,8 +375,7 @@ def _column_findings(
 
 
 def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
-    """The problem that stopped the reader, and those of the other stages that can still be
-    tried."""
+    """Problem that stopped the reader, and problems of the remaining stages that can still run."""
     outcomes: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
@@ -400,7 +416,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
 
 
 def _time_column(path: Path) -> FloatArray:
-    """The stamps that can be read, one per row."""
+    """Readable stamps, one per row."""
     stamps = []
     for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:
@@ -430,7 +446,7 @@ def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
 
 
 def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    """A model file of another program."""
+    """Inspect a model file of another program."""
     try:
         rig = library.rig_named(str(path))
     except PamidError as error:
@@ -484,7 +500,7 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
 def _rig(
     path: Path, kind: type[Rig], effects: dict[str, type[Effect]]
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    """Findings on a rig, and its ports where its equations can be built."""
+    """Findings on a rig, and its ports if its equations can be built."""
     try:
         rig = kind()
         check_rig(rig, str(path))

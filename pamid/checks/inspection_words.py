@@ -24,8 +24,8 @@ _VARIABLE = re.compile(
 def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
     """Result of `inspect` as text, problems first.
 
-    everything: all of it; else a rig that fills more than a screen is shown on one, with like ports
-    and like findings together.
+    everything: True prints all of it. Otherwise a rig is shortened to one screen, with similar
+    ports and findings joined.
     """
     lines = [
         *_head(summary),
@@ -40,8 +40,8 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
 
 
 def _screen(summary: dict[str, Any]) -> list[str]:
-    """A rig on a screen, less the last line: less of the effects, then of the notes, then of the
-    ports, until there is room."""
+    """Shorten a rig to one screen, less the last line: first the effects, then notes, then ports.
+    """
     alike = _together(summary["findings"])
     fine = [line for text in _fine(alike) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
@@ -94,7 +94,7 @@ def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
 
 
 def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Findings that differ in names and numbers alone as the first of them, which names others."""
+    """Join findings that only differ in names and numbers; the first one names the others."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for f in findings:
         alike = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
@@ -114,7 +114,7 @@ def _with_others(group: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _count(summary: dict[str, Any]) -> str:
-    """How many problems and notes there are."""
+    """Number of problems and notes."""
     wrong = sum(not f["ok"] and not f["advice"] for f in summary["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in summary["findings"])
     doubtful = any(i["kind"] in DOUBTS for i in summary.get("quality", {}).get("issues", []))
@@ -127,13 +127,14 @@ def _count(summary: dict[str, Any]) -> str:
 
 
 def _finding_line(title: str, f: dict[str, Any]) -> str:
-    """A finding; folded where nothing in it is a command to copy, which has to stay on a line."""
+    """Line of a finding, folded unless it contains a command to copy, which must stay on one line.
+    """
     line = f"{title}{f['check']}: {f['detail']}"
     return folded(line) if f["check"] == TOLERANCES else line
 
 
 def _texture(channel: dict[str, float]) -> str:
-    """Noise and step of a column, where they show."""
+    """Noise and step of a column, if they are visible."""
     return "".join(
         f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0
     )

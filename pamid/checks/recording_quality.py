@@ -1,12 +1,9 @@
-"""Can a recording be trusted? Everything about its quality that can be seen before a model is
-fitted.
+"""Quality of a recording, as far as it shows before a model is fitted.
 
-    examine(recording, rig)           issues, the worst first: what, where (s), how to mend it, with
-                                      numbers
+    examine(recording, rig)           issues, the worst first: fault, place (s), remedy and numbers
     channel_figures(recording, rig)   step, noise and span of every column
 
-What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is
-read.
+Gaps in the stamps and non-numeric cells are refused by the reader already.
 """
 
 from __future__ import annotations
@@ -77,8 +74,8 @@ def examine(
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Without a rig, nothing is said that only its model can tell. signals: its `signals_of`, where
-    they are known already.
+    Issues that need a model are left out without a rig. signals: result of `signals_of`, if it has
+    been computed already.
     """
     absurd = _absurd(recording)
     if absurd:
@@ -103,13 +100,13 @@ def examine(
 
 
 def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """The issues with which any fit is nonsense, and no others, which is quicker."""
+    """Issues that make any fit nonsense, and no others, which is quicker."""
     return tuple(issue for issue in before_a_fit(recording, rig) if issue.severity == "wrong")
 
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """The issues with which a fit is nonsense (wrong), or that it would put down to the machine
-    (advice)."""
+    """Issues that make a fit nonsense (wrong), or that it would attribute to the machine (advice).
+    """
     from pamid.checks.rig_consistency import SLIP_WORDS
 
     absurd = _absurd(recording)
@@ -135,9 +132,11 @@ def _absurd(recording: Recording) -> QualityIssue | None:
 def _against(
     recording: Recording, rig: Rig, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """Issues that only the rig can judge, with the columns that it has judged, so that nothing is
-    guessed from the values alone: kind of issue -> columns. thorough: also what takes many runs of
-    the model."""
+    """Issues that need the rig's model, and the columns that it has judged, by kind of issue.
+
+    The judged columns need no guess from their values alone. thorough: include checks that take
+    many runs of the model.
+    """
     # the engine is needed only here
     from pamid.checks.idle_inputs import idle_input_issues
     from pamid.checks.input_echo import echoed_inputs
@@ -160,8 +159,10 @@ def channel_figures(
     rig: Rig | None = None,
     signals: Sequence[CheckedSignal] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Per column: span, step (0: none shows), noise; in the column's unit. signals: as of
-    `examine`."""
+    """Per column: span, step (0: none), noise; in the column's unit.
+
+    signals: as in `examine`.
+    """
     return {
         s.name: {"span": s.span, "step": s.step, "noise": s.noise}
         for s in (signals_of(recording, rig) if signals is None else signals)
@@ -180,8 +181,8 @@ def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSign
 def _levels(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal], rig: Rig | None
 ) -> list[QualityIssue]:
-    """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
-    blame."""
+    """Dead, coarse and noisy channels. If most are dead, the rig rests and no sensor is to blame.
+    """
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
     usual = {} if rig is None else rig.noise
     return [
@@ -223,15 +224,18 @@ def _constant(
 
 
 def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
-    """Samples at which all that is sent is 0: the machine may well rest there."""
+    """Mask of the samples at which all commands are 0, so that the machine may rest."""
     return np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
 
 
 def _held_and_clipped(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
 ) -> list[QualityIssue]:
-    """Causes of samples that stand still: a slow sensor, lost rows, a limit, a dead channel; then
-    bridges and spikes. While everything sent is 0, standing still is not a fault."""
+    """Causes of standstill: a slow sensor, lost rows, a limit, a dead channel; then bridges and
+    spikes.
+
+    While all commands are 0, a standstill is not a fault.
+    """
     all_issues: list[QualityIssue] = []
     idle = _nothing_sent(sent)
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
@@ -270,8 +274,10 @@ def _held_and_clipped(
 
 
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
-    """Rows in which every measured channel repeats the row before, although it should not: the
-    motion of one of them leaps on by what it misses, or the noise of two stops and returns."""
+    """Rows in which every measured channel repeats the row before, although it should not.
+
+    The motion of one of them then continues with a leap, or the noise of two stops and returns.
+    """
     together = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(together)
     lost = np.logical_or.reduce([_motion_lost(s, starts, stops) for s in signals])
@@ -285,11 +291,9 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
 
 
 def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
-    """Does the first move behind each stretch make up for the whole stretch at the pace of the
-    moves around it?
+    """True if the first move after each interval equals the motion missed at the pace around it.
 
-    None does in a channel that mostly goes on otherwise, by the travel that it repeats through: a
-    gauge that clings, a slow sensor.
+    A channel that mostly continues otherwise does not count: a sticking gauge, a slow sensor.
     """
     d = np.diff(s.values)
     resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
@@ -340,8 +344,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue
 
 
 def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
-    the vacuum."""
+    """Impossible pressures: another unit, absolute instead of gauge, below vacuum."""
     issues = []
     for s in measured:
         symbol = split_column(s.name)[1]
@@ -380,7 +383,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 
 def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Columns in kelvin that no room or machine reaches."""
+    """Columns in kelvin beyond the temperature of any room or machine."""
     return [
         QualityIssue(
             "unit",
@@ -397,7 +400,7 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 
 def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
-    """A floor at one atmosphere, on which the pressure rests again and again."""
+    """Floor at one atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
     if not VENTED_PA[0] < floor < VENTED_PA[1]:
@@ -425,7 +428,7 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
-    """Is enough asked of the rig, for long enough?"""
+    """Findings on too little excitation, or on too short a one."""
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
     issues = []
@@ -457,7 +460,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
 
 
 def _asked(recording: Recording, rig: Rig | None) -> list[str]:
-    """The columns that excite the rig: references in a closed loop, commands otherwise."""
+    """Columns that excite the rig: references in a closed loop, commands otherwise."""
     if rig is None:
         references = [n for n in recording.columns if n.startswith("reference")]
         commands = [n for n in recording.columns if n.startswith("command")]
@@ -476,7 +479,7 @@ def _asked(recording: Recording, rig: Rig | None) -> list[str]:
 
 
 def _usual(rig: Rig | None, column: str) -> float:
-    """The usual amplitude of an excitation, SI; 0 where nobody says."""
+    """Usual amplitude of an excitation, SI; 0 if unknown."""
     if rig is None:
         return 0.0
     return max(

@@ -1,6 +1,7 @@
-"""Findings about a recording that only the model of its rig can make: a clock that does not count
-seconds, columns exchanged, of the opposite sign or in another unit, channels that are dead, late,
-or that the rig does not explain at all.
+"""Findings about a recording that need the model of its rig.
+
+They are a clock that does not count seconds, exchanged columns, an opposite sign, another unit, and
+channels that are dead, late, or not explained by the rig at all.
 
     finding              statistic and threshold
     clock                period beyond FAR_CLOCK of the one that the rig states
@@ -74,9 +75,11 @@ LAG_GAIN = 0.005  # by which a delay must raise the correlation
 def contradictions(
     recording: Recording, rig: Rig, evidence: SheetComparison | None, *, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """Everything in which the recording contradicts the rig; per kind of issue the columns in which
-    the rig has judged, so that it need not be guessed from the values alone. thorough: also slips
-    of the data sheet, and channels that the rig does not explain."""
+    """Issues in which the recording contradicts the rig, and the columns judged, by kind of issue.
+
+    The judged columns need no guess from their values alone. thorough: also try slips of the data
+    sheet, and look for channels that the rig does not explain.
+    """
     if evidence is None:
         return [], {}
     slips, recording_, e, judgement = explained(recording, evidence, thorough=thorough)
@@ -116,7 +119,7 @@ def contradictions(
 
 
 def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Stamps whose period is far from the one that the rig states."""
+    """Finding on stamps whose period is far from the one that the rig states."""
     period, usual = recording.sampling_period_s, stated_period(rig)
     if usual is None or 1.0 / FAR_CLOCK < period / usual < FAR_CLOCK:
         return []
@@ -155,7 +158,7 @@ def _clock_words(recording: Recording, text: str, looks: str, ratio: float) -> Q
 def _slip_issues(
     slips: Sequence[Explanation], before: SheetComparison, rig: Rig
 ) -> list[QualityIssue]:
-    """A finding for each slip; columns in one and the same other unit share one."""
+    """One finding for each slip; columns in the same other unit share a finding."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
     for k, explanation in enumerate(slips):
         units = {split_column(name)[1] for name in explanation.slip.names}
@@ -260,7 +263,7 @@ def _gain_words(
 
 
 def _in_column_unit(size: float, column: str) -> tuple[float, str]:
-    """A difference in SI in the unit of a column, and that unit after a space."""
+    """Convert an SI difference to the unit of a column, with that unit after a space."""
     symbol = split_column(column)[1]
     value = size / unit(symbol).factor
     return value, "" if symbol == NONE else f" {symbol}"
@@ -307,8 +310,11 @@ def _far_off(
     e: SheetComparison,
     rig: Rig,
 ) -> list[QualityIssue]:
-    """Factors that bring recording and rig together and are no other unit; and channels that the
-    data sheet misses by more than they move and that a refit does not explain either."""
+    """Factors that reconcile recording and rig, but are not another unit.
+
+    Also channels that the data sheet misses by more than they move, and that a refit does not
+    explain.
+    """
     if not e.ran and not factors:
         return []
     moves = e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)
@@ -345,8 +351,10 @@ def _far_off(
 
 
 def _missed(e: SheetComparison) -> Array:
-    """Per output, error of the data sheet's run over the motion recorded: the smaller of that of
-    the shapes and that of the values."""
+    """Per output, error of the data sheet's run relative to the recorded motion.
+
+    It is the smaller error of that of the shapes and that of the values.
+    """
     if not e.ran:
         return np.full(len(e.names), RUNAWAY)
     ours, theirs = shapes(e.y), shapes(e.model)
@@ -361,7 +369,7 @@ def _missed(e: SheetComparison) -> Array:
 
 
 def advice(slips: Sequence[Slip]) -> str:
-    """The sentence that sends a reader to units and signs."""
+    """Sentence that refers a reader to units and signs."""
     by_name = sorted(slips, key=lambda s: [t.names for t in slips].index(s.names))
     parts = [
         " or ".join([first.words, *(s.factor_words for s in more)])
@@ -372,8 +380,7 @@ def advice(slips: Sequence[Slip]) -> str:
 
 
 def _blind(column: str, e: SheetComparison, k: int) -> str:
-    """The question, after a space, whether the sensor shows a size only; nothing where it does
-    not."""
+    """Question, after a space, whether the sensor only measures a magnitude; "" if it does not."""
     y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
     way = float(blind_sides(y, model)[0]) if np.isfinite(model).all() else 0.0
     if not way:
@@ -386,8 +393,7 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 
 def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Sensors that show one number throughout while another one moves, and should move
-    themselves."""
+    """Findings on sensors that read one number throughout, although the machine moves them."""
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
@@ -417,8 +423,11 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
 
 
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Channels that answer earlier or later than the data sheet's model; none where no input moves:
-    a machine that is let go answers to nothing, and a period that is off looks like a delay."""
+    """Findings on channels that respond earlier or later than the data sheet's model.
+
+    There are none if no input moves. A released machine responds to nothing, and a wrong period
+    looks like a delay.
+    """
     if not np.ptp(e.u, axis=0).any():
         return []
     period = recording.sampling_period_s
@@ -464,10 +473,10 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
 
 
 def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], samples: int) -> bool:
-    """Does the rig fit these outputs better where they come so many samples later?
+    """True if the rig fits these outputs better after a shift by some samples.
 
-    Friction or damping that the data sheet's run lacks leads it, too. A fit of short windows from
-    starts of their own has no time to fall behind. True where there are too few windows to tell.
+    Friction or damping that the data sheet lacks shifts its run, too. A fit of short windows with
+    separate start states has no time to fall behind. With too few windows the result is True.
     """
     data = fit_data_of(recording, rig)
     if data is None:
@@ -480,8 +489,7 @@ def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], sam
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
-    """By how many samples ours comes later, and the correlations of the rates at once and so
-    shifted."""
+    """Delay in samples, with the correlation of the rates without and with this shift."""
     # sum_t a(t + lag) b(t) for all lags at once, by Fourier transforms padded by the longest lag;
     # each is divided by the energies in its own overlap, so that a long lag is at no disadvantage
     a, b = ((rate := y[RATE_OVER:] - y[:-RATE_OVER]) - rate.mean() for y in (ours, theirs))

@@ -1,17 +1,17 @@
-"""Whether a reading stands in the row to which it belongs.
+"""Readings that stand in another row than their command.
 
-A log that reads before it sends, or that writes a value one loop later, moves a reading by a row.
-It shows in an output that depends on an input of the same instant, as a current on the voltage: a
-delay of one sampling period there is the log, not the machine.
+A log that reads before it sends moves a reading by a row; so does one that writes a value one loop
+later. It shows in an output that depends on an input of the same instant, for example a current on
+the voltage. A delay of one sampling period there comes from the log, not from the machine.
 
     before      the row's reading was taken before its command was sent
     late        the row holds the reading of the row before
     early       the row holds the reading of the next row
 
-Each of them is judged by a short fit (`short_fit`): it is named where the error of the channel
-falls to MENDED of the error as recorded. The fits are only done where what the fit as recorded
-leaves goes along with the change of the reading from row to row. A linear machine under a held
-input reads alike before and late, with slightly other parameters: then both are named.
+Each of them is judged by a short fit (`short_fit`). It is reported if the error of the channel
+falls to MENDED of the error as recorded. The fits are only done if the residual of the fit as
+recorded correlates with the change of the reading from row to row. A linear machine under a held
+input reads the same before and late, with slightly other parameters: then both are reported.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ SHARED_SHARE = 0.5  # share of the squared residual that goes along with the cha
 
 @dataclass(frozen=True)
 class RowOrder:
-    """An output in another order than that of its rows.
+    """Output in another order than that of its rows.
 
     column              as recorded
-    orders              "before", "late" or "early"; of several that explain it alike, first the one
-                        that bends the data sheet least
+    orders              "before", "late" or "early"; of several equal explanations, first the one
+                        with the smallest changes of the data sheet
     as_recorded, mended root mean square error of the short fit, in the unit of the column
     """
 
@@ -64,7 +64,7 @@ class RowOrder:
     mended: float
 
     def text(self, recording: Recording) -> str:
-        """The order, its evidence and the cure."""
+        """Order, evidence and remedy."""
         symbol = split_column(self.column)[1]
         unit = "" if symbol == NONE else f" {symbol}"
         where = " or ".join(WHERE[order] for order in self.orders)
@@ -86,8 +86,9 @@ class RowOrder:
 
 
 def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
-    """The outputs that depend on an input of the same row and are explained in another order of
-    rows alone; none where the rig cannot be run on the recording.
+    """Outputs that depend on an input of the same row and only fit in another order of rows.
+
+    The list is empty if the rig cannot run on the recording.
 
     Parameters
     ----------
@@ -125,8 +126,8 @@ def direct_outputs(rig: Rig) -> set[str]:
 
 
 def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
-    """Does what is left of the channel go along with its change to the next row, or from the one
-    before?"""
+    """True if the residual of the channel correlates with its change to the next or from the last
+    row."""
     lefts, changes = [], []
     for window, left in zip(data.windows, _left(base, channel), strict=True):
         change = np.diff(data.track.y[window.start : window.stop, channel])
@@ -140,7 +141,7 @@ def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
 def _best_order(
     recording: Recording, data: FitData, base: FittedWindows, channel: int
 ) -> Iterator[RowOrder]:
-    """The orders that explain the channel, if one does."""
+    """Orders that explain the channel; empty if none does."""
     fits = dict(_orders(data, base, channel))
     errors = {order: _rms(fit, channel) for order, fit in fits.items()}
     baseline, least = _rms(base, channel), min(errors.values())
@@ -157,7 +158,7 @@ def _best_order(
 def _orders(
     data: FitData, base: FittedWindows, channel: int
 ) -> Iterator[tuple[str, FittedWindows]]:
-    """A fit with the channel in every other order."""
+    """Fit the channel in every other order."""
     rig, stepping, y = base.rig, base.problem.runner.stepping, data.track.y[:, channel]
     name = data.names[channel]
     if between_of(rig, name) != BEFORE:
@@ -171,12 +172,14 @@ def _orders(
 
 
 def _left(fit: FittedWindows, channel: int) -> Array:
-    """Residuals of the channel, windows x samples, SI; infinite where the model runs away."""
+    """Residuals of the channel, windows x samples, SI; infinite if the model diverges."""
     left = fit.problem.residuals(fit.point)[:, :, channel]
     return np.where(np.isnan(left), np.inf, left)
 
 
 def _rms(fit: FittedWindows, channel: int) -> float:
-    """Root mean square error of the channel, SI, without the first row of each window: there the
-    row before is not known."""
+    """Root mean square error of the channel, SI.
+
+    The first row of each window is left out, because the row before it is unknown.
+    """
     return float(np.sqrt(np.mean(_left(fit, channel)[:, 1:] ** 2)))

@@ -1,18 +1,20 @@
-"""Which slip explains a recording best: another unit, a turned sign, columns that are exchanged, a
-clock that does not count seconds, a number of the data sheet that is off by powers of ten.
+"""Slip that explains a recording best.
 
-Each slip of one list is set right, and what is then recorded is judged by a short fit of the rig
-(`short_fit`): how much of the motion it leaves, and how far the data sheet has to be bent for it.
+The slips are another unit, an opposite sign, exchanged columns, a clock that does not count
+seconds, and a number of the data sheet that is off by powers of ten. Each slip of a list is
+corrected, and a short fit of the rig (`short_fit`) judges the corrected recording. The criteria are
+the share of the motion left over and the necessary change of the data sheet.
 
     score    INDEPENDENT * sum over channels log(error / motion)
              + 1/2 sum over parameters ((p - p_sheet) / spread)^2
-    gain     score as recorded - score with the slip set right
+    gain     score as recorded - score with the slip corrected
 
-A slip is named where its gain is CLEAR_GAIN and the errors fall, or stay small; others within
-TIED_GAIN of it are named as well. It is wrong, and stops a fit, where its gain is SURE_GAIN and it
-is gross: a sign, an exchange, another unit by a factor of GROSS. All else is advice. Fits are only
-done where the recording is far from the data sheet's run, and for the slips that bring it nearer;
-two of them are tried together where no single one explains it.
+A slip is reported if its gain is CLEAR_GAIN and the errors fall, or stay small; so are others
+within TIED_GAIN of it. It is wrong, and stops a fit, if its gain is SURE_GAIN and it is gross: a
+sign, an exchange, another unit by a factor of GROSS. All else is advice.
+
+Fits are only done if the recording is far from the data sheet's run, and for the slips that bring
+it nearer. Two of them are tried together if no single one explains it.
 """
 
 from __future__ import annotations
@@ -127,14 +129,14 @@ MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
 
 @dataclass(frozen=True)
 class Slip:
-    """One thing that a recording, or the data sheet of its rig, may have wrong.
+    """One possible fault of a recording, or of the data sheet of its rig.
 
     kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "offset" and "gain":
                     those of an output against the other outputs; "scale": a factor of the table
-                    that is no unit of the column; "parameter"
+                    that is not a unit of the column; "parameter"
     names           columns as recorded, or one parameter
-    factor, offset  what sets it right: factor * value + offset, SI
-    meaning         the unit in which the values look to be, or how a motion is measured
+    factor, offset  correction: factor * value + offset, SI
+    meaning         apparent unit of the values, or the way a motion is measured
     """
 
     kind: str
@@ -145,18 +147,18 @@ class Slip:
 
     @property
     def gross(self) -> bool:
-        """Is it more than a data sheet could be off by?"""
+        """True if it is larger than a plausible error of a data sheet."""
         size = abs(math.log(abs(self.factor)))
         return self.kind in ("sign", "exchanged") or bool(self.offset) or size >= math.log(GROSS)
 
     @property
     def shifts_zero(self) -> bool:
-        """Does it exchange kelvin and degrees Celsius?"""
+        """True if it exchanges kelvin and degrees Celsius."""
         return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
 
     @property
     def readable(self) -> bool:
-        """May a column be named in this unit?"""
+        """True if a column may be named in this unit."""
         return is_unit(self.meaning)
 
     @property
@@ -166,7 +168,7 @@ class Slip:
 
     @property
     def factor_words(self) -> str:
-        """The factor, and the units that have this ratio."""
+        """Factor, and the units that have this ratio."""
         text, ratio = f"{self.factor:g}", max(abs(self.factor), 1.0 / abs(self.factor))
         if self.meaning:
             return f"{text} ({self.meaning_words})"
@@ -178,7 +180,7 @@ class Slip:
 
     @property
     def cause_words(self) -> str:
-        """A usual cause of a free gain, as a question after a space; empty where none is near."""
+        """Usual cause of a free gain, as a question after a space; "" if none is near."""
         ratio = max(self.factor, 1.0 / self.factor)
         counted = quantity_of(split_column(self.names[0])[1]) in COUNTED
         for edges in QUADRATURE if counted else ():
@@ -191,7 +193,7 @@ class Slip:
         return self.meaning if " " in self.meaning else f"as if written in {self.meaning}"
 
     def corrected(self, recording: Recording) -> Recording:
-        """The recording with it set right; one of the data sheet leaves it as it is."""
+        """Recording after the correction; a slip of the data sheet leaves it unchanged."""
         if self.kind == "parameter":
             return recording
         if self.kind == "clock":
@@ -212,7 +214,7 @@ class Slip:
         return replace(recording, columns=columns)
 
     def compared(self, e: SheetComparison, recording: Recording) -> SheetComparison | None:
-        """The comparison with it set right; None where the rig does not run then."""
+        """Comparison after the correction; None if the rig does not run then."""
         if self.kind == "parameter":
             p = self.sheet(e)
             model = e.simulate(e.u, p)
@@ -231,7 +233,7 @@ class Slip:
         return None if model is None else replace(e, y=y, u=u, model=model)
 
     def sheet(self, e: SheetComparison) -> Array:
-        """The data sheet's values with it set right."""
+        """Values of the data sheet after the correction."""
         p = e.p.copy()
         if self.kind == "parameter":
             p[[b.full_name for b in e.assembly.parameters].index(self.names[0])] *= self.factor
@@ -240,8 +242,10 @@ class Slip:
 
 @dataclass(frozen=True)
 class Judgement:
-    """How well a rig explains a recording: error over motion by channel, and the sum of squares of
-    the parameters' distances from the data sheet in prior spreads. problem: of the fit."""
+    """Quality of a short fit: error over motion by channel, and the distance to the data sheet.
+
+    The distance is the sum of squares in prior spreads. problem: of the fit.
+    """
 
     errors: dict[str, float]
     strain: float
@@ -258,12 +262,12 @@ class Judgement:
         return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > USUAL_BEND**2
 
     def least(self, columns: Sequence[str]) -> float:
-        """The least error of these outputs, or of any where none is named."""
+        """Smallest error of these outputs, or of any if none is named."""
         errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
         return min(errors, default=RUNAWAY)
 
     def over(self, other: Judgement) -> float:
-        """The errors over those of another judgement, all channels together."""
+        """Errors over those of another judgement, all channels together."""
         logs = [
             math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
         ]
@@ -272,7 +276,8 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A slip, judged: as recorded, and set right; others explain the recording as well."""
+    """A slip with its fits as recorded and corrected; others: slips that explain it equally well.
+    """
 
     slip: Slip
     before: Judgement
@@ -286,13 +291,13 @@ class Explanation:
 
     @property
     def unlikely(self) -> float:
-        """Rank among slips that explain a recording alike: the distance to the data sheet's
+        """Rank among slips that explain a recording equally well: the distance to the data sheet's
         run."""
         return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
 
     @property
     def wrong(self) -> bool:
-        """Can the recording not be as it is?"""
+        """True if the recording cannot be right."""
         # 273 K are beyond any fault of a machine, and in either direction: below absolute zero the
         # error is endless, but far above the room a fit bends its losses
         sure = CLEAR_GAIN if self.slip.shifts_zero else SURE_GAIN
@@ -321,9 +326,11 @@ def judged(
     p: Array | None = None,
     like: ShortFit | None = None,
 ) -> Judgement:
-    """The recording as the rig explains it after a short fit; where there is none, as the data
-    sheet's run does. p: other values than the data sheet's; like: a fit of the rig to another
-    version of the recording, whose model serves where the inputs are the same."""
+    """Recording according to a short fit of the rig, or to the data sheet's run if the fit fails.
+
+    p: other values than the data sheet's; like: a fit of the rig to another version of the
+    recording, whose model is reused if the inputs are the same.
+    """
     rig = e.assembly.rig
     try:
         data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
@@ -341,8 +348,10 @@ def judged(
 
 
 def _moves(data: FitData) -> Array:
-    """Per channel: root mean square of the motion within the windows, without level and trend: a
-    start state of its own makes both; at least what noise could be taken for."""
+    """Per channel: root mean square of the motion within the windows, at least the noise.
+
+    Level and trend are left out, because a separate start state produces both.
+    """
     y, length = data.track.y, data.windows[0].stop - data.windows[0].start
     parts = np.concatenate([y[w.start : w.stop] for w in data.windows])
     return np.maximum(
@@ -358,8 +367,10 @@ def _judged_by_sheet(e: SheetComparison) -> Judgement:
 
 
 def distances(e: SheetComparison) -> Array:
-    """Logarithms of distances to the data sheet's run over the smaller of the two motions: of
-    shapes and of values; per output, then per pair of like outputs."""
+    """Log ratio of the distance to the data sheet's run and the smaller of the two motions.
+
+    It covers shapes and values; per output, then per pair of similar outputs.
+    """
     if not e.ran:
         return np.full((2, len(e.names) + len(e.pairs)), math.log(RUNAWAY))
     way = blind_sides(e.y, e.model)
@@ -385,14 +396,14 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def slips_of_sheet(e: SheetComparison) -> Iterator[Slip]:
-    """Every number of the data sheet, off by a factor of the table."""
+    """Numbers of the data sheet, each off by a factor of the table."""
     for b, value in zip(e.assembly.parameters, e.p, strict=True):
         factors = (*FACTORS, -1.0) if b.low < 0.0 else FACTORS
         yield from (Slip("parameter", (b.full_name,), f) for f in factors if value)
 
 
 def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Slip]:
-    """Every slip of a column or of the clock that is tried."""
+    """Candidate slips of the columns and of the clock."""
     gears = _gears(e)
     outputs, inputs = recorded_as(e.names, recording), recorded_as(e.inputs, recording)
     inputs = tuple(c for c in inputs if c in recording.columns and motion(recording.columns[c]))
@@ -417,8 +428,7 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
 
 
 def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
-    """Other units of a column, and the motor's side of a gear; then factors that are none of
-    these."""
+    """Other units of a column, and the motor's side of a gear; then factors of another kind."""
     symbol = split_column(column)[1]
     named = list(_units_of_column(column, symbol))
     if quantity_of(symbol) in GEARED:
@@ -467,8 +477,11 @@ def _gears(e: SheetComparison) -> dict[str, float]:
 def _signs(
     e: SheetComparison, recording: Recording, outputs: Sequence[str], inputs: Sequence[str]
 ) -> Iterator[Slip]:
-    """Signs that may be turned; inputs come first, since one of them explains what else would take
-    several outputs. What shows one side of zero alone, as its model does, has none."""
+    """Sign changes to try.
+
+    Inputs come first, because one of them explains several outputs at once. A column that stays on
+    one side of zero, as its model does, has none.
+    """
     for column in inputs:
         values = recording.columns[column]
         if values.min() < 0.0 < values.max():
@@ -479,7 +492,7 @@ def _signs(
 
 
 def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
-    """Like columns, and an input with any other column."""
+    """Pairs of similar columns, and of an input with any other column."""
     for columns in (inputs, outputs):
         for i, j in like_columns(columns):
             yield Slip("exchanged", (columns[i], columns[j]))
@@ -496,8 +509,11 @@ def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
 def explained(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """The slips that a recording has, one after the other; the recording and its comparison with
-    these set right, and how well the rig explains it then."""
+    """Slips of a recording, one after the other.
+
+    The result also has the corrected recording, its comparison with the data sheet, and the quality
+    of the fit.
+    """
     explanations: list[Explanation] = []
     if float(distances(e).max()) < math.log(FAR):
         return explanations, recording, e, _judged_by_sheet(e)
@@ -518,8 +534,10 @@ def explained(
 def _next(
     recording: Recording, e: SheetComparison, before: Judgement, thorough: bool
 ) -> list[Explanation]:
-    """The slip that explains the recording best; where none does, two that do together; none of a
-    recording that is as it should be."""
+    """Slip that explains the recording best, or two that do together.
+
+    Empty for a recording without a fault.
+    """
     ranked = _best(recording, before, _nearer(recording, e, slips_of_recording(e, recording)))
     first = _first(ranked)
     if first is None or first.slip.kind in UNNAMED:
@@ -541,7 +559,7 @@ def _next(
 def _pairs(
     recording: Recording, e: SheetComparison, before: Judgement
 ) -> Iterator[list[Explanation]]:
-    """Two slips of which neither explains the recording without the other."""
+    """Pairs of slips of which neither explains the recording alone."""
     tried = _nearer(recording, e, slips_of_recording(e, recording))
     named = [slip for slip, _ in tried if slip.kind not in UNNAMED][:MOST_PAIRED]
     for slip in named:
@@ -559,8 +577,10 @@ def _best(
     slips: Sequence[tuple[Slip, SheetComparison]],
     rivals: Sequence[Explanation] = (),
 ) -> list[Explanation]:
-    """The slips that explain the recording clearly, best first, with those that do already.
-    slips: each with the comparison with it set right."""
+    """Slips that explain the recording clearly, best first, including earlier ones.
+
+    slips: each with the comparison after its correction.
+    """
     scored = list(rivals)
     for slip, after in slips:
         judgement = judged(slip.corrected(recording), after, after.p, before.problem)
@@ -576,7 +596,7 @@ def _best(
 
 
 def _first(ranked: Sequence[Explanation]) -> Explanation | None:
-    """Of those that tie with the best one the likeliest, with the others."""
+    """Most plausible of the explanations that tie with the best one, with the others."""
     ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None
@@ -588,14 +608,14 @@ def _first(ranked: Sequence[Explanation]) -> Explanation | None:
 def _predicted_slips(
     recording: Recording, e: SheetComparison, before: Judgement
 ) -> list[tuple[Slip, SheetComparison]]:
-    """Offset, opposite sign and factor of every output, as the other outputs predict it.
+    """Offset, opposite sign and factor of every output, predicted by the other outputs.
 
     The rig is fitted without the channel, which is then regressed on its prediction,
 
         y = gain * model + offset
 
-    the gain by what moves within the windows, the offset by the median of their levels. A table of
-    factors knows neither the counts of an encoder nor the place where a gauge was zeroed.
+    the gain from the motion within the windows, the offset from the median of their levels. A table
+    of factors contains neither the counts of an encoder nor the zero of a gauge.
     """
     slips = []
     try:
@@ -617,7 +637,7 @@ def _predicted_slips(
 
 
 def _prediction(data: FitData, k: int, problem: ShortFit) -> tuple[Array, Array]:
-    """Channel k as measured, and as the other channels predict it: windows x samples."""
+    """Channel k as measured, and as predicted from the other channels: windows x samples."""
     weight = data.weight.copy()
     weight[k] *= UNSEEN_WEIGHT
     fit = replace(data, weight=weight).fitted(data.rig, problem=problem, steps=JUDGING_STEPS)
@@ -648,7 +668,7 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
 def _nearer(
     recording: Recording, e: SheetComparison, slips: Iterable[Slip]
 ) -> list[tuple[Slip, SheetComparison]]:
-    """The slips that bring the recording nearest to the data sheet's run, nearest first."""
+    """Slips that bring the recording nearest to the data sheet's run, nearest first."""
     stepped = isinstance(e.assembly.rig, StepRig)
     most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
     e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])

@@ -16,10 +16,10 @@ LONG_STANDSTILL = 0.4
 def standstill(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
 ) -> list[QualityIssue]:
-    """The longest stretch in which every measured channel repeats its value, where it is long.
+    """Longest stretch in which every measured channel repeats its value, if it is long.
 
-    Repeats carry no information: they are fitted and held out like motion, and a model that rests
-    as well is exact there. A channel that is constant throughout is another finding.
+    Repeats carry no information. They are fitted and held out like motion, and a model at rest is
+    exact there. A channel that is constant throughout is another finding.
     """
     moving = [s for s in measured if s.span > 0.0]
     if not moving:
