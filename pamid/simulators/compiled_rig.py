@@ -1,13 +1,12 @@
-"""A mechanism as a rig of equations: no simulator takes part in running it.
+"""A mechanism as a rig of equations, which runs without a simulator.
 
     M(q) q'' + c(q, q') = drive + tendons - damping(q') - stiffness(q - relaxed) + friction
                           + couplings + gravity compensation
 
-with the couplings of `pamid.simulators.soft_constraints`, and the friction there at joints whose
-file states a loss; elsewhere, where a fit frees it, it grows with the velocity (`friction_slope`)
-until the loss is reached.
-Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
-`pamid.simulators.forward_dynamics`.
+The couplings are those of `pamid.simulators.soft_constraints`, as is the friction at joints whose
+file states a loss. If a fit frees the loss of another joint, its friction grows with the velocity
+(`friction_slope`) up to the loss. Joint, tendon and actuator laws are those of MuJoCo
+(documentation, Computation). The motion is computed in `pamid.simulators.forward_dynamics`.
 """
 
 from __future__ import annotations
@@ -62,9 +61,12 @@ Turn: TypeAlias = tuple[Expr, Expr]
 
 @dataclass(frozen=True)
 class Load:
-    """Load of a joint while all other joints give way: torque that accelerates it, its inertia,
-    that of it without the motor's (carried), the acceleration of this part with no spring at its
-    joint, and its usual inertia, a number (kg m2 or kg; N m or N)."""
+    """Load of a joint while all other joints give way; SI.
+
+    It has the torque that accelerates the joint, its inertia, its inertia without the motor's
+    (carried), the acceleration of this part with no spring at its joint, and its usual inertia, a
+    number.
+    """
 
     torque: Expr
     inertia: Expr
@@ -73,12 +75,12 @@ class Load:
     usual: float
 
     def under(self, more: Expr) -> Load:
-        """With more torque."""
+        """Add torque."""
         return replace(self, torque=self.torque + more)
 
 
 class CompiledMechanism(Rig):
-    """A rig made of a `Mechanism`; its tables are the mechanism's own."""
+    """Rig made of a `Mechanism`, with the mechanism's inputs, outputs and parameters."""
 
     name = "mechanism"
 
@@ -132,17 +134,17 @@ class CompiledMechanism(Rig):
         return inertias
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
-        """A parameter of an element, or the number that the file states where it is none."""
+        """Parameter of an element; the number in the file if it is not a parameter."""
         name = self._names.get((element, number, attribute))
         return expression(stated if name is None else getattr(p, name))
 
     def port_of(self, element: str, number: int, kind: str) -> str:
-        """The name of an element's port of a kind; "" where it has none."""
+        """Name of an element's port of a kind; "" if it has none."""
         return self._ports.get((element, number, kind), "")
 
 
 def _remarks(m: Mechanism) -> tuple[str, ...]:
-    """How the model goes, and what is left out."""
+    """Remarks on the form of the model, and on its omissions."""
     kinds = {"joint": m.joints, "tendon": m.tendons, "actuator": m.actuators, "sensor": m.sensors}
     counted = ", ".join(f"{len(v)} {k}{'' if len(v) == 1 else 's'}" for k, v in kinds.items() if v)
     fitted = sum(p.parameter.fitted for p in m.parameters)
@@ -168,9 +170,11 @@ def _states(m: Mechanism) -> Iterator[State]:
 
 
 def _amplitude(m: Mechanism, actuator: Actuator) -> float:
-    """How far a command usually swings: half its range; where it has none, a position by half a
-    radian or a tenth of a metre, a velocity by twice that, a force by what gives its joint 10
-    rad/s2."""
+    """Usual amplitude of a command: half its range.
+
+    Without a range it is half a radian or a tenth of a metre for a position, twice that for a
+    velocity, and for a force the one that accelerates its joint by 10 rad/s2.
+    """
     if actuator.command_range is not None:
         low, high = actuator.command_range
         return 0.25 * (high - low)
@@ -182,7 +186,7 @@ def _amplitude(m: Mechanism, actuator: Actuator) -> float:
 
 
 def _gain(actuator: Actuator) -> float:
-    """Force per command."""
+    """Force per unit of the command."""
     motor = actuator.motor
     if motor is None:
         return actuator.gain[0]
@@ -197,7 +201,7 @@ def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
 
 
 class MechanismEquations:
-    """One run through the equations of a mechanism, on symbols."""
+    """Equations of a mechanism on symbols, for one evaluation."""
 
     def __init__(self, rig: CompiledMechanism, x: Any, u: Any, p: Any, port: Any) -> None:
         self.rig, self.m, self.x, self.u, self.p, self.port = rig, rig.mechanism, x, u, p, port
@@ -222,7 +226,7 @@ class MechanismEquations:
         return self._commands[i]
 
     def actuator_rates(self, i: int) -> dict[str, Expr]:
-        """Rates of an actuator's own states."""
+        """Rates of the states of an actuator."""
         a = self.m.actuators[i]
         if a.motor is not None:
             return self.motor(i).rates
@@ -239,7 +243,7 @@ class MechanismEquations:
         return {a.states[0][0]: rate}
 
     def motor(self, i: int) -> MotorEquations:
-        """Of an actuator with a winding."""
+        """Equations of an actuator with a winding."""
         a = self.m.actuators[i]
         assert a.motor is not None
         return MotorEquations(
@@ -338,7 +342,7 @@ class MechanismEquations:
         *,
         odd: bool = False,
     ) -> Expr:
-        """linear x + b x^2 + c x^3, with x |x| in the place of x^2 where it is odd."""
+        """linear x + b x^2 + c x^3; an odd polynomial has x |x| instead of x^2."""
         total = linear * x
         for word, stated, of in (
             ("quadratic", powers[0], absolute(x) * x if odd else x * x),
@@ -350,7 +354,7 @@ class MechanismEquations:
         return total
 
     def joint_drive(self, j: int) -> Expr:
-        """Torque or force of the actuators of one joint, without those that pull at tendons."""
+        """Torque or force of the actuators of one joint, without those on tendons."""
         force_sum = ZERO
         for i, a in enumerate(self.m.actuators):
             if a.tendon < 0 and a.joint == j:
@@ -386,8 +390,11 @@ class MechanismEquations:
         return any(body.gravity_compensation for body in self.m.bodies)
 
     def passive(self, j: int) -> Expr:
-        """Spring and damper of a joint, the dampers of its actuators, gravity compensation, and
-        friction where none is stated."""
+        """Passive force at a joint.
+
+        It is the sum of spring and damper, the dampers of its actuators, gravity compensation, and
+        friction if the file states no loss.
+        """
         joint, value = self.m.joints[j], self.rig.value
         qd = self.qd[j]
         damping = value(self.p, "joint", j, "damping", joint.damping)
@@ -407,7 +414,7 @@ class MechanismEquations:
         return held_back - clip(joint.friction_slope * qd, -loss, loss)
 
     def stretch(self, j: int) -> Expr:
-        """Way of a joint's spring from where it is relaxed."""
+        """Deflection of a joint's spring from its relaxed position."""
         joint = self.m.joints[j]
         if not joint.spring_state:
             return self.q[j] - joint.spring_reference
@@ -415,8 +422,11 @@ class MechanismEquations:
         return clip(self.q[j] - getattr(self.x, joint.spring_state), -most, most)
 
     def yielding(self, j: int) -> Expr:
-        """Rate at which a joint's spring gives way for good: with the joint, once it is stretched
-        as far as it can be. What it is stretched beyond that, by a step or by its start, goes."""
+        """Plastic rate of a joint's spring.
+
+        At its largest deflection the spring moves with the joint. A deflection beyond that, after a
+        step or at the start, decays.
+        """
         joint, qd = self.m.joints[j], self.qd[j]
         most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
         way = self.q[j] - getattr(self.x, joint.spring_state)
@@ -444,7 +454,7 @@ class MechanismEquations:
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
 
     def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
-        """Slopes by joint of one end of a coupling, and its way from the reference."""
+        """Slopes by joint of one end of a coupling, and its distance from the reference."""
         if number < 0:
             return {}, ZERO
         if c.kind == "joint":
@@ -455,7 +465,7 @@ class MechanismEquations:
         return slopes, self.tendon(number)[0] - reference
 
     def friction(self, j: int) -> SoftFriction | None:
-        """Of a joint whose file states a loss."""
+        """Friction of a joint whose file states a loss."""
         joint = self.m.joints[j]
         if not joint.friction_loss:
             return None
@@ -481,11 +491,11 @@ class MechanismEquations:
 
     @cached_property
     def rigid(self) -> Tree:
-        """The tree where every link stands as its joint does."""
+        """Tree in which every link stands as its joint does."""
         return self.tree()
 
     def tree(self, turned: Mapping[int, Turn] | None = None) -> Tree:
-        """Links and motors; turned: by how much links stand beyond the motor of their joint."""
+        """Links and motors; turned: angles of the links beyond the motor of their joint."""
         value = self.rig.value
         q, qd = list(self.q), list(self.qd)
         for j, (angle, rate) in (turned or {}).items():
@@ -505,7 +515,7 @@ class MechanismEquations:
         return Tree(self.m, q, qd, masses, armature, shapes)
 
     def rates(self) -> dict[str, Number]:
-        """Of every state."""
+        """Rates of all states."""
         applied = self.applied()
         tree, passed = self.carried(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
@@ -523,13 +533,15 @@ class MechanismEquations:
         return rates
 
     def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
-        """The tree, and what reaches its joints where an effect lets what one of them carries move
-        against its motor, by an angle t: with M' the inertias without that motor's, at q + t,
+        """The tree, and the forces that reach its joints behind an elastic transmission.
+
+        An effect may let the load of a joint move against its motor by an angle t. With M' the
+        inertias without that motor's, at q + t,
 
             sum_k M_ik q_k'' = force_i - c_i - M'_ij t''
 
-        None where nothing does. All other joints give way, so that the effect sees one inertia
-        behind one motor. Exact for one such joint.
+        A force is None if no such effect reaches the joint. All other joints give way, so that the
+        effect sees one inertia behind one motor. This is exact for one such joint.
         """
         turned: dict[int, Turn] = {}
         tree = rigid = self.rigid
@@ -583,7 +595,7 @@ class MechanismEquations:
         return tree, passed
 
     def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:
-        """Change of the drive of joint j where its side stands behind it by an angle."""
+        """Change of the drive of joint j if the load lags behind it by an angle."""
         before = self.joint_drive(j)
         q, qd = self.q[j], self.qd[j]
         self.q[j], self.qd[j] = q - angle, qd - rate
@@ -593,11 +605,11 @@ class MechanismEquations:
 
     @staticmethod
     def moving(tree: Tree, applied: list[Expr]) -> list[Expr]:
-        """How every joint accelerates without friction, nothing turned against its motor."""
+        """Accelerations of all joints without friction, with every load at its motor."""
         return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
-        """Load of joint j, all other joints giving way; moving: as `moving` has it."""
+        """Load of joint j while all other joints give way; moving: result of `moving`."""
         inertia = tree.felt_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
@@ -630,7 +642,7 @@ class MechanismEquations:
         return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
 
     def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
-        """Reading of a sensor of a frame."""
+        """Reading of a sensor on a frame."""
         tree, values = self.rigid, tuple[Expr, ...]()
         if sensor.kind == "framequat":
             values = tree.quaternion(mount)

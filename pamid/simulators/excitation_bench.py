@@ -1,5 +1,7 @@
-"""MuJoCo with the model of the data sheet, running an excitation and watched for what it must not
-do: leave a joint's range, exceed a speed or a force, make bodies touch."""
+"""Run of an excitation by MuJoCo, on the model of the data sheet, with a check of every limit.
+
+The limits are the ranges of joints, speeds and forces. Bodies must not touch.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,11 @@ ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
 
 @dataclass(frozen=True)
 class Trouble:
-    """Fault in a run: in words, when (s), which actuators may be the cause, the joint whose range
-    it is."""
+    """Violation of a limit in a run.
+
+    It has a text, the time (s), the actuators that may be the cause, and the joint whose range it
+    is.
+    """
 
     text: str
     at_s: float
@@ -35,7 +40,7 @@ class Trouble:
 
 
 class ExcitationBench:
-    """MuJoCo with the model of the data sheet, and everything that it is watched for."""
+    """MuJoCo with the model of the data sheet and the limits."""
 
     def __init__(self, m: Mechanism, period_s: float, speeds: dict[str, float]) -> None:
         file = open_mujoco(m.path)
@@ -73,7 +78,7 @@ class ExcitationBench:
             self.ends[k] = np.where(away < STANDING, [-np.inf, np.inf], self.ends[k])
 
     def limits(self) -> tuple[str, ...]:
-        """Limits that were checked, in words."""
+        """Limits that were checked, as text."""
         sentences = []
         stops = [
             m.name
@@ -94,7 +99,7 @@ class ExcitationBench:
         return (*sentences, "bodies that touch")
 
     def _require_start(self) -> None:
-        """DataError where the model stands outside its own ranges."""
+        """Raise DataError if the model starts outside its ranges."""
         for joint in (self.m.joints[j] for j in self.ranged):
             low, high = joint.range or (0.0, 0.0)
             if not low - ROUNDED <= joint.reference <= high + ROUNDED:
@@ -107,7 +112,10 @@ class ExcitationBench:
                 )
 
     def require_held(self, trouble: Trouble) -> None:
-        """DataError where a joint goes to its end by itself, so that no smaller signal holds it."""
+        """Raise DataError if a joint moves to its end by itself.
+
+        No smaller signal could hold it.
+        """
         alone = self.falls.get(trouble.joint)
         if alone is not None:
             raise DataError(
@@ -119,8 +127,7 @@ class ExcitationBench:
             )
 
     def rest(self, first: Mapping[int, Array]) -> None:
-        """Learn which bodies touch at the start, and which touch the surroundings with no more sent
-        than at first."""
+        """Note contacts at the start, and those with the surroundings under the first command."""
         self._require_start()
         data = self._begin()
         self.usual = {pair for pair, _ in self._pairs(data)}
@@ -131,7 +138,8 @@ class ExcitationBench:
     def run(
         self, sent: Mapping[int, Array], *, learn: bool = False
     ) -> tuple[Trouble | None, dict[str, tuple[float, float]]]:
-        """The first trouble of a run, None where there is none, and how far the joints went."""
+        """Return the first violation of a run, None without one, and the range of the joints'
+        positions."""
         data, m = self._begin(), self.m
         driven = [i for i in sent if m.actuators[i].adr >= 0]
         bare = [i for i in sent if m.actuators[i].adr < 0]
@@ -165,7 +173,7 @@ class ExcitationBench:
         return data
 
     def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
-        """Fault at this sample. learn: touching the surroundings is noted instead."""
+        """Violation at this sample. learn: note contacts with the surroundings instead."""
         m, at = self.m, sample * self.period_s
         everything = m.commanded
         wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
@@ -228,11 +236,11 @@ class ExcitationBench:
         return str(name) if name else f"a geom of {body}"
 
     def _is_fixed(self, pair: tuple[int, int]) -> bool:
-        """Is one of the two a part of the surroundings?"""
+        """True if one of the two is a part of the surroundings."""
         return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
 
     def _chain(self, body: int) -> list[int]:
-        """A body and those that carry it, without the world."""
+        """Body and those that carry it, without the world."""
         bodies = []
         while body > 0:
             bodies.append(body)
@@ -240,7 +248,7 @@ class ExcitationBench:
         return bodies
 
     def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
-        """The actuators of the joints between two geoms."""
+        """Actuators of the joints between two geoms."""
         first, second = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
         between = first ^ second
         joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
@@ -248,7 +256,7 @@ class ExcitationBench:
         return tuple(sorted(drivers)) or self.m.commanded
 
     def _drivers(self, joint: int) -> tuple[int, ...]:
-        """The actuators of a joint, all where it has none of its own."""
+        """Actuators of a joint; all actuators if it has none."""
         m = self.m
         actuators = [
             i
@@ -260,7 +268,7 @@ class ExcitationBench:
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
-    """Speed limits of the joints in a URDF, which MuJoCo does not read; MJCF has none."""
+    """Speed limits of the joints in a URDF, which MuJoCo ignores; MJCF has none."""
     if file.path.suffix.lower() != ".urdf":
         return {}
     tags = tags_of(file.path.read_bytes())

@@ -1,8 +1,8 @@
-"""Calls of an FMU's functions from inside compiled code: what happens at every sample.
+"""Calls of an FMU's functions from compiled code, at every sample.
 
-Every function returns a status: that of the FMU (2 and above: it failed), or one of those below,
-and leaves the place of the failing function in `report[0]`. C passes what a function does not read
-without harm, so that one call serves FMI 2.0 and 3.0 where their arguments begin alike.
+Every function returns a status: that of the FMU (2 and above: failure), or one of those below. The
+index of the failing function is in `report[0]`. C ignores surplus arguments, so that one call
+serves FMI 2.0 and 3.0 if their arguments begin alike.
 """
 
 from __future__ import annotations
@@ -55,9 +55,12 @@ SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
 
 
 class FmiModel(NamedTuple):
-    """An FMU as compiled code sees it. at: addresses of the functions of NAMES; the rest: value
-    references, the number of event indicators, typical sizes of states; report: words that come
-    back."""
+    """An FMU for compiled code.
+
+    at: addresses of the functions of NAMES; report: words that return from compiled code. The
+    remaining fields are value references, the number of event indicators, and typical sizes of
+    states.
+    """
 
     at: NDArray[np.int64]
     version: int
@@ -72,7 +75,7 @@ class FmiModel(NamedTuple):
 
 @njit(cache=True)
 def _failed(m: FmiModel, status: int, place: int) -> int:
-    """0 where it went well; else the status, and what was called is noted."""
+    """0 after success; else the status, with the index of the called function noted."""
     if status < FAILED_FROM:
         return 0
     m.report[0] = place
@@ -113,9 +116,11 @@ def step_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Co-simulation: every copy moved on by h. saved: addresses of states, 0 where each copy has an
-    instance; standing: the copy at which the one instance stands, -1 for none. Those that have
-    failed (statuses) stay."""
+    """Co-simulation: advance every copy by h.
+
+    saved: addresses of states, 0 if each copy has an instance; standing: copy in the single
+    instance, -1 for none. Copies with a failure (statuses) stay.
+    """
     n = len(handles)
     for k in range(n):
         if statuses[k] != 0:
@@ -139,9 +144,11 @@ def step_copies(
 
 @njit(cache=True)
 def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
-    """Iterate events until nothing changes, then enter continuous time. inside: in event mode
-    already; due (1): time of the next event, infinite if unknown. m.report[1] is 1 if states
-    changed."""
+    """Iterate events until nothing changes, then enter continuous time.
+
+    inside: in event mode already; due (1): time of the next event, infinite if unknown. m.report[1]
+    is 1 if states changed.
+    """
     status = 0
     if not inside:
         status = _failed(m, call_foreign(m.at[EVENT], c), EVENT)
@@ -171,7 +178,7 @@ def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
 
 @njit(cache=True)
 def stand(m: FmiModel, c: int, t: float, x: Array) -> int:
-    """Bring the instance to a time and states."""
+    """Set time and states of the instance."""
     status = _failed(m, call_foreign(m.at[TIME], c, t), TIME)
     if status == 0 and len(x):
         status = _failed(m, call_foreign(m.at[PUT_X], c, x, len(x)), PUT_X)
@@ -218,8 +225,11 @@ _E = np.array(
 def _tried(
     m: FmiModel, c: int, t: float, x: Array, dt: float, xn: Array, err: Array, K: Array
 ) -> int:
-    """One step of dt from x, into xn; err (1): its error, in tolerances; K (7, states): scratch.
-    The instance then stands at the step's end."""
+    """Try a step of dt from x, into xn.
+
+    err (1): its error, in tolerances; K (7, states): scratch. The instance then stands at the
+    step's end.
+    """
     nx = len(x)
     for i in range(7):
         xn[:] = x
@@ -250,8 +260,10 @@ def _crossed(before: Array, after: Array) -> bool:
 def _narrowed(
     m: FmiModel, c: int, t: float, x: Array, dt: float, z: Array, xn: Array
 ) -> tuple[int, float]:
-    """The shortest step from x after which an indicator has changed its sign, to a trillionth of
-    dt; xn is what it leads to, and where the instance stands."""
+    """Shortest step from x after which an indicator has changed its sign, to a trillionth of dt.
+
+    xn is its end, and the instance stands there.
+    """
     low, high = 0.0, dt
     err, now, K = np.zeros(1), np.zeros(len(z)), np.zeros((7, len(x)))
     for k in range(BISECTIONS + 1):
@@ -279,9 +291,12 @@ def exchange(
     due: Array,
     grid: Array,
 ) -> int:
-    """Move x on by h seconds from `begin` under f. Steps end where grid says (ends from `begin`, up
-    to a zero; where it begins with one they are chosen, and noted there). due (1): the next event
-    in time. m.report[2]: how many events there were within."""
+    """Advance x by h seconds from `begin` under f.
+
+    Steps end according to grid (ends from `begin`, up to a zero). If grid begins with a zero, the
+    steps are chosen, and noted there. due (1): the next event in time. m.report[2]: number of
+    events within.
+    """
     # an event that falls between two exchanges belongs to the later one, whose inputs it sees
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
@@ -324,7 +339,7 @@ def exchange(
 
 @njit(cache=True)
 def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
-    """At the start of an exchange what goes in jumps: an event."""
+    """Set the inputs at the start of an exchange. A jump of the inputs is an event."""
     status = stand(m, c, t, x)
     status = status or _failed(m, call_foreign(m.at[EVENT], c), EVENT)
     status = status or put_inputs(m, c, f)
@@ -334,7 +349,7 @@ def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Arra
 
 @njit(cache=True)
 def _reread(m: FmiModel, c: int, x: Array) -> int:
-    """States that an event has changed."""
+    """States after an event."""
     if m.report[1] == 0 or len(x) == 0:
         return 0
     return _failed(m, call_foreign(m.at[GET_X], c, x, len(x)), GET_X)
@@ -342,7 +357,7 @@ def _reread(m: FmiModel, c: int, x: Array) -> int:
 
 @njit(cache=True)
 def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) -> int:
-    """After a step: is there an event?"""
+    """Complete a step; returns whether an event is due."""
     flags = np.zeros(2, np.int64)
     status = call_foreign(m.at[COMPLETED], c, 1, flags[0:1], flags[1:2])
     status = _failed(m, status, COMPLETED)
@@ -371,8 +386,11 @@ def exchange_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Model exchange: `step_copies`, with the states x (copies, states) and the next events due
-    (copies, 1). Steps are those of the first copy: differences between copies are smooth then."""
+    """Model exchange: `step_copies` with the states x (copies, states).
+
+    The next events are due (copies, 1). All copies take the steps of the first one, because
+    differences between copies are smooth then.
+    """
     n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):
         if statuses[k] != 0:
@@ -393,12 +411,15 @@ _FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
-    """All that an exchange works on, views of one array of words: version, states, inputs,
-    outputs, indicators; the status of the first failure; as floats the next event, whether the
-    steps within are chosen (LEADS), the length of an exchange (s); then the arrays below.
+    """Memory of an exchange, views of one array of words.
 
-    x, f, y: states, inputs and outputs (SI); own_x, own_f: in the FMU's units; each scale and
-    offset leads from its units to SI; grid: ends of the steps within.
+    The words are version, states, inputs, outputs, indicators; the status of the first failure; as
+    floats the next event, whether the steps within are chosen (LEADS), the length of an exchange
+    (s); then the arrays below.
+
+    x, f, y        states, inputs and outputs (SI)
+    own_x, own_f   the same in the FMU's units; each scale and offset converts its units to SI
+    grid           ends of the steps within
     """
 
     model: FmiModel
@@ -418,13 +439,13 @@ class ExchangeTable(NamedTuple):
 
 @njit(cache=True)
 def _length(nx: int, nf: int, ny: int) -> int:
-    """Words of a table with so many states, inputs and outputs."""
+    """Number of words of a table with so many states, inputs and outputs."""
     return _TABLE_HEAD + _FUNCTION_COUNT + 4 + 7 * nx + 5 * nf + 4 * ny + MOST_STEPS + 2
 
 
 @njit(cache=True)
 def table_in(words: NDArray[np.int64]) -> ExchangeTable:
-    """The table whose words these are; the counts at their beginning are set."""
+    """Table in an array of words, whose leading counts are set."""
     nx, nf, ny = words[1], words[2], words[3]
     numbers = words.view(np.float64)
     a = _TABLE_HEAD + _FUNCTION_COUNT
@@ -482,8 +503,10 @@ def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
 
 @cfunc(types.void(types.CPointer(types.int64), types.CPointer(types.int64)), cache=True)
 def exchange_of(handle, data):  # type: ignore[no-untyped-def]
-    """An exchange of the instance whose handle stands at an address, over the table at another
-    one. States and outputs are no numbers after a failure."""
+    """Exchange of the instance with its handle at an address, over the table at another one.
+
+    States and outputs are NaN after a failure.
+    """
     head = carray(data, _TABLE_HEAD)
     words = carray(data, _length(head[1], head[2], head[3]))
     t, numbers = table_in(words), words.view(np.float64)
@@ -509,5 +532,5 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
 
 
 def first_failure(words: NDArray[np.int64]) -> int:
-    """Status of the first exchange over a table that failed, 0 where none did."""
+    """Status of the first exchange over a table that failed, 0 if none did."""
     return int(words[_STATUS])

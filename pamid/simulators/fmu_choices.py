@@ -25,8 +25,10 @@ _MOTION = ("position", "velocity")
 
 @dataclass(frozen=True)
 class FmuChoices:
-    """The table; without a file everything is as the FMU has it. kind: "" where none is said; seen:
-    None where nothing is said; motion: as in `FmuRig`."""
+    """Content of the table; without a file the FMU's defaults hold.
+
+    kind is "" and seen is None if the table does not state them; motion: as in `FmuRig`.
+    """
 
     path: Path
     kind: str = ""
@@ -36,13 +38,15 @@ class FmuChoices:
 
 
 def choices_path(fmu: Path) -> Path:
-    """Where the table of an FMU lies."""
+    """Path of the table of an FMU."""
     return fmu.with_name(f"{fmu.name}.toml")
 
 
 def read_choices(fmu: Path) -> FmuChoices:
-    """The table beside an FMU, if there is one. FileError: it holds something else; whether the
-    names are the FMU's is not looked at here."""
+    """Read the table next to an FMU, if there is one.
+
+    FileError for unknown content. The names are not compared with those of the FMU here.
+    """
     path = choices_path(fmu)
     if not path.exists():
         return FmuChoices(path)

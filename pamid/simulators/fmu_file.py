@@ -37,8 +37,13 @@ _DESCRIPTION = "modelDescription.xml"
 
 @dataclass(frozen=True)
 class FmuVariable:
-    """A real variable. name: as a column or parameter, with its unit; called: in the FMU; unit: the
-    FMU's, "" where it has none that is known here; start: in this unit."""
+    """A real variable.
+
+    name    as a column or parameter, with its unit
+    called  name in the FMU
+    unit    unit in the FMU, "" if it has none or an unknown one
+    start   start value in this unit
+    """
 
     name: str
     called: str
@@ -55,7 +60,7 @@ class FmuVariable:
 
 @dataclass(frozen=True)
 class FmuVariables:
-    """Variables in a row, whose values are (n, variables)."""
+    """Sequence of variables, whose values are (n, variables)."""
 
     variables: tuple[FmuVariable, ...]
     scale: Array = field(init=False, compare=False)
@@ -73,13 +78,21 @@ class FmuVariables:
 
 @dataclass(frozen=True)
 class FmuFile:
-    """An FMU as it is used. exchange: for model exchange, else co-simulation; states, rates:
-    continuous states and references of their derivatives, of model exchange; nominals: typical
-    sizes of states; indicators: how many signs say that an event came; seen: are its states all
-    that it knows?; saves: it can save its state; alone: one instance a process; period_s: the step
-    that it proposes, 0 where none; any_step: it takes steps of any length; motion: inputs that are
-    forces -> position and velocity there; free: parameters to fit, where not all; remarks: how it
-    goes, and what is left out."""
+    """An FMU with the options of its use.
+
+    exchange    True for model exchange, False for co-simulation
+    states, rates   continuous states and references of their derivatives, for model exchange
+    nominals    typical sizes of states
+    indicators  number of event indicators
+    seen        True if the states are its whole memory
+    saves       True if it can save its state
+    alone       True for one instance per process
+    period_s    proposed step, 0 if it proposes none
+    any_step    True if it takes steps of any length
+    motion      inputs that are forces -> position and velocity there
+    free        parameters to fit, if not all of them
+    remarks     remarks on its use and on omissions
+    """
 
     path: str
     name: str
@@ -105,7 +118,7 @@ class FmuFile:
 
     @property
     def units(self) -> FmuUnits:
-        """Of inputs, outputs, parameters and states."""
+        """Units of inputs, outputs, parameters and states."""
         every = self.inputs, self.outputs, self.parameters, self.states
         return FmuUnits(*(UnitScale(v.scale, v.offset) for v in every))
 
@@ -136,7 +149,7 @@ class FmuFile:
 
 
 def fmpy_package() -> Any:
-    """FMPy; FileError with what to install where it is absent."""
+    """Return FMPy. FileError with the package to install if it is absent."""
     try:
         import fmpy
     except ModuleNotFoundError as error:
@@ -151,8 +164,14 @@ def fmpy_package() -> Any:
 
 
 def read_fmu(path: PathLike) -> FmuFile:
-    """Read the description. FileError: it is absent or damaged, it offers neither kind, no binary
-    for this machine, no input or output that is a real number, or the extra is not installed."""
+    """Read the description of an FMU.
+
+    Raises
+    ------
+    FileError
+        The file is absent or damaged. It offers neither kind, or no binary for this machine. It has
+        no real input or no real output. The extra is not installed.
+    """
     file = Path(path)
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")
@@ -251,7 +270,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
 
 
 def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[str]]:
-    """Is it used for model exchange, and why, where it offers both?"""
+    """True for model exchange, with the reason if it offers both kinds."""
     other, has_exchange = described.coSimulation, described.modelExchange
     if chosen.kind:
         if not (has_exchange if chosen.kind == EXCHANGE else other):
@@ -276,8 +295,10 @@ def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[st
 
 
 def _is_seen(described: Any, states: list[Any], chosen: FmuChoices) -> bool:
-    """Are the continuous states all that it remembers? Numbers that events alone change are more;
-    what is true or false follows from the states anew."""
+    """True if the continuous states are the whole memory.
+
+    Numbers that only events change are further memory. Booleans follow from the states.
+    """
     if not states or None in states or chosen.seen is False:
         return False
     return not any(
@@ -295,7 +316,7 @@ def _remarks(
     seen: bool,
     saves: bool,
 ) -> list[str]:
-    """How it goes, in sentences."""
+    """Remarks on the use of the FMU."""
     known = set(map(id, reals))  # variables compare by all their attributes
     others = sorted(
         v.name
@@ -344,9 +365,9 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
 
 
 def _fresh_name(name: str, used_names: dict[str, int]) -> str:
-    """The name, or one like it that is not taken yet: "x", "x_", "x_3", "x_4" ...
+    """Unused name that resembles the given one: "x", "x_", "x_3", "x_4" ...
 
-    taken: names, with how many variables wanted each.
+    used_names: names, with the number of variables that requested each.
     """
     fresh = name
     while fresh in used_names:
@@ -362,8 +383,10 @@ def _word(name: str) -> str:
 
 
 def _require_size(path: Path) -> None:
-    """FileError where an FMU is no regular file, or holds more than it may: nothing is unpacked to
-    tell. A member that is longer than its entry says is cut off there."""
+    """Raise FileError if an FMU is not a regular file, or larger than allowed.
+
+    Nothing is unpacked for this test. A member beyond the length in its entry is cut off there.
+    """
     limits = foreign_limits()
     with open_data(path, LOG) as file, zipfile.ZipFile(file) as packed:
         members = packed.infolist()
@@ -383,7 +406,7 @@ def _require_size(path: Path) -> None:
 
 
 def extracted(path: str, folder: str) -> None:
-    """The FMU unpacked into a folder."""
+    """Unpack the FMU into a folder."""
     try:
         _require_size(Path(path))
         fmpy_package().extract(path, folder)

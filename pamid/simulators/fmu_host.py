@@ -1,5 +1,7 @@
-"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`. What
-happens at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
+"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`.
+
+The work at every sample is compiled (`pamid.simulators.fmi_kernels`).
+"""
 
 from __future__ import annotations
 
@@ -43,9 +45,11 @@ TIMED = (
 
 @dataclass
 class _Copy:
-    """A copy of the FMU between runs: its time, its parameters, and where it stands: a state that
-    the FMU has saved (its address), or where it cannot save one, the inputs of all steps from the
-    start (the last one first, each with what was before it)."""
+    """Copy of the FMU between runs: its time, its parameters and its state.
+
+    The state is the address of one that the FMU has saved. If the FMU cannot save a state, the copy
+    has the inputs of all steps from the start, the last one first, each with its predecessors.
+    """
 
     time_s: float
     p: Array
@@ -56,9 +60,9 @@ class _Copy:
 
 
 class FmuHost:
-    """Copies of one FMU. about: `FmuFile.request`, and the folder where it is unpacked.
+    """Copies of one FMU. about: `FmuFile.request`, and the folder of the unpacked FMU.
 
-    Of an FMU that saves states one instance serves all copies, else each has its own.
+    If an FMU saves states, one instance serves all copies. Otherwise each copy has an instance.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
@@ -75,7 +79,7 @@ class FmuHost:
         self.programs: dict[int, Any] = {}  # that were sent here (`pamid.simulators.fmu_runs`)
 
     def instance(self, number: int) -> FmuInstance:
-        """The instance of a copy."""
+        """Instance of a copy."""
         number = 0 if self.saves else number
         while len(self.instances) <= number:
             self.instances.append(FmuInstance(self.about, len(self.instances)))
@@ -140,7 +144,7 @@ class FmuHost:
         return self.y
 
     def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
-        """Turn failures into NaN; before a run has gone through, into an error."""
+        """Turn failures into NaN; before the first successful run, into an error."""
         if not statuses.any() and np.isfinite(y).all():
             return
         for status in statuses[statuses != 0]:
@@ -161,7 +165,7 @@ class FmuHost:
         return instance.outputs(self.m)
 
     def _entered(self, k: int, copy: _Copy) -> FmuInstance:
-        """An instance where the copy stands."""
+        """Instance in the state of the copy."""
         instance = self.instance(k)
         if self.saves:
             instance.restore(self.m, copy.state)
@@ -203,7 +207,7 @@ class FmuHost:
         return np.arange(first, self.count + 1, dtype=float)[None]
 
     def drop(self, numbers: list[int]) -> Array:
-        """States that were kept, and programs, whose numbers come as negative ones."""
+        """Drop saved states and programs; the numbers of programs are negative."""
         self.let_go([self.kept.pop(number) for number in numbers if number > 0])
         for number in numbers:
             self.programs.pop(-number, None)
@@ -217,7 +221,7 @@ class FmuHost:
     # ---- states that are seen: model exchange ----------------------------------------------------
 
     def with_values(self, p: Array) -> FmuInstance:
-        """An instance with these parameters."""
+        """Instance with these parameters."""
         key = p.tobytes()
         instance = self.of_values.pop(key, None)  # put back as the last: the first is started anew
         if instance is None:
@@ -235,15 +239,18 @@ class FmuHost:
 
     @property
     def most(self) -> int:
-        """Instances with parameters of their own."""
+        """Largest number of instances with different parameters."""
         return 1 if self.about["alone"] else MOST_INSTANCES
 
     @contextmanager
     def in_c(
         self, units: FmuUnits, p: Array, h: float, places: NDArray[np.intp]
     ) -> Iterator[LibraryStep | None]:
-        """See `pamid.engine.simulator.Simulator`; p: SI; places: of the readings among the
-        outputs. None of more copies than there may be instances."""
+        """See `pamid.engine.simulator.Simulator`.
+
+        p: SI; places: indices of the readings among the outputs. None for more copies than
+        instances.
+        """
         if len(p) > self.most:
             yield None
             return
@@ -284,7 +291,7 @@ class FmuHost:
             raise RuntimeError(TIMED)
 
     def moved(self, rows: Array, h: float) -> Array:
-        """States and outputs h later, of rows of states, inputs and parameters."""
+        """States and outputs after h, from rows of states, inputs and parameters."""
         nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
         values, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
         grid, due = np.zeros(MOST_STEPS + 1), np.zeros(1)
@@ -299,22 +306,21 @@ class FmuHost:
         return values
 
     def shown(self, rows: Array) -> Array:
-        """Outputs of rows of states and parameters."""
+        """Outputs from rows of states and parameters."""
         nx = len(self.m.states)
         return np.array([self.with_values(r[nx:]).outputs_at(self.m, r[:nx]) for r in rows])
 
     # ---- requests --------------------------------------------------------------------------------
 
     def answer(self, request: bytes) -> Array:
-        """To one request: its word, a time step and the shape of a table, the table, and what it
-        says besides (JSON)."""
+        """Answer one request: a word, a time step and the shape of a table, the table, and JSON."""
         word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
         begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
         table = np.frombuffer(request[begin:end]).reshape(n, m)
         return self.dispatch(word, table, h, json.loads(request[end:] or b"[]"))
 
     def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
-        """The same, taken apart."""
+        """Answer a decoded request."""
         table = np.array(table)  # compiled code has another version for what must not be written
         if word == b"s":
             return self.step(table, h)

@@ -1,4 +1,4 @@
-"""One instance of an FMU in the process that holds it, and what compiled code needs to call it."""
+"""Instance of an FMU in the process that holds it, with the data for calls from compiled code."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ FATAL = 4
 
 
 class FmuInstance:
-    """An instance. description: the entries of `FmuFile.request`, and the folder in which the FMU
-    is unpacked."""
+    """An instance. description: entries of `FmuFile.request`, and the unpacked FMU's folder."""
 
     def __init__(self, description: dict[str, Any], number: int) -> None:
         from fmpy import fmi2, fmi3
@@ -50,7 +49,7 @@ class FmuInstance:
         self.x, self.due = np.zeros(len(description["states"])), np.full(1, np.inf)
 
     def model(self) -> FmiModel:
-        """The FMU as compiled code calls it; the same for all instances of it."""
+        """The FMU for compiled code; the same for all of its instances."""
         about, dll = self.about, self.fmu.dll
         places = []
         for name in NAMES[self.version].split():
@@ -80,7 +79,7 @@ class FmuInstance:
             )
 
     def started(self, m: FmiModel, p: Array) -> None:
-        """At time 0 with these parameters."""
+        """Restart at time 0 with these parameters."""
         fmu = self.fmu
         if not self.fresh:
             fmu.reset()
@@ -95,7 +94,7 @@ class FmuInstance:
             self.x = self.states_of(m)
 
     def retuned(self, m: FmiModel, places: list[int], p: Array) -> None:
-        """These parameters changed, which the FMU allows while it runs."""
+        """Change these parameters, which the FMU allows while it runs."""
         references = [self.about["parameters"][i] for i in places]
         if self.about["exchange"]:
             self.fmu.enterEventMode()
@@ -116,7 +115,7 @@ class FmuInstance:
         return outputs
 
     def outputs_at(self, m: FmiModel, x: Array) -> Array:
-        """With states x and nothing going in."""
+        """Outputs at the states x with all inputs zero."""
         none = np.zeros(len(m.inputs))
         self.check(m, put_inputs_anew(m, self.handle, 0.0, none, x.copy(), self.due))
         return self.outputs(m)
@@ -124,7 +123,7 @@ class FmuInstance:
     # ---- states ----------------------------------------------------------------------------------
 
     def save(self, m: FmiModel, address: int = 0) -> int:
-        """Address of its state; memory of an earlier one is used again."""
+        """Save the state and return its address; the memory of an earlier one is reused."""
         state = ctypes.c_void_p(address or None)
         self._call(m, SAVE, ctypes.byref(state))
         return int(state.value or 0)
@@ -152,12 +151,12 @@ class FmuInstance:
 
 
 def type_of(given: Any) -> Any:
-    """As ctypes is to pass it on."""
+    """Type for ctypes."""
     return type(given) if isinstance(given, ctypes.c_size_t) else ctypes.c_void_p
 
 
 def why(m: FmiModel, status: int, at_s: float | None = None) -> str:
-    """A status in words."""
+    """Text of a status."""
     when = "" if at_s is None else f", at {at_s:.4g} s"
     if status <= ENDED:
         return SAID[status] + when

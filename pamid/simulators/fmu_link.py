@@ -1,5 +1,4 @@
-"""An FMU that somebody holds, as the engine drives it: units, and the words of its requests
-(`pamid.simulators.fmu_host`)."""
+"""Interface of the engine to an FMU: units, and requests to its host."""
 
 from __future__ import annotations
 
@@ -20,14 +19,14 @@ _EMPTY = np.zeros((0, 0))
 
 
 class SavedState:
-    """A saved state, by its number where the FMU is held."""
+    """A saved state, by its number in the host."""
 
     def __init__(self, number: int) -> None:
         self.number = number
 
 
 class UnitScale(NamedTuple):
-    """From an FMU's units to SI: value * scale + offset."""
+    """Conversion from an FMU's units to SI: value * scale + offset."""
 
     scale: Array
     offset: Array
@@ -49,15 +48,17 @@ class FmuUnits(NamedTuple):
 
 
 class FmuLink(Carrier):
-    """Copies of an FMU, a `pamid.engine.carried.Carrier`; where its states are seen, `SeenFmu`
-    drives it."""
+    """Copies of an FMU, as a `pamid.engine.carried.Carrier`.
+
+    If its states are seen, `SeenFmu` drives it.
+    """
 
     units: FmuUnits
 
     def _request(
         self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        """The answer to a request."""
+        """Answer to a request."""
         raise NotImplementedError
 
     # ---- as a carrier ----------------------------------------------------------------------------
@@ -78,7 +79,7 @@ class FmuLink(Carrier):
     # ---- where its states are seen ---------------------------------------------------------------
 
     def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """States and outputs h later, of n copies; all SI."""
+        """States and outputs after h, of n copies; all SI."""
         return self._parted(self._request(b"x", self._rows(x, f, p), h))
 
     def shown(self, x: Array, p: Array) -> Array:
@@ -89,8 +90,11 @@ class FmuLink(Carrier):
     def in_c(
         self, p: Array, h: float, places: NDArray[np.intp]
     ) -> AbstractContextManager[LibraryStep | None]:
-        """See `pamid.engine.simulator.Simulator`; places: of the readings among the outputs. None
-        where the FMU is held by another process, which makes whole runs."""
+        """See `pamid.engine.simulator.Simulator`; places: indices of the readings among the
+        outputs.
+
+        None if another process holds the FMU, because it makes whole runs.
+        """
         return nullcontext()
 
     def _rows(self, x: Array, f: Array, p: Array) -> Array:
@@ -110,8 +114,10 @@ class FmuLink(Carrier):
 
 @dataclass
 class SeenFmu:
-    """An FMU whose states are seen, a `pamid.engine.simulator.Simulator`. places: of the readings
-    among the outputs."""
+    """FMU whose states are seen, as a `pamid.engine.simulator.Simulator`.
+
+    places: indices of the readings among the outputs.
+    """
 
     link: FmuLink
     places: NDArray[np.intp]

@@ -1,4 +1,4 @@
-"""An FMU in a process of its own, as the engine drives it (`pamid.engine.carried.Carrier`)."""
+"""An FMU in a separate process, as a `pamid.engine.carried.Carrier` for the engine."""
 
 from __future__ import annotations
 
@@ -33,15 +33,17 @@ _EMPTY = np.zeros((0, 0))
 
 
 def _lengthy(about: dict[str, Any]) -> bytes:
-    """As JSON, led by its length and filled up to whole numbers."""
+    """JSON behind its length, padded to whole numbers."""
     header = json.dumps(about).encode()
     header += b" " * (-len(header) % 8)
     return _LENGTH.pack(len(header)) + header
 
 
 class FmuProcess(FmuLink):
-    """Copies of an FMU, held by another process; it is started, and the FMU's binary loaded, when
-    the first of them begins."""
+    """Copies of an FMU, held by another process.
+
+    The process starts with the first copy, and loads the FMU's binary then.
+    """
 
     def __init__(self, file: FmuFile) -> None:
         self.file, self.units = file, file.units
@@ -105,8 +107,11 @@ class FmuProcess(FmuLink):
         return result
 
     def _number(self, program: SteppedProgram) -> int:
-        """Of a program there, which is sent where it is not known; what nobody knows any more is
-        dropped there."""
+        """Number of a program in the other process.
+
+        An unknown program is sent first. States and programs that are no longer in use are dropped
+        there.
+        """
         from pamid.engine.sent_program import program_data
 
         if self.dropped:

@@ -1,16 +1,16 @@
 """An FMU as a rig: its inputs and outputs are ports, its parameters are fitted.
 
-A table beside the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
-outputs that are the position and the velocity there (`pamid.simulators.fmu_choices`): effects of
-mechanics then act at the port. Without it there are command ports and reading ports. The same in a
-rig file:
+A table next to the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
+outputs for the position and the velocity there (`pamid.simulators.fmu_choices`). Effects of
+mechanics then act at the port. Without the table there are command ports and reading ports. A rig
+file states the same with
 
     class Drive(FmuRig):
         path = "drive.fmu"
         motion = {"torque_n_m": ("angle_rad", "speed_rad_per_s")}
 
-Its binary is run. Of an FMU for model exchange pamid sees the states and integrates their rates;
-one for co-simulation is a `Carrier`.
+The FMU's binary is executed. In model exchange pamid sees the states and integrates their rates. An
+FMU for co-simulation is a `Carrier`.
 """
 
 from __future__ import annotations
@@ -97,11 +97,11 @@ class FmuRig(StepRig):
 
     @property
     def _moving(self) -> dict[str, str]:
-        """Possible positions and velocities: outputs, and states that are seen, with units."""
+        """Candidates for positions and velocities: outputs and seen states, with units."""
         return {s.name: s.unit for s in self.states} | self.outputs
 
     def _check_names(self) -> None:
-        """Those of the user's own tables."""
+        """Check the names in the user's tables."""
         choices_file = choices_path(Path(self.file.path))
         where = (
             choices_file
@@ -135,7 +135,7 @@ class FmuRig(StepRig):
                 )
 
     def _undeclared(self) -> list[str]:
-        """Forces and torques that go in without a place where they act."""
+        """Inputs that are forces or torques without a declared place."""
         names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
         choices_file = choices_path(Path(self.file.path)).name
         return [
@@ -187,6 +187,6 @@ class FmuRig(StepRig):
 
 
 def _beside(kind: type, path: str) -> Path:
-    """A path that is written in a rig file, from the folder of that file."""
+    """Path in a rig file, relative to the folder of that file."""
     home = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(os.path.dirname(home) if home else "") / path

@@ -1,9 +1,8 @@
-"""The process that holds an FMU: its binary may print, hang, or crash, and then only this process
-does.
+"""Process that holds an FMU. If its binary prints, hangs or crashes, only this process does.
 
-Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`):
-the equations around the FMU are sent once, as text that is compiled.
+Requests come by a pipe from the parent process: a word, then numbers. Answers are numbers or a
+sentence, never objects. Whole runs are made here (`pamid.engine.sent_program`). The equations
+around the FMU are sent once, as text that is compiled.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _LENGTH = struct.Struct("<q")
 
 
 class NearFmu(FmuLink):
-    """The FMU of this process."""
+    """FMU in this process."""
 
     def __init__(self, host: FmuHost) -> None:
         self.host, self.longest_s = host, float("inf")
@@ -53,14 +52,14 @@ class NearFmu(FmuLink):
 
 
 class FmuRuns:
-    """Programs that were sent here, and runs of them."""
+    """Received programs, and their runs."""
 
     def __init__(self, host: FmuHost) -> None:
         self.host, self.near = host, NearFmu(host)
         self.count = 0
 
     def add(self, message: bytes) -> Array:
-        """A program; its number."""
+        """Add a program and return its number."""
         data, _ = parted(message)
         simulator: Any = self.near
         if self.host.about["seen"]:
@@ -72,7 +71,7 @@ class FmuRuns:
         return np.full((1, 1), float(self.count))
 
     def run(self, message: bytes) -> bytes:
-        """A run, and what it has come to."""
+        """Run a program and return the encoded result."""
         about, numbers = parted(message)
         memory, course = run_of(Parcel(about, numbers))
         if about["saved"]:
@@ -108,7 +107,7 @@ def parted(message: bytes) -> tuple[dict[str, Any], Array]:
 
 
 def serve(inlet: int, outlet: int) -> None:
-    """Answer requests until there are no more. The first one says which FMU it is."""
+    """Answer requests until the pipe closes. The first request describes the FMU."""
     incoming, outgoing = Connection(inlet, writable=False), Connection(outlet, readable=False)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
     host: FmuHost | None = None

@@ -33,8 +33,11 @@ RAISED = (
 
 @dataclass(frozen=True)
 class ForeignLimits:
-    """Limits for one model file: the compilation, bytes of its text, bytes and number of the files
-    that it unpacks, elements of a kind."""
+    """Limits for one model file.
+
+    They bound the compilation, the bytes of its text, bytes and number of unpacked files, and
+    elements of a kind.
+    """
 
     compilation: ProcessLimits
     text: int
@@ -44,7 +47,7 @@ class ForeignLimits:
 
 
 def foreign_limits() -> ForeignLimits:
-    """The limits that hold now. UsageError for a factor that is not a positive number."""
+    """Limits in force. UsageError for a factor that is not a positive number."""
     setting = os.environ.get(VARIABLE, "").strip() or "1"
     try:
         factor = float(setting)
@@ -66,8 +69,10 @@ def foreign_limits() -> ForeignLimits:
 
 
 def require_few(path: Path, kind: str, count: int) -> None:
-    """FileError where a model has more elements of a kind than a rig can be made of: every one
-    becomes a port, at which every effect is tried."""
+    """Raise FileError if a model has too many elements of a kind for a rig.
+
+    Every element becomes a port, at which every effect is tried.
+    """
     most = foreign_limits().elements
     if count > most:
         raise FileError(

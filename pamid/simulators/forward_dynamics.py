@@ -1,14 +1,13 @@
-"""Accelerations of a tree under forces, friction and couplings, with derivatives that follow from
-the equations they solve.
+"""Accelerations of a tree under forces, friction and couplings, with implicit derivatives.
 
-What q'' depends on is not found by differentiating how it is computed. Along a solution the inverse
-dynamics ID(q, q', q'', p) = force stay true, so that
+Differentiating the algorithm would be longer than necessary. Along a solution the inverse dynamics
+ID(q, q', q'', p) = force stays true, so that
 
     dq'' = M^-1 (dforce - dID)      at q'' held
 
 and the partials of ID have a closed form in the composites (Singh, Russell and Wensing 2022, IEEE
-Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. By a mass, ID has the force on
-that body per mass.
+Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. The derivative of ID by a mass is
+the force on that body per mass.
 """
 
 from __future__ import annotations
@@ -34,8 +33,13 @@ def accelerations(
 ) -> list[Expr]:
     """q'' (n,) under these forces, with its exact derivatives.
 
-    force: at each joint, without c and friction. passed: where what reaches the joint is not
-    force - c but something else that was made of `force - tree.holding`, that; elsewhere None.
+    Parameters
+    ----------
+    force
+        Force at each joint, without c and friction.
+    passed
+        Force that reaches a joint, if it is not force - c but derived from `force - tree.holding`;
+        otherwise None.
     """
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)

@@ -1,6 +1,6 @@
-"""The form of a mechanism: equations, or steps of MuJoCo.
+"""Form of a mechanism: equations, or steps of MuJoCo.
 
-A mechanism whose only hindrance is contact takes either form. Recordings decide: where no geoms
+A mechanism whose only hindrance is contact may take either form. Recordings decide. If no geoms
 touch and no joint reaches an end of its range, equations describe the machine in full. Without
 recordings the share of configurations with contacts decides (`pamid.simulators.mujoco_findings`).
 """
@@ -24,7 +24,7 @@ EQUATIONS_FORM, STEPPED_FORM = "equations", "stepped"
 
 
 def mechanism_rig(mechanism: Mechanism) -> Rig:
-    """A mechanism in the form that it has without recordings, with the forms to choose from."""
+    """Mechanism in its form without recordings, with the forms to choose from."""
     rig = SteppedMechanism if mechanism.hindrances else CompiledMechanism
     typed_rig: Rig = rig(mechanism)
     if mechanism.collides and all(f.element == CONTACT for f in mechanism.hindrances):
@@ -35,7 +35,7 @@ def mechanism_rig(mechanism: Mechanism) -> Rig:
 
 @dataclass(frozen=True)
 class MechanismForms:
-    """The two forms of a mechanism in which nothing but contacts hinders equations."""
+    """The two forms of a mechanism whose only hindrance is contact."""
 
     mechanism: Mechanism
 
@@ -104,7 +104,7 @@ def _free_words(met: RecordedContacts) -> str:
 
 
 def _acting_words(met: RecordedContacts, path: str) -> str:
-    """Interactions along a recording that is not free, and how to leave them out, in sentences."""
+    """Sentences on the interactions along a recording, and on how to leave them out."""
     if met.touching is None:
         return f"{met.limit}."
     pair = met.touching

@@ -1,5 +1,8 @@
-"""Where the bodies of a mechanism stand, as lines to be drawn: from every joint to the next, and on
-to the centre of mass of the last body. Seen along the world axis about which most hinges turn."""
+"""Line drawing of the bodies of a mechanism.
+
+The lines join every joint with the next, and end at the centre of mass of the last body. The view
+is along the world axis about which most hinges turn.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ SEEN = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
 
 def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Body at the end of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
+    """Last body of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
 
-    DataError where no sensor reads the position of a joint.
+    DataError if no sensor reads the position of a joint.
     """
     # loading it takes a seventh of a first fit, which draws nothing
     from scipy.spatial.transform import Rotation
@@ -66,7 +69,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
 
 def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
-    """Joint -> its position at every sample."""
+    """Joint -> position at every sample."""
     positions = {}
     for k, joint in enumerate(m.joints):
         column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
@@ -93,7 +96,7 @@ def _ends(m: Mechanism) -> list[int]:
 
 
 def _chain(m: Mechanism, last: int) -> list[int]:
-    """From the body on the world to this one."""
+    """Chain from the body on the world to this one."""
     chain = [last]
     while m.bodies[chain[0]].parent > 0:
         chain.insert(0, m.bodies[chain[0]].parent)
@@ -101,5 +104,5 @@ def _chain(m: Mechanism, last: int) -> list[int]:
 
 
 def _turned(turn: FloatArray, vector: Vector) -> FloatArray:
-    """(samples, 3)."""
+    """Rotated vector, (samples, 3)."""
     return np.asarray(turn @ np.asarray(vector))

@@ -1,9 +1,10 @@
-"""Effects of a finding in the terms that a MuJoCo model has for them.
+"""Effects of a finding as elements of a MuJoCo model.
 
-A joint of MuJoCo has dry friction, a damper and a spring that are polynomials, and limits; a motor
-without a command adds LuGre friction and a torque with a period; a second joint on the same axis
-adds play or a soft shaft. An actuator has a delay, a first-order lag, a gain, an offset and limits.
-An effect without such a term is written in its nearest form, with a note, or is left to the caller.
+A joint of MuJoCo has dry friction, a damper and a spring that are polynomials, and limits. A motor
+without a command adds LuGre friction and a periodic torque. A second joint on the same axis adds
+play or a soft shaft. An actuator has a delay, a first-order lag, a gain, an offset and limits. An
+effect without such an element is written in its nearest form, with a note, or is left to the
+caller.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ TINY_SPRING = 1e-3  # of a constant force, per unit of the way: a spring far awa
 
 @dataclass(frozen=True)
 class IdentifiedEffect:
-    """An effect of a finding. values: its parameters by name, SI; ports: those at which it acts."""
+    """Effect of a finding. values: its parameters by name, SI; ports: its ports."""
 
     label: str
     name: str
@@ -71,8 +72,12 @@ class Stop:
 
 @dataclass(frozen=True)
 class FlexibleLoad:
-    """A load behind its motor: half gap, stiffness and damping of the contact (of the shaft where
-    there is no gap), SI, and the share of the load that is there."""
+    """Load behind its motor.
+
+    half_gap                   half the play, SI
+    frequency, damping_ratio   of the contact, or of the shaft if there is no play
+    share                      share of the load behind the motor
+    """
 
     half_gap: float
     frequency: float
@@ -82,8 +87,11 @@ class FlexibleLoad:
 
 @dataclass
 class JointTerms:
-    """Forces at a joint: -friction sign(v) - (damping . (v, v|v|, v^3)) - (spring . (1, q, q^2,
-    q^3)), and the further parts. onset: speed at which the friction is there; 0: dry."""
+    """Forces at a joint.
+
+    They are -friction sign(v) - (damping . (v, v|v|, v^3)) - (spring . (1, q, q^2, q^3)), and the
+    further parts. onset: speed at which the friction is reached; 0: dry.
+    """
 
     friction: float = 0.0
     onset: float = 0.0
@@ -106,7 +114,7 @@ class JointTerms:
 
 @dataclass
 class CommandTerms:
-    """Terms on the way of a command: delayed (s), limited, scaled, shifted, lagged (s)."""
+    """Modifications of a command: delay (s), limits, gain, offset, lag (s)."""
 
     delay: float = 0.0
     low: float = -math.inf
@@ -118,7 +126,7 @@ class CommandTerms:
 
 @dataclass
 class ReadingTerms:
-    """Terms on the way of a reading: delayed (s), limited."""
+    """Modifications of a reading: delay (s), limit."""
 
     delay: float = 0.0
     cutoff: float = math.inf
@@ -126,8 +134,10 @@ class ReadingTerms:
 
 @dataclass
 class Forms:
-    """A finding in MuJoCo's terms: by number of joint, actuator and sensor, and notes on what is
-    written in another form, or is not written."""
+    """A finding in MuJoCo's elements, by number of joint, actuator and sensor.
+
+    The notes list effects in another form, and effects that are not written.
+    """
 
     joints: dict[int, JointTerms] = field(default_factory=dict)
     commands: dict[int, CommandTerms] = field(default_factory=dict)
@@ -136,7 +146,7 @@ class Forms:
 
 
 def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms:
-    """All effects in MuJoCo's terms, for the installed version of it."""
+    """All effects in MuJoCo's elements, for the installed version of MuJoCo."""
     forms = Forms()
     for effect in effects:
         notes: list[str] = []
@@ -147,7 +157,7 @@ def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms
 
 
 def _at_port(forms: Forms, mechanism: Mechanism, effect: IdentifiedEffect, port: ModelPort) -> str:
-    """Add an effect at a port; the note on it, or ""."""
+    """Add an effect at a port; returns the note on it, or ""."""
     table: Mapping[str, Callable[[Any, Any], str]]
     terms: Any
     if port.kind in ("motion", "transmission"):
@@ -196,7 +206,7 @@ def _yielding(terms: JointTerms, p: Any) -> str:
 
 
 def _joined_onset(terms: JointTerms, level: float, speed: float) -> float:
-    """Of several frictions, the slope of all of them at rest."""
+    """Onset of several frictions, from the sum of their slopes at rest."""
     slope = (terms.friction / terms.onset if terms.onset else 0.0) + level / max(speed, 1e-9)
     return (terms.friction + level) / slope
 
@@ -229,7 +239,7 @@ def _constant(terms: JointTerms, p: Any) -> str:
 
 
 def _bristled(terms: JointTerms, bristle: Bristle, words: str) -> str:
-    """LuGre friction; where this MuJoCo has none, a frictionloss."""
+    """LuGre friction; a frictionloss if this MuJoCo has no bristles."""
     if reads("actuator/dcmotor", "lugre"):
         terms.bristles.append(bristle)
         return words
@@ -253,7 +263,7 @@ def _dahl(terms: JointTerms, p: Any) -> str:
 
 
 def _hysteresis(share: float) -> Callable[[JointTerms, Any], str]:
-    """Bristles of the same level, that give by a share of the reach."""
+    """Bristles of the same level that deflect by a share of the reach."""
 
     def write(terms: JointTerms, p: Any) -> str:
         words = "is written as bristle friction (lugre) of its level and reach"

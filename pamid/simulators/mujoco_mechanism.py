@@ -1,4 +1,4 @@
-"""From a loaded MuJoCo model to a `Mechanism`: elements, parameters, ports and what hinders."""
+"""Conversion of a loaded MuJoCo model to a `Mechanism`: elements, parameters, ports, hindrances."""
 
 from __future__ import annotations
 
@@ -61,13 +61,16 @@ _HINGE, _SLIDE = ("rad", "rad/s", "N m"), ("m", "m/s", "N")
 
 
 def read_mechanism(path: PathLike) -> Mechanism:
-    """The mechanism in an MJCF or URDF file. FileError: see `open_mujoco`; what cannot be carried
-    over is told in its `findings`, and raises nothing."""
+    """Mechanism in an MJCF or URDF file.
+
+    Parts that cannot be carried over are listed in its `findings` and raise nothing. FileError: see
+    `open_mujoco`.
+    """
     return mechanism_of(open_mujoco(path))
 
 
 def mechanism_of(file: MujocoFile) -> Mechanism:
-    """The mechanism of a loaded file."""
+    """Mechanism of a loaded file."""
     names = _Names(file)
     joints = _joints(file, names)
     tendons = _tendons(file, names, joints)
@@ -105,7 +108,7 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
 
 
 class _Names:
-    """Names of a file's elements as plain words, each once among its like."""
+    """Names of a file's elements as plain words, unique among elements of a kind."""
 
     def __init__(self, file: MujocoFile) -> None:
         self.file = file
@@ -239,13 +242,13 @@ def _tendons(
 
 
 def _powers(model: Any, array: str, row: Any) -> Vector:
-    """Coefficients of the second and third power; an earlier MuJoCo has none."""
+    """Coefficients of the second and third power; zero in an earlier MuJoCo, which has none."""
     stated = getattr(model, array, None)
     return (0.0, 0.0) if stated is None else _vector(stated[row])
 
 
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
-    """The equalities between joints or fixed tendons."""
+    """Equalities between joints or fixed tendons."""
     m, couplings = file.model, []
     if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
         return ()
@@ -279,8 +282,10 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
 
 
 def _kind(gain: Vector, bias: Vector) -> str:
-    """Kind of an actuator by its numbers: MuJoCo's shortcuts motor, position and velocity are
-    nothing else."""
+    """Kind of an actuator according to its numbers.
+
+    MuJoCo's shortcuts motor, position and velocity are nothing but such numbers.
+    """
     if any(gain[1:]) or bias[0]:
         return "general"
     if not any(bias):
@@ -363,7 +368,7 @@ def _actuators(
 
 
 def _motor(model: Any, i: int) -> WindingMotor:
-    """Places in the arrays: those of mjs_setToDCMotor."""
+    """Winding motor from MuJoCo's arrays, with the indices of mjs_setToDCMotor."""
     gain, dynamics, bias = (
         _vector(array[i])
         for array in (model.actuator_gainprm, model.actuator_dynprm, model.actuator_biasprm)
@@ -383,7 +388,7 @@ def _motor(model: Any, i: int) -> WindingMotor:
 
 
 def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[str, str]]:
-    """In the order of MuJoCo's activations."""
+    """States of a motor in the order of MuJoCo's activations."""
     gain, dynamics = model.actuator_gainprm[i], model.actuator_dynprm[i]
     if dynamics[7] > 0.0:
         yield f"{name}_slew", ""
@@ -408,8 +413,8 @@ def _followers(file: MujocoFile) -> set[int]:
 
 
 def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
-    """A force or torque at every joint that nothing else drives: of a file without actuators, such
-    as any URDF."""
+    """Force or torque at every joint without a drive, for a file without actuators, such as any
+    URDF."""
     for j, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide") or joint.is_base or j in followers:
             continue
@@ -439,8 +444,10 @@ def _units_of(
     joint: int,
     tendon: int,
 ) -> tuple[str, str, str]:
-    """Units of position, velocity and force at a joint or a tendon: of a tendon those of its
-    joints, where they are of one kind."""
+    """Units of position, velocity and force at a joint or a tendon.
+
+    A tendon has those of its joints, if they are of one kind.
+    """
     kinds = {joints[joint].kind} if joint >= 0 else set()
     if tendon >= 0:
         kinds = {joints[j].kind for j in tendons[tendon].joints}
@@ -455,8 +462,11 @@ def _sensors(
     actuators: tuple[Actuator, ...],
     used_names: set[str],
 ) -> tuple[MechanismSensor, ...]:
-    """The sensors that pamid can read; of a file without such a sensor, position and velocity of
-    every joint, and the quaternion of a floating base."""
+    """Sensors that pamid can read.
+
+    A file without such a sensor gets position and velocity of every joint, and the quaternion of a
+    floating base.
+    """
     m, sensors = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
@@ -518,7 +528,7 @@ def _sensors(
 def _frame_sensors(
     file: MujocoFile, i: int, name: str, kind: str, used_names: set[str]
 ) -> Iterator[MechanismSensor]:
-    """The values of a sensor of a frame, one by one."""
+    """Values of a sensor on a frame, one by one."""
     m, (unit, words) = file.model, FRAMES[kind]
     for k, word in enumerate(words):
         yield MechanismSensor(
@@ -537,7 +547,7 @@ def _frame_sensors(
 
 
 def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
-    """The frame of a site, of a body, or that of its principal axes."""
+    """Frame of a site, of a body, or of its principal axes."""
     m, kinds = file.model, file.mujoco.mjtObj
     if kind == kinds.mjOBJ_SITE:
         places = (m.site_pos[number], m.site_quat[number])
@@ -548,7 +558,7 @@ def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
 
 
 def _stem(name: str, unit: str) -> str:
-    """The name without a unit at its end, where that is the one which follows anyway."""
+    """Name without a unit at its end, if that is the unit to be appended."""
     stem, written = split_column(name)
     return stem if written != NONE and with_unit(stem, unit) == name.lower() else name
 

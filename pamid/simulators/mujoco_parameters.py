@@ -1,10 +1,10 @@
-"""Which numbers of a MuJoCo file may be fitted, and how well they are known.
+"""Fittable numbers of a MuJoCo file, with their priors.
 
-What the file states is taken for right within 20 %, one standard deviation of the logarithm. A zero
-says that nobody has measured the term: a URDF has no armature at all. Armature and damping are
-fitted all the same, with an absolute prior of the size of the joint's actuator, because nothing
-else can take their place. Dry friction and springs are held at zero: they are effects of the
-catalogue, which a diagnosis tries at all joints together, and names where they are.
+A number in the file is correct within 20 %, one standard deviation of the logarithm. A zero means
+that the term was not measured: a URDF has no armature at all. Armature and damping are still
+fitted, with an absolute prior of the size of the joint's actuator, because nothing else can replace
+them. Dry friction and springs are fixed at zero. They are effects of the catalogue, which a
+diagnosis tries at all joints together, and locates.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def parameters_of(
     tendons: tuple[MechanismTendon, ...],
     actuators: tuple[Actuator, ...],
 ) -> tuple[ModelParameter, ...]:
-    """All of them, bodies first, then joints, tendons and actuators."""
+    """All parameters, bodies first, then joints, tendons and actuators."""
     parameters = [
         _mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)
     ]
@@ -55,12 +55,12 @@ def parameters_of(
 
 
 def _moves(file: MujocoFile, body: int) -> bool:
-    """Is there a joint between this body and the world?"""
+    """True if there is a joint between this body and the world."""
     return bool(file.model.body_weldid[body])
 
 
 def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
-    """A number that the file states: within 20 %."""
+    """Parameter for a number in the file, known within 20 %."""
     size = abs(value)
     if value > 0.0:
         return Parameter(
@@ -87,7 +87,7 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
 
 
 def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
-    """A number that the file states as zero."""
+    """Parameter for a number that is zero in the file."""
     spread = ABSENT_SHARE * size
     return Parameter(
         name,
@@ -118,7 +118,7 @@ def _number(
 
 
 def _mass(i: int, body: Body) -> ModelParameter:
-    """The inertia goes with the mass: the same shape, of another density."""
+    """Mass of a body. The inertia scales with it: the same shape, of another density."""
     inertia = (Write("body_inertia", i, k, body.inertia[k] / body.mass_kg) for k in range(3))
     return _number(
         "body", body.name, i, "mass", body.mass_kg, 1.0, "kg", Write("body_mass", i, -1, 1.0),
@@ -127,7 +127,7 @@ def _mass(i: int, body: Body) -> ModelParameter:
 
 
 def _strength(joint: int, actuators: tuple[Actuator, ...]) -> float:
-    """The largest force or torque that a joint's actuators may exert; 0 without limits."""
+    """Largest force or torque of a joint's actuators; 0 without limits."""
     return sum(abs(a.gear) * max(map(abs, _limits(a))) for a in actuators if a.joint == joint)
 
 
@@ -180,7 +180,7 @@ def _powers(
     damping_place: tuple[str, int],
     stiffness_place: tuple[str, int],
 ) -> list[ModelParameter]:
-    """Coefficients of the second and third power that a file states."""
+    """Coefficients of the second and third power in the file."""
     parameters = []
     for word, stated, (array, row), x in (
         ("damping", damping, damping_place, f"{length}/s"),
@@ -199,7 +199,7 @@ def _powers(
 def _of_tendon(
     i: int, tendon: MechanismTendon, joints: tuple[MechanismJoint, ...]
 ) -> list[ModelParameter]:
-    """Only of what the file states; a tendon is rarely more than a way to couple joints."""
+    """Parameters in the file only, because a tendon is rarely more than a coupling of joints."""
     hinges = all(joints[j].kind == "hinge" for j in tendon.joints)
     force, length = ("N m", "rad") if hinges else ("N", "m")
     rows = (
@@ -220,8 +220,11 @@ def _of_tendon(
 
 
 def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
-    """Gains and the time constant. A motor's gain is held: with it free every mass, damping and
-    gain could be multiplied by one factor without any reading to tell it."""
+    """Gains and the time constant.
+
+    A motor's gain is fixed. A free gain would allow a common factor on every mass, damping and gain
+    that no reading reveals.
+    """
     name, parameters = actuator.name, []
 
     def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
@@ -267,9 +270,12 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
 
 
 def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelParameter]:
-    """Parameters of a winding, its controller, its cogging and its bristles. The resistance is
-    held: a motor of twice the resistance drives half of all masses, dampings and frictions alike. A
-    controller commands torque, and without a limit the winding does not show in it."""
+    """Parameters of a winding, its controller, its cogging and its bristles.
+
+    The resistance is fixed, because a motor of twice the resistance drives half of all masses,
+    dampings and frictions in the same way. A controller commands torque, and without a limit the
+    winding does not show in it.
+    """
     force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
     rate, parameters = f"{length}/s", []
     shows = motor.input in ("voltage", "none")

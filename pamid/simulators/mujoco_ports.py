@@ -1,9 +1,9 @@
-"""Ports of a mechanism: a motion and a transmission at every joint, a command at every actuator, a
-reading at every sensor.
+"""Ports of a mechanism: motion and transmission at joints, command at actuators, reading at
+sensors.
 
-How large what passes is, recordings and free runs tell: a joint's inertia says nothing of the
-gravity that its motor holds, a command's range nothing of how much of it was used. Only at a joint
-without a drive is a size stated: nothing but its own friction passes there.
+Recordings and free runs determine the typical size of a port's signal. A joint's inertia does not
+contain the gravity that its motor holds, and a command's range does not show how much of it was
+used. Only a joint without a drive has a stated size, because nothing but its friction passes there.
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ def ports_of(
     couplings: Sequence[Coupling] = (),
     mounted: frozenset[int] = frozenset(),
 ) -> tuple[ModelPort, ...]:
-    """All of them, in this order; the port of a joint has the joint's own name. A coupled joint has
-    no transmission: what it carries does not give way by itself. The base has no motor.
-    mounted: joints that actuators at bodies move."""
+    """All ports, in this order; the port of a joint has the joint's name.
+
+    A coupled joint has no transmission, because its load does not give way by itself. The base has
+    no motor. mounted: joints that actuators at bodies move.
+    """
     ports: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)
     drives = [a for a in actuators if a.column]
@@ -82,7 +84,7 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
 
 
 def numbered(name: str, used_names: set[str]) -> str:
-    """The name, with a number behind it where it is taken, which it is from then on."""
+    """Name with a number behind it if it is in use; the result is then in use."""
     stem, count = name, 2
     while name in used_names:
         name, count = f"{stem}_{count}", count + 1

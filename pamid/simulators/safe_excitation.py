@@ -1,10 +1,11 @@
-"""An excitation kept within what a model allows: MuJoCo runs it on the model of the data sheet, and
-what reaches a joint's range, exceeds a speed or a force, or makes bodies touch is moved or made
-smaller, command by command.
+"""Excitation within the limits of a model.
 
-Bodies may touch as they do at the start, and the surroundings as they do with nothing sent (a robot
-that stands on a floor). Forces are looked at without their limits: within these, no actuator is
-ever asked for more than it has.
+MuJoCo runs it on the model of the data sheet. A command that reaches a joint's range, exceeds a
+speed or a force, or makes bodies touch is shifted or reduced, one command at a time.
+
+Bodies may touch as they do at the start, and the surroundings as they do without a command (a robot
+that stands on a floor). Forces are evaluated without their limits, because within these no actuator
+can exceed its limit.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is mo
 
 @dataclass(frozen=True)
 class SafeCommand:
-    """Command within the limits: sent = shift + factor * the wanted one, about its centre; why: the
-    limits that were in the way, in the order in which they were met."""
+    """Command within the limits: sent = shift + factor * the requested one, about its centre.
+
+    why: active limits, in the order of their occurrence.
+    """
 
     column: str
     factor: float = 1.0
@@ -44,8 +47,13 @@ class SafeCommand:
 
 @dataclass(frozen=True, eq=False)
 class SafeExcitation:
-    """columns (samples,) in their own units; commands: every one; limits: what was looked at, in
-    words; reached: joint -> lowest and highest position of the run, rad or m."""
+    """Excitation within the limits.
+
+    columns   (samples,) in the units of their columns
+    commands  every command
+    limits    checked limits, as text
+    reached   joint -> lowest and highest position of the run, rad or m
+    """
 
     columns: dict[str, Array]
     commands: tuple[SafeCommand, ...]
@@ -71,9 +79,14 @@ class SafeExcitation:
 
 @dataclass
 class _CommandCourse:
-    """How one command is changed so far: sent = centre + shift + factor * (requested + balance -
-    centre). rest: samples before it sets out; they stay as they are, and lead to the centre where
-    that is moved. why: what was in the way -> at which time it was first met, s; -1 at none."""
+    """Current modification of one command.
+
+    sent = centre + shift + factor * (requested + balance - centre).
+
+    rest   number of samples before the command starts; they stay unchanged, and lead to the centre
+           if that is shifted
+    why    active limit -> time of its first violation, s; -1 without a time
+    """
 
     requested: Array
     centre: float
@@ -89,7 +102,7 @@ class _CommandCourse:
 
     @property
     def half(self) -> float:
-        """The largest deviation from the centre that is asked for."""
+        """Largest requested deviation from the centre."""
         return float(np.abs(self.requested[self.rest :] + self.balance - self.centre).max())
 
     def sent(self) -> Array:
@@ -105,7 +118,7 @@ class _CommandCourse:
         return moved if self.range is None else np.clip(moved, *self.range)
 
     def note(self, text: str, at_s: float = -1.0) -> None:
-        """Note what was in the way, the first time that it was."""
+        """Note an active limit, at its first violation."""
         self.why.setdefault(text, at_s)
 
     def reasons(self) -> tuple[str, ...]:
@@ -123,11 +136,23 @@ def safe_excitation(
     centres: Mapping[str, float] | None = None,
     speeds: Mapping[str, float] | None = None,
 ) -> SafeExcitation:
-    """The excitation within the limits of the model. columns: in their units, every period_s;
-    centres: what they swing about where that is not 0; speeds: further limits, joint -> rad/s or
-    m/s.
+    """Bring an excitation within the limits of the model.
 
-    UsageError for a joint that is not there; DataError (code "no-room") where nothing is left.
+    Parameters
+    ----------
+    columns
+        Commands in the units of their columns, every period_s.
+    centres
+        Centres of commands that do not swing about 0.
+    speeds
+        Further limits, joint -> rad/s or m/s.
+
+    Raises
+    ------
+    UsageError
+        A joint does not exist.
+    DataError
+        No motion is left (code "no-room").
     """
     bench = ExcitationBench(mechanism, period_s, dict(speeds or {}))
     courses = {
@@ -177,7 +202,7 @@ def safe_excitation(
 
 
 def _fit(course: _CommandCourse, low: float, high: float, why: str) -> None:
-    """Move a signal as little as needed to lie within low .. high, smaller where it must be."""
+    """Shift a signal as little as possible into low .. high, and reduce it if necessary."""
     half = course.factor * course.half
     now = course.centre + course.shift
     if now - half >= low - 1e-9 and now + half <= high + 1e-9:
@@ -196,7 +221,7 @@ def _within_range(a: Actuator, course: _CommandCourse) -> None:
 
 
 def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
-    """Range of a position drive's commands, by the range of its joint; None where there is none."""
+    """Range of a position drive's commands from the range of its joint; None without one."""
     joint = m.joints[a.joint] if a.joint >= 0 else None
     if a.kind != "position" or joint is None or joint.range is None or not a.gear:
         return None
@@ -217,8 +242,10 @@ def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
 
 
 def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> bool:
-    """Move the signals at a joint whose end was reached: a position to the middle of the range, a
-    push so that it pushes as much either way. Was there anything to move?"""
+    """Shift the signals at a joint that reached an end; returns whether anything was shifted.
+
+    A position moves to the middle of the range. A force gets a zero mean.
+    """
     done = False
     guilty = trouble.guilty if trouble.joint >= 0 else ()
     for i in (actuator for actuator in guilty if actuator in courses):
@@ -238,7 +265,7 @@ def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Tro
 
 
 def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> None:
-    """Make the guilty commands smaller, all of them where the guilty are small already."""
+    """Reduce the responsible commands; all commands if the responsible ones are small already."""
     guilty = [i for i in trouble.guilty if i in courses] or list(courses)
     largest = max(course.factor for course in courses.values())
     if all(courses[i].factor < SMALL_BESIDE * largest for i in guilty):

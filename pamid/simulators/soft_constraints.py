@@ -1,15 +1,15 @@
-"""Friction losses and couplings as MuJoCo has them, solved together with the accelerations.
+"""Friction losses and couplings as in MuJoCo, solved together with the accelerations.
 
-At a joint with a loss, MuJoCo looks for the force f, |f| <= loss, that comes nearest to stopping
-it: where the loss is not reached,
+At a joint with a loss, MuJoCo computes the force f, |f| <= loss, that comes nearest to stopping it.
+Below the loss,
 
     f = -(q'' + rate q') / softness
 
 so that the joint does not stick but creeps (documentation, Computation, Constraint model, friction
-loss). What the joints do is coupled through q''. Which of them have reached their loss is found by
-a few sweeps of projected Gauss-Seidel over the forces; with that known, f adds 1 / softness to the
-inertia of a joint that creeps and is a constant at one that slides, and q'' follows exactly. It is
-solved for twice: the first one still moves joints from one side to the other.
+loss). The joints are coupled through q''. A few sweeps of projected Gauss-Seidel over the forces
+determine the joints at their loss. Then f adds 1 / softness to the inertia of a creeping joint and
+is constant at a sliding one, and q'' follows exactly. It is solved for twice, because the first
+solution still moves joints from one side to the other.
 
 A coupling with the error r, whose slopes by the positions are J, exerts J' f with
 
@@ -46,7 +46,10 @@ LEAST_SOFTNESS = 1e-15
 
 @dataclass(frozen=True)
 class SoftFriction:
-    """loss: N m or N; rate: 1/s, softness: 1/(kg m2) or 1/kg, as above; velocity of the joint."""
+    """Friction of a joint.
+
+    loss: N m or N; rate: 1/s; softness: 1/(kg m2) or 1/kg; velocity of the joint.
+    """
 
     loss: Expr
     rate: float
@@ -56,7 +59,7 @@ class SoftFriction:
 
 @dataclass(frozen=True)
 class SoftCoupling:
-    """slopes: J by joint, as above; aim: the J q'' at which it exerts no force; softness."""
+    """slopes: J by joint; aim: the J q'' without a force; softness."""
 
     slopes: Mapping[int, Expr]
     aim: Expr
@@ -96,7 +99,7 @@ def _power(base: Expr, power: float) -> Expr:
 
 
 class CoupledSystem:
-    """M q'' = force of a tree with couplings, and something added on the diagonal of M."""
+    """M q'' = force of a tree with couplings, with an optional addition to the diagonal of M."""
 
     def __init__(
         self,
@@ -111,7 +114,7 @@ class CoupledSystem:
         return CoupledSystem(self.tree, self.couplings, added)
 
     def solve(self, force: Sequence[Expr]) -> list[Expr]:
-        """q'' where the couplings aim at no acceleration: (M + J' J / softness)^-1 force."""
+        """q'' for couplings with zero aim: (M + J' J / softness)^-1 force."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=False)
 
     def accelerated(self, force: Sequence[Expr]) -> list[Expr]:
@@ -162,7 +165,7 @@ class CoupledSystem:
 
 
 def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> list[Expr]:
-    """Gaussian elimination of a positive definite system: it needs no pivots."""
+    """Gaussian elimination of a positive definite system, which needs no pivots."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     n = len(rows)
     for k in range(n):
@@ -181,8 +184,13 @@ def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> li
 
 @dataclass(frozen=True)
 class FrictionSolution:
-    """q'' (value), what creeping joints have more of inertia (added), the rest of their friction
-    force (friction), and the system with what is added."""
+    """Accelerations and friction forces of the joints.
+
+    value     q''
+    added     additional inertia of creeping joints
+    friction  remaining friction force
+    system    system with the addition
+    """
 
     value: list[Expr]
     added: list[Expr]
@@ -193,7 +201,7 @@ class FrictionSolution:
 def solve_joint_friction(
     system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
 ) -> FrictionSolution:
-    """Accelerations under what reaches each joint and friction; see above."""
+    """Accelerations under the forces at each joint, with friction; see the module."""
     none = [ZERO] * system.tree.n
     value = system.accelerated(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
@@ -210,7 +218,7 @@ def solve_joint_friction(
 def _swept(
     system: CoupledSystem, free: list[Expr], friction: dict[int, SoftFriction]
 ) -> dict[int, Expr]:
-    """Projected Gauss-Seidel: q'' + rate q' of each joint as its friction force says it."""
+    """Projected Gauss-Seidel: q'' + rate q' of each joint from its friction force."""
     columns = {i: system.column(i) for i in friction}
     a = {i: free[i] for i in friction}
     force: dict[int, Expr] = dict.fromkeys(friction, ZERO)

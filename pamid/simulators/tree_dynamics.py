@@ -56,14 +56,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Frame:
-    """A body's frame in the world: turned by symbols and then by numbers, at a place."""
+    """A body's frame in the world: rotated by symbols and then by numbers, at a place."""
 
     turn: Mat
     fixed: Array
     place: Vec
 
     def local(self, vector: Vec) -> Vec:
-        """A vector along the axes of the frame."""
+        """Vector along the axes of the frame."""
         turned = through(tuple(zip(*self.turn, strict=True)), vector)  # type: ignore[arg-type]
         return through(constant(self.fixed.T), turned)
 
@@ -76,8 +76,10 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _Mass:
-    """A body on its link: number, mass (a parameter), and its inertia per unit mass, in the frame's
-    `turn` (local) and in the world (each)."""
+    """A body on its link: number, mass (a parameter) and inertia per unit mass.
+
+    The inertia is given in the frame's `turn` (local) and in the world (each).
+    """
 
     body: int
     mass: Expr
@@ -90,7 +92,7 @@ class _Mass:
         return self.local.moved(self.frame.turn, self.frame.place)
 
     def at_rest(self) -> Inertia:
-        """The inertia in the world, which changes with the body's mass and shape alone."""
+        """Inertia in the world, which only changes with the body's mass and shape."""
         turn: Mat = tuple(tuple(map(held, row)) for row in self.frame.turn)  # type: ignore[assignment]
         x, y, z = map(held, self.frame.place)
         return self.local.by(self.mass).moved(turn, (x, y, z))
@@ -160,7 +162,7 @@ class Tree:
                 )
 
     def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
-        """The frame behind a joint; remembers the joint's motion vector."""
+        """Frame behind a joint; stores the joint's motion vector."""
         axis, anchor = np.array(joint.axis), np.array(joint.anchor)
         moved = self.q[j] - joint.reference
         self.up.append(below)
@@ -181,7 +183,7 @@ class Tree:
     # ---- frames on bodies -----------------------------------------------------------------------
 
     def mounted(self, mount: Mount) -> _Frame:
-        """The frame in the world."""
+        """Frame of a mount in the world."""
         frame, mount_rotation = self.frames[mount.body], rotation(mount.quaternion)
         place = frame.point(np.array(mount.position))
         return _Frame(frame.turn, frame.fixed @ mount_rotation, place)
@@ -218,7 +220,7 @@ class Tree:
 
     @cached_property
     def inertia(self) -> list[Inertia]:
-        """Of each link by itself."""
+        """Inertia of each link by itself."""
         inertias = []
         for bodies in self.bodies:
             total = MASSLESS
@@ -229,7 +231,7 @@ class Tree:
 
     @cached_property
     def composite(self) -> list[Inertia]:
-        """Of each link with all that it carries."""
+        """Inertia of each link with all that it carries."""
         return self._gathered(self.inertia)
 
     def _gathered(self, of: list) -> list:  # type: ignore[type-arg]
@@ -251,7 +253,7 @@ class Tree:
 
     @cached_property
     def turning(self) -> list[Spatial]:
-        """How fast each joint's motion vector turns."""
+        """Rate of change of each joint's motion vector."""
         return [self._below(self.velocity, i, AT_REST).cross(self.axis[i]) for i in range(self.n)]
 
     @cached_property
@@ -259,7 +261,7 @@ class Tree:
         return [inertia.momentum(v) for inertia, v in zip(self.inertia, self.velocity, strict=True)]
 
     def acceleration(self, qdd: Sequence[Number]) -> list[Spatial]:
-        """Of each link, gravity as an acceleration of the ground."""
+        """Acceleration of each link, with gravity as an acceleration of the ground."""
         accelerations: list[Spatial] = []
         for i in range(self.n):
             joint_acceleration = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
@@ -302,13 +304,13 @@ class Tree:
 
     @cached_property
     def bias(self) -> list[Expr]:
-        """c(q, q'): what the joints must hold where nothing accelerates."""
+        """c(q, q'): forces of the joints at zero acceleration."""
         total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
         return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
 
     @cached_property
     def lift(self) -> list[Expr]:
-        """At each joint, of the forces that carry bodies' weight at their centres."""
+        """Joint forces of the gravity compensation at the bodies' centres."""
         lift = []
         for bodies in self.bodies:
             total = MASSLESS
@@ -320,7 +322,7 @@ class Tree:
         return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
 
     def factored(self, added: Sequence[Expr] | None = None) -> Factors:
-        """M, with something added on its diagonal, as L' D L of the tree."""
+        """M, with an addition to its diagonal, as L' D L of the tree."""
         m = dict(self.mass_matrix)
         for i, more in enumerate(added or ()):
             m[i, i] = m[i, i] + more
@@ -336,7 +338,7 @@ class Tree:
 
     @cached_property
     def factors(self) -> Factors:
-        """Of M by itself."""
+        """Factors of M."""
         return self.factored()
 
     def solve(self, factors: Factors, force: Sequence[Expr]) -> list[Expr]:
@@ -355,8 +357,10 @@ class Tree:
     # ---- what the equations depend on ------------------------------------------------------------
 
     def inverse_dynamics(self, qdd: Sequence[Expr]) -> list[Expr]:
-        """For each joint an expression that changes with q, q' and the masses as ID - armature q''
-        does at q'' held; its value is not that of ID."""
+        """For each joint an expression with the derivatives of ID - armature q'' at q'' held.
+
+        They are those by q, q' and the masses. Its value is not that of ID.
+        """
         acceleration = self.acceleration(qdd)
         forces = self.forces(acceleration)
         total = self._gathered(forces)
@@ -395,7 +399,7 @@ class Tree:
         return change
 
     def _forces_of_deformed(self, i: int, acceleration: list[Spatial]) -> Iterator[Spatial]:
-        """Forces on the deformed bodies of a link, which change with their inertia alone."""
+        """Forces on the deformed bodies of a link, which only change with their inertia."""
         a, v = mapped(held, acceleration[i]), mapped(held, self.velocity[i])
         for body in self.bodies[i]:
             if body.is_deformed:
@@ -438,8 +442,10 @@ class Tree:
         return [tangent(value, change) for value, change in pairs]
 
     def felt_inertia(self, j: int) -> Expr:
-        """Inertia at a joint of its motor and of all it carries while the other joints give way: 1
-        / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
+        """Inertia at a joint of its motor and its load while the other joints give way.
+
+        It is 1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1.
+        """
         column = self.unit(self.factors, j)
         still = [held(u) for u in column]
         change = ZERO
@@ -448,7 +454,7 @@ class Tree:
         return 1.0 / tangent(column[j], change)
 
     def link_inertia(self, i: int, j: int) -> Expr | None:
-        """M_ij without the motors; None where neither joint carries the other."""
+        """M_ij without the motors; None if neither joint carries the other."""
         inertia = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
         return inertia - self.armature[i] if inertia is not None and i == j else inertia
 
@@ -462,7 +468,7 @@ def _unit(quaternion: Sequence[float]) -> Quaternion:
 
 
 def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The product of two quaternions."""
+    """Product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -477,7 +483,7 @@ def _clean(values: Array) -> Array:
 
 
 def _aligned(axis: Array) -> Array:
-    """A rotation whose z axis is this one; a permutation where it can be."""
+    """Rotation with this z axis; a permutation if possible."""
     z = axis / np.linalg.norm(axis)
     x = np.zeros(3)
     x[(int(np.argmax(np.abs(z))) + 1) % 3] = 1.0
@@ -487,7 +493,7 @@ def _aligned(axis: Array) -> Array:
 
 
 def _of_file(body: Body, frame: _Frame) -> Inertia:
-    """A body's inertia in the frame's `turn` per unit of its mass, as the file has it."""
+    """Inertia of a body in the frame's `turn` per unit of its mass, as in the file."""
     about = frame.fixed @ full_inertia(body) @ frame.fixed.T / body.mass_kg
     centre = frame.fixed @ np.array(body.centre)
     about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
@@ -496,7 +502,7 @@ def _of_file(body: Body, frame: _Frame) -> Inertia:
 
 
 def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
-    """The same of a body with this centre and these second moments about it, in its own frame."""
+    """Inertia of a body with this centre and these second moments about it, in the body's frame."""
     turn = constant(frame.fixed)
     centre = through(turn, centre)
     second = product(product(turn, second), transposed(turn))

@@ -1,8 +1,8 @@
-"""A finding put into a model file's own text, MJCF or URDF: values of parameters, and effects in
-the terms that MuJoCo has for them (`pamid.simulators.mujoco_forms`).
+"""Writing of a finding into the text of a model file, MJCF or URDF.
 
-Elements are identified by their name or by the line at which MuJoCo has read them. Attributes are
-changed; elements are added for a body without <inertial>, a load behind its motor, and friction
+It covers values of parameters, and effects as elements of MuJoCo (`pamid.simulators.mujoco_forms`).
+Elements are identified by their name or by the line at which MuJoCo read them. Attributes are
+changed. Elements are added for a body without <inertial>, a load behind its motor, and friction
 with bristles. MuJoCo reads the new text again, and every value that it does not return is reported.
 """
 
@@ -54,9 +54,14 @@ _URDF_WORDS = {"damping": "damping", "frictionloss": "friction"}
 
 @dataclass(frozen=True)
 class WrittenModel:
-    """text: of the file; changed: parameter -> (value in the file, value now), SI; left: what could
-    not be written, in sentences; notes: what is written in another form; file, mechanism: the text
-    as MuJoCo reads it."""
+    """Changed model file.
+
+    text             of the file
+    changed          parameter -> (old value, new value), SI
+    left             sentences on values that could not be written
+    notes            sentences on effects in another form
+    file, mechanism  the text as read by MuJoCo
+    """
 
     text: bytes
     changed: dict[str, tuple[float, float]]
@@ -69,10 +74,10 @@ class WrittenModel:
 def write_back(
     mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
-    """The mechanism's file with these values (SI) by parameter in the place of its own, and with
-    effects. Values of a `BodyShape` change the whole inertia of its body.
+    """Write these values (SI) and effects into the mechanism's file.
 
-    FileError where the file cannot be read any more.
+    Values of a `BodyShape` change the whole inertia of its body. FileError if the file can no
+    longer be read.
     """
     path = Path(mechanism.path)
     text, file = path.read_bytes(), open_mujoco(path)
@@ -99,7 +104,7 @@ def write_back(
 
 
 def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
-    """The new model with the columns of the old one: a command of <general> has no unit."""
+    """New model with the columns of the old one, because a command of <general> has no unit."""
     columns = {a.name: a.column for a in old.actuators}
     return replace(
         new,
@@ -108,7 +113,7 @@ def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
-    """A changed text of a model file as MuJoCo reads it."""
+    """Changed text of a model file, as read by MuJoCo."""
     with stored_text(path, text) as copy:
         try:
             return open_mujoco(copy)
@@ -118,8 +123,10 @@ def read_text(path: Path, text: bytes) -> MujocoFile:
 
 @contextmanager
 def stored_text(path: Path, text: bytes) -> Iterator[Path]:
-    """A file with the text of a model for a moment, next to the model, where its meshes are;
-    elsewhere where that folder cannot be written."""
+    """Temporary file with the text of a model, next to the model, where its meshes are.
+
+    It is elsewhere if that folder is not writable.
+    """
     folder = path.parent if os.access(path.parent, os.W_OK) else None
     with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as copy:
         copy.write(text)
@@ -128,7 +135,7 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
 
 
 def _lost(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
-    """The values that MuJoCo reads otherwise than they were to be."""
+    """Values that MuJoCo does not return as written."""
     read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
     sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
     for shape in shapes_of(reread):
@@ -146,7 +153,7 @@ def _lost(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str
 
 
 def number(value: float) -> str:
-    """As short as it can be written without losing a digit that matters."""
+    """Shortest text of a number that keeps all significant digits."""
     return f"{value:.10g}"
 
 
@@ -166,8 +173,10 @@ def _is_weighted(terms: JointTerms) -> bool:
 
 
 class _Writer:
-    """One pass over a file's text. weights: inverse inertia at every joint of the changed model by
-    name, empty in the first pass."""
+    """One pass over a file's text.
+
+    weights: inverse inertia at every joint of the changed model by name, empty in the first pass.
+    """
 
     def __init__(
         self,
@@ -239,7 +248,7 @@ class _Writer:
             self.changed[name] = (was, now)
 
     def put(self, parameter: ModelParameter, value: float) -> str:
-        """Note a change; why it cannot be made, or ""."""
+        """Note a change; returns the reason why it is impossible, or ""."""
         tag, why = self._tag_of(parameter.element, parameter.number, parameter.of)
         if tag is None:
             return why
@@ -261,7 +270,7 @@ class _Writer:
         return ""
 
     def _polynomial(self, element: str, i: int, word: str) -> Array:
-        """Coefficients of the first to third power of a spring or damper, with the values found."""
+        """Coefficients of the first to third power of a spring or damper, with the new values."""
         owner = (self.mechanism.joints if element == "joint" else self.mechanism.tendons)[i]
         stated = (getattr(owner, word), *getattr(owner, f"{word}_powers"))
         names = (word, f"{word}_quadratic", f"{word}_cubic")
@@ -271,7 +280,7 @@ class _Writer:
     # ---- elements of the text --------------------------------------------------------------------
 
     def _tag_of(self, kind: str, i: int, of: str) -> tuple[Tag | None, str]:
-        """The start tag of an element; else why there is none."""
+        """Start tag of an element; else the reason why there is none."""
         name = self.file.mujoco.mj_id2name(
             self.file.model, getattr(self.file.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i
         )
@@ -310,14 +319,14 @@ class _Writer:
         return next((t for t in self.tags if t.parent == number and t.name == name), None)
 
     def _number_of(self, element: str, i: int, attribute: str, stated: float) -> float:
-        """A parameter's value, the file's where it has no parameter."""
+        """Value of a parameter; that of the file if it is not a parameter."""
         name = self.names.get((element, i, attribute))
         return stated if name is None else self.values[name]
 
     # ---- joints ----------------------------------------------------------------------------------
 
     def _joint(self, j: int, terms: JointTerms) -> set[str]:
-        """Write the terms at a joint; the names of the parameters that are written with them."""
+        """Write the terms at a joint; returns the names of the parameters in them."""
         joint = self.mechanism.joints[j]
         friction = self._number_of("joint", j, "frictionloss", joint.friction_loss)
         damping = self._number_of("joint", j, "damping", joint.damping)
@@ -368,9 +377,12 @@ class _Writer:
         return written
 
     def _soften(self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms) -> None:
-        """How the friction sets in. Friction that the file has by itself stays as soft as it is;
-        dry friction is as hard as the step allows; one with an onset has its slope b / R at rest
-        (documentation, Computation, Constraint model, friction loss)."""
+        """Write the onset of the friction.
+
+        Friction of the file itself keeps its softness. Dry friction is as hard as the step allows.
+        One with an onset has its slope b / R at rest (documentation, Computation, Constraint model,
+        friction loss).
+        """
         if friction:
             return
         m = self.file.model
@@ -394,7 +406,7 @@ class _Writer:
         return self.weights.get(name, float(self.file.model.dof_invweight0[joint.dof]))
 
     def _is_safe(self) -> bool:
-        """Does MuJoCo keep time constants of constraints above two steps by itself?"""
+        """True if MuJoCo itself keeps time constants of constraints above two steps."""
         off = int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
         return not int(self.file.model.opt.disableflags) & off
 
@@ -403,7 +415,7 @@ class _Writer:
         return number(float(np.degrees(value)) if turned else value)
 
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
-        """The whole polynomial about one of its zeros, which is the spring's reference."""
+        """Polynomial about one of its zeros, which is the spring's reference."""
         old = JointTerms()
         first, square, cube = self._polynomial("joint", j, "stiffness")
         rest = joint.spring_reference
@@ -426,7 +438,7 @@ class _Writer:
         return self._set_polynomial(tag, j, "stiffness", coefficients)
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
-        """The range within which both the file's own limits and the buffers leave the joint."""
+        """Range that both the file's limits and the buffers leave to the joint."""
         assert terms.stop is not None
         stop = terms.stop
         low, high = joint.range or (-np.inf, np.inf)
@@ -498,7 +510,7 @@ class _Writer:
         return written
 
     def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
-        """The <body> of a joint, where it has no other joint."""
+        """The <body> of a joint, if it has no other joint."""
         alone = sum(other.body == joint.body for other in self.mechanism.joints) == 1
         parent = self.tags[tag.parent] if tag.parent >= 0 else tag
         has_mass = self.mechanism.bodies[joint.body].mass_kg > 0.0
@@ -507,8 +519,11 @@ class _Writer:
     def _divide(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
     ) -> set[str]:
-        """Part a body: what turns with the motor, of this inertia about the joint, and the rest in
-        a body of its own behind the second joint, with all that follows the joint in the text."""
+        """Divide a body at a joint.
+
+        The part that turns with the motor has this inertia about the joint. The rest becomes a
+        separate body behind the second joint, with all that follows the joint in the text.
+        """
         body = self.bodies[joint.body]
         part = min(near / _inertia_about(body, joint), MOSTLY_BEHIND)
         place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
@@ -533,7 +548,7 @@ class _Writer:
         return {self.names["body", joint.body, "mass"]}
 
     def _extend_keyframes(self) -> None:
-        """Positions and velocities of added joints in the keyframes: zero."""
+        """Add positions and velocities of new joints to the keyframes: zero."""
         for key in (t for t in self.tags if t.name == "key"):
             for place, attribute in enumerate(("qpos", "qvel")):
                 parts = key.attributes.get(attribute, "").split()
@@ -543,7 +558,7 @@ class _Writer:
                     self.edits.set(key, attribute, " ".join(parts))
 
     def _add_motor(self, tag: Tag, j: int, word: str, attribute: str) -> None:
-        """A motor without a command that only has friction or a torque with a period."""
+        """Add a motor without a command that only has friction or a periodic torque."""
         joint = self.file.name("joint", j)
         self.edits.set(tag, "name", joint)
         used_names = {t.attributes.get("name") for t in self.tags} | self.motors
@@ -559,7 +574,7 @@ class _Writer:
         )
 
     def _add_passive(self) -> None:
-        """The motors without a command, behind all others: commands keep their order."""
+        """Add the motors without a command behind all others, so that commands keep their order."""
         if not self.passive:
             return
         sections = [t for t in self.tags if t.name == "actuator" and t.parent == 0]
@@ -572,7 +587,7 @@ class _Writer:
     # ---- actuators and sensors -------------------------------------------------------------------
 
     def _is_reshaped(self, i: int) -> bool:
-        """Is an actuator's law written anew, as one of <general>?"""
+        """True if an actuator's law is written as one of <general>."""
         terms, actuator = self.forms.commands.get(i, CommandTerms()), self.mechanism.actuators[i]
         lagged = terms.lag > 0.0 and actuator.dynamics == "none"
         if actuator.motor is not None:
@@ -625,7 +640,7 @@ class _Writer:
         self._as_general(tag, i, arrays, lag)
 
     def _actuator_arrays(self, i: int) -> dict[str, Array]:
-        """Gain, bias and dynamics of an actuator with the values found."""
+        """Gain, bias and dynamics of an actuator with the new values."""
         m = self.file.model
         arrays = {
             word: np.array(getattr(m, f"actuator_{word}")[i])
@@ -640,7 +655,7 @@ class _Writer:
     def _as_general(
         self, tag: Tag, i: int, arrays: Mapping[str, Array], words: Mapping[str, str]
     ) -> None:
-        """Write an actuator's law out: what is special about a shortcut goes."""
+        """Write an actuator's law as <general>, without the attributes of a shortcut."""
         m, file = self.file.model, self.file
         types = {
             "dyntype": file.word("mjtDyn", m.actuator_dyntype[i]),
@@ -660,8 +675,11 @@ class _Writer:
             self.edits.set(tag, word, _trimmed(values))
 
     def _delay(self, tag: Tag, delay: float) -> None:
-        """A delay, with room for it at a finer step. It is shorter by what keeps a number of whole
-        steps from becoming one more where times are rounded."""
+        """Write a delay, with room for it at a finer step.
+
+        It is slightly shorter, so that rounded times do not turn a number of whole steps into one
+        more.
+        """
         step = float(self.file.model.opt.timestep) / FINER_STEPS
         self.edits.set(tag, "delay", number(delay * (1.0 - DELAY_ROUNDING)))
         self.edits.set(tag, "nsample", str(int(np.ceil(delay / step)) + 2))
@@ -719,7 +737,7 @@ class _Writer:
         return ""
 
     def _dc_motor(self, tag: Tag, i: int, attribute: str) -> None:
-        """Write what stands together with a parameter in the attributes of <dcmotor>."""
+        """Write a parameter with its neighbours in the attributes of <dcmotor>."""
         m, actuator = self.file.model, self.mechanism.actuators[i]
         motor = actuator.motor
         assert motor is not None
@@ -785,8 +803,11 @@ class _Writer:
         return ""
 
     def _whole_inertia(self, shape: BodyShape, written: Collection[str]) -> set[str]:
-        """Write a body's mass, centre and inertia about it along the body's axes; the name of the
-        mass, which is written with them. written: masses that are already in the text."""
+        """Write a body's mass, centre and inertia about it along the body's axes.
+
+        Returns the name of the mass, which is written with them. written: masses that are already
+        in the text.
+        """
         old, new = self.mechanism.bodies[shape.number], self.bodies[shape.number]
         mass = self.names["body", shape.number, "mass"]
         if mass in written:
@@ -864,7 +885,7 @@ class _Writer:
         return ""
 
     def _urdf_terms(self, j: int, terms: JointTerms, friction: float, damping: float) -> set[str]:
-        """Friction and linear damping of a joint; URDF has no more."""
+        """Write friction and linear damping of a joint; URDF has no more."""
         joint = self.mechanism.joints[j]
         tag, why = self._tag_of("joint", j, joint.name)
         others = {
@@ -897,7 +918,7 @@ class _Writer:
         return written
 
     def _add_dynamics(self) -> None:
-        """<dynamics> of the joints that had none."""
+        """Write <dynamics> of the joints without one."""
         for tag in self.tags:
             if dynamics := self.dynamics.get(tag.begin):
                 values = {"damping": 0.0, "friction": 0.0} | dynamics
@@ -915,7 +936,7 @@ def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
 
 
 def _exactly(full: Array) -> str:
-    """A full inertia with all digits: rounded, that of a thin plate may be none."""
+    """Full inertia with all digits, because a rounded one of a thin plate may be invalid."""
     return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
 
@@ -931,9 +952,11 @@ def _inertia_about(body: Body, joint: MechanismJoint) -> float:
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
-    """A limit that acts as a spring and a damper (documentation, Computation, Constraint model): of
-    impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d and b = -solref[1] /
-    d, r the way beyond the limit and a the acceleration without it."""
+    """Limit that acts as a spring and a damper (documentation, Computation, Constraint model).
+
+    At impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d and b = -solref[1]
+    / d, r the distance beyond the limit and a the acceleration without it.
+    """
     return {
         "solreflimit": numbers([-stiffness * weight, -damping * weight]),
         "solimplimit": numbers([SOFT, SOFT, 0.001]),
