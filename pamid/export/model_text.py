@@ -1,4 +1,4 @@
-"""The model file of a rig, MJCF or URDF, with what a run found."""
+"""Model file of a rig, MJCF or URDF, with the result of a run."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 
 
 def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
-    """The text for the file, with its errors in MuJoCo; of a URDF also as MJCF, which holds more.
-    FileError for a rig that is not made of a model file, or for an MJCF as URDF."""
+    """Text for the file, with its errors in MuJoCo.
+
+    A URDF is also written as MJCF, which holds more. FileError for a rig without a model file, or
+    for an MJCF as URDF.
+    """
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise FileError(
@@ -49,7 +52,7 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
 
 
 def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
-    """The file of a mechanism with the model's parameters and effects."""
+    """File of a mechanism with the model's parameters and effects."""
     keys, values = model.assembly.keys, model.values
     parameters = {
         p.name: float(values[keys[p.name]]) for p in model.assembly.rig.parameters if p.name in keys
@@ -67,7 +70,7 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
 
 
 def _rivals_note(model: Identified) -> str:
-    """The effects that the recordings cannot tell from the one that is written."""
+    """Note on the effects that the recordings cannot separate from the written one."""
     written = model.effects[0].label if model.effects else ""
     others = {k: v for k, v in model.rivals.items() if k != written}
     if not others:

@@ -1,5 +1,7 @@
-"""The implicit step of `pamid.engine.integrator` as ONNX nodes: two SDIRK2 stages, each solved by
-damped Newton."""
+"""Implicit step of `pamid.engine.integrator` as ONNX nodes.
+
+It has two SDIRK2 stages, each solved by damped Newton.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ class Implicit:
     slopes: Rates
 
     def step(self, g: Graph, state: str, h: float) -> str:
-        """The state (nx,) after a step of h; NaN where Newton does not converge."""
+        """State (nx,) after a step of h; NaN if Newton does not converge."""
         gh = g.number(GAMMA * h)
         first = self._solved(g, state, state, gh)
         slope = g.add("Div", g.add("Sub", first, state), gh)
@@ -71,8 +73,10 @@ class Implicit:
     def _taken(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
     ) -> str:
-        """x + change, shortened where it is large and Newton's next one would not become
-        smaller."""
+        """x + change.
+
+        A large change is shortened if Newton's next one would not become smaller.
+        """
         full, shorter = g.inside(), g.inside()
         after = full.add("Add", x, change)
         accepted = self._shortened(shorter, base, gh, x, matrix, change, worst)

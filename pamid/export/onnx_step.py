@@ -21,11 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A model's sample, with the network whose cells the step has, if any; not one that is to be
-    written by its equations, as the rest.
+    """A model's sample step, with its network if that is written as a network.
 
-    The state that a host carries is one vector: the model's states (SI), what its cells and its
-    network remember, its delay lines, and last the number of samples so far.
+    The state that a host carries is one vector: the model's states (SI), the memory of its cells
+    and its network, its delay lines, and last the number of samples so far.
     """
 
     step: SampleStep
@@ -33,7 +32,7 @@ class Sampled:
 
     @cached_property
     def remembered(self) -> tuple[str, ...]:
-        """Cells whose value at the last step is asked for, those of the network left out."""
+        """Cells whose last value is needed, without those of the network."""
         s = self.step
         used = symbols(
             [*(e for u in s.updates for e in (u.value, u.seconds)), *s.rates, *s.readings]
@@ -60,7 +59,7 @@ class Sampled:
 
     @cached_property
     def known(self) -> dict[Symbol, float]:
-        """Parameters, and what is derived from them."""
+        """Parameters, and quantities derived from them."""
         values: dict[Symbol, float] = {("parameter", v.name): v.start for v in self.step.parameters}
         for i, root in enumerate(self.step.derived):
             values["derived", str(i)] = _number(root, values)
@@ -68,7 +67,7 @@ class Sampled:
 
     @property
     def start(self) -> Array:
-        """The state vector before the first sample."""
+        """State vector before the first sample."""
         begin = [_number(e, self.known) for e in self.step.start]
         return np.array(begin + [0.0] * (sum(self.sizes.values()) - len(begin)))
 
@@ -124,8 +123,10 @@ class Sampled:
         first: str,
         sub: int,
     ) -> dict[str, str]:
-        """All cells at the beginning of a substep, by name; the network's memory and the delay
-        lines move on."""
+        """Update all cells at the beginning of a substep, by name.
+
+        The network's memory and the delay lines advance, too.
+        """
         after: dict[str, str] = {}
         for update in self.step.updates:
             if not self._of_network(update):
@@ -158,8 +159,10 @@ class Sampled:
     def _delayed(
         self, g: Graph, values: Values, part: dict[str, str], update: Update, value: str, first: str
     ) -> str:
-        """Put a value into its delay line, newest first; the one `seconds` ago, linear between
-        steps."""
+        """Put a value into its delay line, newest first.
+
+        The result is the value `seconds` ago, linear between steps.
+        """
         name, size = f"line {update.line}", self.step.lines[update.line]
         older = g.parts(part[name], [size - 1, 1])[0]
         line = g.joined([value, older])
@@ -178,7 +181,7 @@ class Sampled:
     # ---- states ---------------------------------------------------------------------------------
 
     def _moved(self, g: Graph, symbols: Values, held: Values, state: str) -> str:
-        """The states after a substep; `here` are values at its beginning."""
+        """States after a substep; `symbols` are values at its beginning."""
         s, h, nx = self.step, self.step.step_s, len(self.step.states)
         if not s.implicit:
             return self._runge_kutta(g, symbols, held, state)
@@ -211,8 +214,7 @@ class Sampled:
 
 
 def _number(root: Expr, known: dict[Symbol, float]) -> float:
-    """The value of an expression whose symbols are known; not finite where a division or a
-    logarithm is."""
+    """Value of an expression with known symbols; not finite where a division or logarithm is not."""
     values: dict[Expr, float] = {}
     with np.errstate(all="ignore"):
         for node in walk([root]):
