@@ -111,7 +111,9 @@ def _left_over(match: Match) -> tuple[int, int, int]:
 
 
 def _side(column: str) -> str:
-    """"load" for a force or torque, "motion" for a length, an angle or a speed, else the quantity.
+    """Kind of a column: "load" for a force or torque, "motion" for a length, an angle or a speed.
+
+    Any other column has its quantity.
     """
     quantity = quantity_of(split_column(column)[1])
     sides = {"load": ("force", "torque"), "motion": ("position", "angle", *_SPEEDS)}

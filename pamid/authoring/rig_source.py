@@ -58,7 +58,7 @@ def require_plain(name: str, what: str) -> str:
 
 
 def class_name(stem: str) -> str:
-    """"my_rig" -> "MyRig". FileError if the file's name does not give a class name."""
+    """Class name, "my_rig" -> "MyRig". FileError if the file's name does not give a class name."""
     name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
     return require_plain(name, "The name of the output,")
 

@@ -290,8 +290,7 @@ def _half_stretch(rig: Rig) -> int:
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
-    """Points of the bounds, as text, at which the outputs are not finite; empty if there are none.
-    """
+    """Points of the bounds, as text, at which the outputs are not finite; empty without any."""
     trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
     random = np.random.default_rng(seed)
     problems = []
@@ -486,8 +485,7 @@ def rig_findings(
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
-    """All findings on an effect: its data sheet, and its behaviour on every rig that has its ports.
-    """
+    """All findings on an effect: its data sheet, and its behaviour on every rig with its ports."""
     findings = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
         return findings

@@ -15,8 +15,7 @@ from pamid.simulation.tracks import stated_noise
 
 
 def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Findings on inputs that move in the recording, but whose term in the equations has no effect.
-    """
+    """Findings on inputs that move in the recording, but whose term has no effect."""
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
     issues = []
     for name, change in input_effects(

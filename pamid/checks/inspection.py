@@ -306,8 +306,7 @@ def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Findings on known values without a parameter in the rig, and on those outside their bounds.
-    """
+    """Findings on known values without a parameter in the rig, or outside their bounds."""
     plain = Assembly(rig)
     names = [p.outside_name for p in rig.parameters]
     strange = [key for key in recording.known if not plain.knows(key)]

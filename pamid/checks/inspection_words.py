@@ -40,8 +40,7 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
 
 
 def _screen(summary: dict[str, Any]) -> list[str]:
-    """Shorten a rig to one screen, less the last line: first the effects, then notes, then ports.
-    """
+    """Shorten a rig to one screen, less the last line: the effects, then notes, then ports."""
     alike = _together(summary["findings"])
     fine = [line for text in _fine(alike) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
@@ -127,8 +126,7 @@ def _count(summary: dict[str, Any]) -> str:
 
 
 def _finding_line(title: str, f: dict[str, Any]) -> str:
-    """Line of a finding, folded unless it contains a command to copy, which must stay on one line.
-    """
+    """Line of a finding, folded unless it has a command to copy, which must stay on one line."""
     line = f"{title}{f['check']}: {f['detail']}"
     return folded(line) if f["check"] == TOLERANCES else line
 

@@ -105,8 +105,7 @@ def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
 
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """Issues that make a fit nonsense (wrong), or that it would attribute to the machine (advice).
-    """
+    """Issues that make a fit nonsense (wrong), or that it would take for the machine (advice)."""
     from pamid.checks.rig_consistency import SLIP_WORDS
 
     absurd = _absurd(recording)
@@ -181,8 +180,7 @@ def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSign
 def _levels(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal], rig: Rig | None
 ) -> list[QualityIssue]:
-    """Dead, coarse and noisy channels. If most are dead, the rig rests and no sensor is to blame.
-    """
+    """Dead, coarse and noisy channels. If most are dead, the rig rests, and no sensor is faulty."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
     usual = {} if rig is None else rig.noise
     return [

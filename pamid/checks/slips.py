@@ -276,8 +276,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A slip with its fits as recorded and corrected; others: slips that explain it equally well.
-    """
+    """A slip with its fits as recorded and corrected; others: slips that explain as much."""
 
     slip: Slip
     before: Judgement

@@ -214,7 +214,7 @@ class Sampled:
 
 
 def _number(root: Expr, known: dict[Symbol, float]) -> float:
-    """Value of an expression with known symbols; not finite where a division or logarithm is not."""
+    """Value of an expression with known symbols; it may be infinite or NaN."""
     values: dict[Expr, float] = {}
     with np.errstate(all="ignore"):
         for node in walk([root]):
