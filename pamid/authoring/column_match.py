@@ -19,8 +19,8 @@ from pamid.model.rig import Rig
 
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
-NEAR = 0.5  # of the best score: what fits worse is not named beside it
-LISTED_RIGS = 4  # rigs of which an error says what they lack
+NEAR = 0.5  # of the best score: a worse match is not listed
+LISTED_RIGS = 4  # rigs whose gaps an error lists
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
@@ -166,7 +166,7 @@ def example_named(name: str) -> type[Rig]:
             f"Add --rig {name} to the commands, or start from {', '.join(known)}.",
         )
     raise UsageError(
-        f"There is no rig {name!r} to start from.",
+        f"Rig {name!r} is not in the catalogue.",
         nearest(name, known) or f"Rigs: {', '.join(known)}.",
     )
 

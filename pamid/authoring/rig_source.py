@@ -42,7 +42,7 @@ _SEEN_AS = {
     "degF": "the equations see kelvin",
 }
 GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
-SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
+SCALE = 1e4  # bounds of a gain: this multiple and this part of the ratio of the ranges
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -181,7 +181,7 @@ class RigSource:
             if name == "outputs":
                 yield _Edit(whole.last, whole.last, self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
-            # a map that is off by 2 % would be traded for the scale, which nobody knows
+            # a map that is off by 2 % would be traded for the scale, which is unknown
             comment = (
                 "# background: state by how much the maps may be off when the scales are known"
             )

@@ -62,7 +62,7 @@ COARSE_STEP = 0.01  # of the span
 # share of repeats of a signal that goes in steps; plateaus that a channel crosses for each of these
 # steps at most, if they are levels of the machine
 STEPPED, CROSSINGS = 0.8, 2.0
-# changes that tell a grain, and what the largest of them may be off by, in grains
+# number of changes that determine a grain, and the tolerance of the largest one, in grains
 GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
@@ -354,7 +354,7 @@ def frozen(
     at = covered(s.values.size, starts, stops)
     windows, share = windows_of(s.time, starts, stops), float(at.mean())
     message = f"{s.name} stands still while the others move, {share_words(share)}"
-    hint = "Look at its plug, its bus and its driver; leave these stretches out."
+    hint = "Check its plug, its bus and its driver; leave these stretches out."
     return [
         QualityIssue(
             "frozen",
@@ -418,8 +418,8 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
             "bridged",
             (s.name,),
             "advice",
-            f"{s.name} runs along a straight line without noise, as a gap that "
-            f"was bridged, {share_words(share)}",
+            f"{s.name} follows a straight line without noise, like an "
+            f"interpolated gap, {share_words(share)}",
             "Ingest the raw log again with a smaller max_gap_s, which splits it there.",
             windows,
             {"share": share},
@@ -523,7 +523,7 @@ def level_of(
                 (s.name,),
                 "advice",
                 message,
-                "Look at shielding, earth and filter.",
+                "Check shielding, earth and filter.",
                 (),
                 numbers,
             )

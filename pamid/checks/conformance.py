@@ -48,7 +48,7 @@ SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
 # of an output's size: differences beyond it, of parameters moved by a millionth, are no slopes
 SMALL_MOVE = 1e-4
 LEAST_EFFECT = 1e-9  # of the largest output: an effect that changes less does nothing
-# of the samples compared: differences across a corner of the equations say nothing about slopes
+# of the samples compared: differences across a corner of the equations are not slopes
 QUANTILE = 0.97
 
 
@@ -332,7 +332,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     Y, exact, _ = program.run(memory, trial.u, p, period_s=period, stepping=step, columns=columns)
     worst = 0.0
     for column, (i, b) in enumerate(trial.own):
-        # the differences' own errors, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE
+        # the errors of the differences, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE
         h = 1e-6 * max(abs(p[i]), 1e-2 * min(b.high - b.low, abs(p[i]) + b.spread))
         error = np.full(Y.shape[1], np.inf)
         # errors that grow enlarge rounding, which is less over a wider step, and corners, of which

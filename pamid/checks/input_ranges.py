@@ -27,10 +27,10 @@ def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
                 "beyond-range",
                 (column,),
                 "advice",
-                f"{name} is said to be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
+                f"{name} should be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
                 f"from {values.min():.4g} to {values.max():.4g}, outside for {share:.0%} of the "
                 "time",
-                "Look at its unit and its zero; if it really goes there, widen ranges in the rig "
+                "Check its unit and its zero; if it really goes there, widen ranges in the rig "
                 "file.",
                 windows_of(recording.time, *runs_of(out)),
                 {"share": share, "low": float(values.min()), "high": float(values.max())},

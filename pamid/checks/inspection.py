@@ -152,7 +152,7 @@ def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
         return tuple(f"{issue.message.partition(': ')[0]}." for issue in issues)
     first = wrong[0]
     more = "".join(f"; {i.kind}: {i.message}" for i in wrong[1:])
-    hint = f"{first.hint} `pamid check` says more; --no-check fits it as it is.".lstrip()
+    hint = f"{first.hint} `pamid check` has the details; --no-check fits it as it is.".lstrip()
     if all(i.kind == "dead" for i in wrong):
         raise DataError(f"{recording.path}: {first.message}{more}.", hint, code="not-excited")
     raise FileError(f"{recording.path}: {first.kind}: {first.message}{more}.", hint, code="check")
@@ -236,7 +236,7 @@ def _recording(
 def _column(recording: Recording, name: str) -> dict[str, Any]:
     """Range, level and length of the rest at the start, and the share of time at standstill."""
     values = recording.columns[name]
-    # scaled to it, since nobody says that numbers are small
+    # scaled to it, since numbers need not be small
     size = float(np.abs(values).max()) or 1.0
     scaled = values / size
     low, high = float(scaled.min()), float(scaled.max())
@@ -290,7 +290,7 @@ def _against_rig(
         try:
             require_informative(rig, recording)
         except DataError as error:
-            findings.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
+            findings.append(CheckOutcome("excitation", False, f"nothing can be fitted: {error}"))
     return rig, findings or [
         CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
     ]
@@ -355,7 +355,10 @@ def _column_findings(
         )
     findings += [
         CheckOutcome(
-            "output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True
+            "output",
+            False,
+            f"{c} is not recorded: effects that only it shows stay unknown",
+            advice=True,
         )
         for c in rig.outputs
         if wanted[c] is None and seen
@@ -407,7 +410,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
     ]
     outcomes |= {
-        n: CheckOutcome("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
+        n: CheckOutcome("unit", False, f"column {n!r} does not end in a known unit", advice=True)
         for n in suffixes
         if not n.rsplit("_", 1)[1].isdigit()
     }
@@ -505,7 +508,7 @@ def _rig(
         check_rig(rig, str(path))
     except PamidError as error:
         return [CheckOutcome("declarations", False, str(error))], []
-    except Exception as error:  # a rig's own __init__ may do anything
+    except Exception as error:  # a rig's __init__ may raise anything
         return [
             CheckOutcome(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"

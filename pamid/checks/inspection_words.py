@@ -11,7 +11,7 @@ from pamid.model.port_guide import TOLERANCES, WIDTH, cut, folded, grouped_ports
 
 # kinds of issues after which a note is no small matter
 DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
-FEW_PLACES = 4  # of one check that are told one by one
+FEW_PLACES = 4  # of one check that are listed one by one
 SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next
 # lines per group of ports and per finding, with less and less of both
 DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)

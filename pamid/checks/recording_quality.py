@@ -121,7 +121,7 @@ def _absurd(recording: Recording) -> QualityIssue | None:
             names,
             "wrong",
             f"{', '.join(names)}: no sensor shows numbers of this size",
-            "Look at how the log was written and read.",
+            "Check how the log was written and read.",
         )
         if names
         else None
@@ -326,7 +326,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue
             "advice",
             f"{int(held.sum())} samples were lost and filled by repeating the last "
             f"one in {which}, {share_words(float(held.mean()))}",
-            "Look at the logger's load and the bus; ingest the raw log without filling, or leave "
+            "Check the logger's load and the bus; ingest the raw log without filling, or leave "
             "these stretches out.",
             windows,
             {
@@ -357,7 +357,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
                     (s.name,),
                     "advice",
                     f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum",
-                    "Is its sign or its unit another one?",
+                    "Is its sign or its unit wrong?",
                     (),
                     {"low_pa": float(y.min())},
                 )
@@ -495,7 +495,7 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
     try:
         seen = coverage(values, period)
     except DataError:
-        return []  # constant: said already
+        return []  # constant: reported already
     amplitude = 0.5 * float(np.ptp(to_si(values, split_column(name)[1])))
     numbers = {"steps": float(seen.steps), "levels": float(seen.levels), "visited": seen.visited}
     messages = []

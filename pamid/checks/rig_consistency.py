@@ -454,7 +454,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             "[known]. A dead time or a lag is for `pamid diagnose` to find; if clocks differ, "
             "shift the channel in the raw log."
             if lag > 0
-            else "No rig answers before it is asked: shift the channel, or the command, in the "
+            else "No rig responds before its command: shift the channel, or the command, in the "
             "raw log."
         )
         issues.append(

@@ -16,7 +16,7 @@ from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
 
-# how columns begin that are sent, beside the words of `says_sent`
+# prefixes of commanded columns, in addition to the words of `says_sent`
 SENT = ("command", "reference", "setpoint", "external")
 
 

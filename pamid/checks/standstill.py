@@ -38,7 +38,7 @@ def standstill(
         f"{' and '.join(resting)} {'stands' if len(resting) == 1 else 'stand'} still"
         f"{f' while {driven[0]} moves' if driven else ''} {share_words(share)}"
     )
-    look = "Look at the sensor and the logger there, and cut" if driven else "Cut"
+    look = "Check the sensor and the logger there, and cut" if driven else "Cut"
     return [
         QualityIssue(
             "standstill",

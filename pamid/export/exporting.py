@@ -60,7 +60,7 @@ def export_model(
     """
     forms = known_forms()
     if form not in forms:
-        raise UsageError(f"{form!r} is no form of export.", nearest(form, forms))
+        raise UsageError(f"{form!r} is not an export format.", nearest(form, forms))
     tell("translating")
     chosen = forms[form]
     step = step_of(model) if chosen.sampled else None
@@ -73,7 +73,7 @@ def export_model(
     if written.check is not None and written.check.is_worse and not anyway:
         raise FileError(
             f"{files[0]} was not written: {written.check.worst_words}.",
-            "Its notes (--anyway prints them and writes it) say which part of the finding the "
+            "Its notes (--anyway prints them and writes it) list the parts of the finding that the "
             "file cannot hold.",
             code="worse",
         )

@@ -67,7 +67,7 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     )
     folder, ending = _place(version)
     why = "no C compiler (cc, gcc or clang) was found" if not cc else ""
-    why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
+    why = why or ("" if folder else f"FMI {version}.0 does not define binaries for this machine")
     binary = b""
     if not why:
         tell("compiling")

@@ -27,7 +27,7 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise FileError(
-            f"The rig {model.name!r} was not made of a model file, so there is none to write into.",
+            f"The rig {model.name!r} does not come from a model file: there is none to change.",
             "fmu, c, onnx and matlab write any model.",
         )
     path = Path(mechanism.path)
@@ -43,9 +43,9 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     check = plain_check(model, mechanism, written.file, written.mechanism)
     notes = [*written.notes, *written.left]
     if model.network is not None:
-        notes.append("the network is not in the file: no model file can hold one")
+        notes.append("the network is not in the file: model files have no networks")
     if check is None:
-        notes.append("it was not run: the run holds nothing out")
+        notes.append("it was not run, because the run has no held-out data")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
     return Written({files[0]: written.text}, notes=tuple(notes), check=check)

@@ -89,8 +89,8 @@ class PlainCheck:
         """Text on the channel with the largest increase."""
         name, c = max(self.channels.items(), key=lambda item: _ratio(item[1].now, item[1].before))
         return (
-            f"in MuJoCo ({self.settings}) it is further off on held-out data than the file it was "
-            f"made of: {name} by {c.now:.4g}, not {c.before:.4g}"
+            f"in MuJoCo ({self.settings}) its errors on held-out data are larger than those of the "
+            f"original file: {name} by {c.now:.4g}, not {c.before:.4g}"
         )
 
 

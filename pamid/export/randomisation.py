@@ -113,7 +113,7 @@ def _posterior(model: Identified) -> Posterior:
         saved = fit.rivals[model.chosen].model
     posterior = saved.posterior if saved else fit.posterior
     if posterior is None:
-        raise FileError("The run holds no posterior of this model.", REFIT_REMEDY, code="missing")
+        raise FileError("The run has no posterior of this model.", REFIT_REMEDY, code="missing")
     return posterior
 
 

@@ -12,7 +12,7 @@ from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, O
 
 Symbol = tuple[str, str]
 
-# characters of a part that is written where it is used, not under a name of its own
+# longest part that is written in place, without a name
 _LONGEST_PART = 90
 
 

@@ -160,7 +160,7 @@ def step_of(model: Identified) -> SampleStep:
         )
     if moving := model.equations.linear:
         raise UsageError(
-            f"{', '.join(moving)} leads in a straight line from one sample to the next in this "
+            f"{', '.join(moving)} is linear between samples in this "
             "model, and an exported step is not given the next one.",
             "Run it with `pamid simulate --model`, or fit with the input held: "
             f'between = {{"{moving[0]}": "held"}} in the rig file, or [between] in the TOML.',

@@ -63,7 +63,7 @@ class ExcitationBench:
         for name, speed in speeds.items():
             if name not in names:
                 raise UsageError(
-                    f"--speed-limit {name}: there is no such joint.",
+                    f"--speed-limit {name}: the model has no such joint.",
                     nearest(name, names) or f"Joints: {', '.join(names)}.",
                 )
             if not speed > 0.0:
@@ -119,10 +119,10 @@ class ExcitationBench:
         alone = self.falls.get(trouble.joint)
         if alone is not None:
             raise DataError(
-                f"{self.m.path}: with nothing sent {alone.text} already, at {alone.at_s:.4g} s: a "
-                "smaller signal cannot keep it.",
-                "Hold it: --offset with what it takes, or an actuator that is sent positions; or "
-                "send the signal as it is with --no-limits.",
+                f"{self.m.path}: even with a command of zero, {alone.text}, at {alone.at_s:.4g} s. "
+                "A smaller signal cannot prevent this.",
+                "Hold the joint with a suitable --offset, or with a position actuator; or send the "
+                "signal without limits (--no-limits).",
                 code="no-room",
             )
 

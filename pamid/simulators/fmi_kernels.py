@@ -38,9 +38,9 @@ ENDED, RESTLESS, STIFF, CROWDED, NO_NUMBERS = -1, -2, -3, -4, -5
 SAID = {
     ENDED: "it ended the simulation itself",
     RESTLESS: "its events do not come to rest: it asks for one event iteration after another",
-    STIFF: "its equations want steps too short for an explicit method; export it for "
+    STIFF: "its equations need too short steps for an explicit method; export it for "
     "co-simulation, with a solver of its own",
-    NO_NUMBERS: "its derivatives are no numbers",
+    NO_NUMBERS: "its derivatives are not finite",
     CROWDED: "its events follow each other too closely",
 }
 FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, error, fatal

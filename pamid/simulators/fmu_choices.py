@@ -1,7 +1,7 @@
 """Choices of a user on an FMU, in a table next to it, `drive.fmu.toml` for `drive.fmu`:
 
 kind = "model-exchange"   # or "co-simulation", where it offers both
-seen = false              # its states are not all that it knows
+seen = false              # its states are not its whole memory
 free = ["inertia_kg_m2"]  # parameters to fit, where not all are
 
 [ports.torque_n_m]        # an input that is a force or a torque: a motion port
@@ -54,7 +54,7 @@ def read_choices(fmu: Path) -> FmuChoices:
     for key, value in table.items():
         if key not in _KNOWN:
             raise FileError(
-                f"{path}: {key!r} is nothing that can be said of an FMU",
+                f"{path}: {key!r} is not a setting of an FMU",
                 nearest(key, list(_KNOWN)) or f"there are {', '.join(_KNOWN)}",
                 code="toml",
             )

@@ -327,7 +327,7 @@ def _remarks(
     lost += "start" if lost else ""
     remarks = [
         f"{'integrated by pamid' if exchange else 'stepped by its own binary'}, "
-        f"in a process of its own{lost}"
+        f"in a separate process{lost}"
     ]
     if exchange:
         remarks += [

@@ -35,11 +35,11 @@ from pamid.simulators.fmu_link import FmuUnits
 Array = NDArray[np.float64]
 
 SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
-MOST_INSTANCES = 64  # with parameters of their own, where states are seen
-LATER_S = 1.2345  # when a model that does not know the time behaves as at 0
+MOST_INSTANCES = 64  # with different parameters, for seen states
+LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
     "its equations depend on the time itself, which a state does not show; write seen = false into "
-    "the table beside it"
+    "the table next to it"
 )
 
 

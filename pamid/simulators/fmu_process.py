@@ -163,7 +163,7 @@ class FmuProcess(FmuLink):
     def _failed(self, what: str) -> FileError:
         return FileError(
             f"{self.file.path}: the FMU failed: {what}.",
-            "Run it on the same inputs with `fmpy simulate`, and mend it or export it again.",
+            "Run it on the same inputs with `fmpy simulate`, and repair it or export it again.",
             code="simulation",
         )
 

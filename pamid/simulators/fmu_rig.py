@@ -50,7 +50,7 @@ class FmuRig(StepRig):
 
     name = "fmu"
     carries = True
-    # beside the rig's own file, or from the folder in which it is run
+    # relative to the rig file, else to the working folder
     path: ClassVar[str] = ""
     # input that is a force or torque -> outputs: position and velocity there
     motion: ClassVar[dict[str, tuple[str, str]]] = {}

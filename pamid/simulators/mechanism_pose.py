@@ -75,7 +75,7 @@ def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArra
         column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
         if column is None or joint.kind not in ("hinge", "slide"):
             raise DataError(
-                f"Nothing can be drawn of {m.name!r}: no sensor reads the position of joint "
+                f"{m.name!r} cannot be drawn: no sensor reads the position of joint "
                 f"{joint.name!r}.",
                 "Give the model a jointpos sensor for every hinge and slide.",
                 code="no-pose",

@@ -35,7 +35,7 @@ from pamid.simulators.mujoco_sources import (
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 _COMPILED = "model.mjb"
-_FINITE = "Every number of a model has to be finite: mend it where it stands."
+_FINITE = "Every number of a model must be finite: correct it in the file."
 _MOST_WARNINGS, _LONGEST = 20, 300  # of MuJoCo, and characters of each
 _LINE = re.compile(r"line (\d+)")
 
@@ -308,11 +308,14 @@ def _hint(message: str) -> str:
         )
     if "A + B >= C" in message:
         return (
-            "Mend the inertia of that body, or let MuJoCo do it, in a URDF with"
+            "Correct the inertia of that body, or let MuJoCo do it, in a URDF with"
             ' <mujoco><compiler balanceinertia="true"/></mujoco> inside <robot>.'
         )
     if "missing element: 'inertia'" in message:
         return "Add <inertia> to that <inertial>; without <inertial> the shapes give the mass."
     if "Schema violation" in message:
-        return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
+        return (
+            "Correct or remove the element; `python -m mujoco.viewer --mjcf FILE` has the same "
+            "message."
+        )
     return ""

@@ -30,7 +30,7 @@ BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
 ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
 TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
 TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
-RELEASED = ("armature", "damping")  # of a joint, fitted although the file says zero
+RELEASED = ("armature", "damping")  # of a joint, fitted although the file states zero
 
 
 def parameters_of(
@@ -72,7 +72,7 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
             spread=STATED_FACTOR,
             log=True,
             fitted=fitted,
-            source="the model file, taken for right within 20 %",
+            source="the model file, correct within 20 %",
         )
     return Parameter(
         name,
@@ -82,7 +82,7 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
         unit,
         spread=(STATED_FACTOR - 1.0) * size,
         fitted=fitted,
-        source="the model file, taken for right within 20 %",
+        source="the model file, correct within 20 %",
     )
 
 

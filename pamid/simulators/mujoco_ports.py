@@ -62,7 +62,7 @@ def ports_of(
 def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     inertia = "kg m2" if joint.kind == "hinge" else "kg"
     motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
-    # a joint that only gravity moves passes no force of its own
+    # a joint that only gravity moves has no drive force
     size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
     return [
         ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),

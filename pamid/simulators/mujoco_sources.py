@@ -85,7 +85,7 @@ def _require_expanded(path: Path, tags: Iterable[Tag]) -> None:
     plain = plain if plain.suffix == ".urdf" and plain != path else plain.with_suffix(".plain.urdf")
     at = f", line {tag.line}: <{tag.name}>" if tag else ""
     raise FileError(
-        f"{path}{at} is a text for xacro, not yet a URDF.",
+        f"{path}{at} needs xacro and is not yet a URDF.",
         f"Expand it first: xacro {path} > {plain} (pip install xacro, or ROS).",
         code="model",
     )

@@ -258,13 +258,13 @@ def _reach(file: MujocoFile, mechanism: Mechanism, travel: Array) -> Array:
     """
     m, mujoco = file.model, file.mujoco
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
-    reach = np.zeros(m.nbody)  # of a body and all that it carries, from its own frame
+    reach = np.zeros(m.nbody)  # of a body and all that it carries, from the body's frame
     for g in range(m.ngeom):
         moved_plane = m.geom_type[g] == plane and m.body_weldid[m.geom_bodyid[g]]
         size = np.inf if moved_plane else float(m.geom_rbound[g])
         body = int(m.geom_bodyid[g])
         reach[body] = max(reach[body], float(np.linalg.norm(m.geom_pos[g])) + size)
-    shifts = np.zeros(m.nbody)  # of a body's frame by its own joints
+    shifts = np.zeros(m.nbody)  # of a body's frame by the body's joints
     for j, joint in enumerate(mechanism.joints):
         slide = joint.kind == "slide"
         shifts[joint.body] += travel[j] if slide else 2.0 * float(np.linalg.norm(joint.anchor))

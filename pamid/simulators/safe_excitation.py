@@ -23,7 +23,7 @@ from pamid.simulators.mechanism import Actuator, Mechanism
 Array = NDArray[np.float64]
 
 SMALLER_BY = 0.8  # an amplitude from one run to the next
-LEAST_SENT = 0.01  # of what was asked for: less excites nothing
+LEAST_SENT = 0.01  # of the requested signal: less excites nothing
 SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
@@ -62,7 +62,7 @@ class SafeExcitation:
 
     def sentences(self) -> list[str]:
         """Changes of the excitation, and the reach of the run with them."""
-        sentences = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
+        sentences = [f"Tried on the model first. Checked: {'; '.join(self.limits)}."]
         for command in self.commands:
             if command.changed:
                 moved = f"its centre moved by {command.shift:.4g}" if command.shift else ""
@@ -70,9 +70,9 @@ class SafeExcitation:
                     f"made smaller, {command.factor:.3g} times" if command.factor != 1.0 else ""
                 )
                 done = " and ".join(part for part in (moved, scaled) if part)
-                sentences.append(f"{command.column}: {done}, because {'; '.join(command.why)}.")
+                sentences.append(f"{command.column}: {done}; reason: {'; '.join(command.why)}.")
         if not any(command.changed for command in self.commands):
-            sentences.append("It stays within all of them as it is.")
+            sentences.append("It is within all limits without changes.")
         reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
         return [*sentences, f"Reached in that run (rad or m): {reach}."]
 

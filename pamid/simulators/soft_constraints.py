@@ -39,7 +39,7 @@ from pamid.symbolic.vocabulary import (
     where,
 )
 
-SWEEPS, SOLVES = 4, 2  # of several joints; a single one is found at once
+SWEEPS, SOLVES = 4, 2  # of several joints; a single one needs no iteration
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
 LEAST_SOFTNESS = 1e-15
 

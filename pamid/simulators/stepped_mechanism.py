@@ -34,7 +34,7 @@ from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
 
 Array = NDArray[np.float64]
 
-MOST_MODELS = 128  # copies of the model kept, each with parameters of its own
+MOST_MODELS = 128  # stored copies of the model, each with different parameters
 # of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
 SOLVER_TOLERANCE = 1e-13
 #: mjtWarning -> its words

@@ -445,7 +445,7 @@ class _Writer:
         if low > stop.low and high < stop.high:
             return  # never reached
         if joint.range is not None and (low > stop.low or high < stop.high):
-            self.notes.append(f"{joint.name}: one of its limits stays the file's own, as soft")
+            self.notes.append(f"{joint.name}: one of its limits keeps the softness of the file")
         ends = [max(low, stop.low), min(high, stop.high)]
         weight = self._weight(joint)
         self.edits.set(tag, "limited", "true")
@@ -891,7 +891,7 @@ class _Writer:
         others = {
             "its drag": terms.damping[1:].any(),
             "its spring or constant force": terms.spring.any(),
-            "its torque with a period": bool(terms.waves),
+            "its periodic torque": bool(terms.waves),
             "its end stop": terms.stop is not None,
             "the load behind its motor": terms.behind is not None,
         }

@@ -50,7 +50,7 @@ def tags_of(text: bytes) -> list[Tag]:
         open_tags.append(len(tags) - 1)
 
     def refuse(*_: object) -> None:
-        raise FileError("The file defines entities of its own.", "Write them out.", code="model")
+        raise FileError("The file defines entities.", "Write them out.", code="model")
 
     def end(_: str) -> None:
         number, at = open_tags.pop(), parser.CurrentByteIndex
@@ -64,7 +64,7 @@ def tags_of(text: bytes) -> list[Tag]:
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        raise FileError(f"The file is no XML: {error}.", code="model") from error
+        raise FileError(f"The file is not XML: {error}.", code="model") from error
     return tags
 
 

@@ -86,7 +86,7 @@ def test_what_keeps_all_limits_is_sent_as_it_is(tmp_path: Path) -> None:
     made = within_limits(arm(tmp_path), sent, PERIOD_S, centres={"m2_command_rad": 0.5})
     assert made is not None and not any(one.changed for one in made.kept)
     assert all(np.array_equal(made.columns[c], sent[c]) for c in COLUMNS)
-    assert "It stays within all of them as it is." in made.sentences()
+    assert "It is within all limits without changes." in made.sentences()
 
 
 def test_ranges_move_positions_and_shrink_torques(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
     # a horizontal arm falls by itself
     lying = ARM.replace("<option ", '<option gravity="-9.81 0 0" ')
     path.write_text(lying.format(post=9.0, high=1.5, force=""))
-    with pytest.raises(DataError, match="with nothing sent joint shoulder would leave"):
+    with pytest.raises(DataError, match="with a command of zero, joint shoulder would leave"):
         within_limits(path, drawn(4.0), PERIOD_S)
     with pytest.raises(UsageError, match="Did you mean 'shoulder'"):
         within_limits(path, drawn(4.0), PERIOD_S, speed_limits={"sholder": 1.0})

@@ -523,5 +523,5 @@ def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:
     rig = rig_named("one-dof")
     assembly = Assembly(rig, (), True)
     model: Any = SimpleNamespace(assembly=assembly, name="one-dof")
-    with pytest.raises(FileError, match="not made of a model file"):
+    with pytest.raises(FileError, match="does not come from a model file"):
         export_model(model, "mjcf", tmp_path / "a.xml")
