@@ -36,7 +36,7 @@ class Pair:
     """
 
     wanted: str
-    found: str
+    recorded: str
     role: str  # input, output or reference
     by: str
     scaled: bool
@@ -73,9 +73,9 @@ class Match:
             for q in self.pairs
         )
 
-    def taken_as(self, role: str) -> tuple[str, ...]:
+    def columns_by_role(self, role: str) -> tuple[str, ...]:
         """Recorded inputs, as causes, and outputs, as effects."""
-        return tuple(q.found for q in self.pairs if q.role == role)
+        return tuple(q.recorded for q in self.pairs if q.role == role)
 
     @property
     def turned(self) -> tuple[str, ...]:
@@ -126,7 +126,7 @@ def _is_rate(recorded: str, wanted: str) -> bool:
     return wanted_unit != NONE and symbol != NONE and compatible(symbol, quotient(wanted_unit, "s"))
 
 
-def _add_up(symbol: str, wanted: str) -> str:
+def _integration_hint(symbol: str, wanted: str) -> str:
     """Hint on how to integrate a speed to a position."""
     return (
         f"Add it up into a column of its own, the running sum of {symbol} times the sampling "
@@ -219,7 +219,7 @@ def match_columns(
         if _is_rate(column, wanted):
             raise UsageError(
                 f"{column} is the rate of {wanted}: no gain makes one of the other.",
-                _add_up(column, wanted),
+                _integration_hint(column, wanted),
             )
     assigned = {
         wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
@@ -239,7 +239,7 @@ def match_columns(
         score, by, scaled = fits[wanted, column]
         assigned[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
     pairs = tuple(assigned[wanted] for wanted in roles if wanted in assigned)
-    used = {q.found for q in pairs}
+    used = {q.recorded for q in pairs}
     unused = tuple(name for name in recorded if name not in used)
     weights = {
         **dict.fromkeys(needed, 1.0),
@@ -259,7 +259,7 @@ def match_columns(
     )
 
 
-def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
+def _has_all_columns(recorded: Iterable[str], rig: type[Rig]) -> bool:
     """True if the recording has all inputs of the rig and an output, under the rig's names."""
     names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
     return bool(needed) and names >= needed and bool(names & set(rig.outputs))
@@ -304,7 +304,7 @@ def best_match(
         if speeds:
             raise FileError(
                 f"The recording does not fit {like!r}: {wanted.why_not()}.",
-                _add_up(*speeds[0]),
+                _integration_hint(*speeds[0]),
                 code="no-match",
             )
         if not wanted.fits:
@@ -327,7 +327,7 @@ def best_match(
     # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
     guessed = sorted((match for match in fitting if not match.named), key=_left_over)
     fitting = [match for match in fitting if match.named]
-    whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
+    whole = next((name for name, rig in rigs().items() if _has_all_columns(recorded, rig)), "")
     if whole and whole not in examples() and not any(map(_by_names, fitting)):
         raise FileError(
             f"These are the columns of rig {whole!r}, which is used as it is.",

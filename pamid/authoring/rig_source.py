@@ -83,7 +83,7 @@ class RigSource:
     """Source of a rig for a recording, derived from a template rig."""
 
     def __init__(self, match: Match, recording: Recording, name: str, why: str) -> None:
-        self.match, self.recording, self.name, self.told = match, recording, name, why
+        self.match, self.recording, self.name, self.reason = match, recording, name, why
         self.rig: Rig = match.rig()
         self.by_wanted = {pair.wanted: pair for pair in match.pairs}
         recorded = [column for column in self.rig.outputs if column in self.by_wanted]
@@ -92,7 +92,7 @@ class RigSource:
         used = {n.attr for n in ast.walk(self.tree) if isinstance(n, ast.Attribute)}
         self.columns = [column for column in self.rig.inputs if column in used] + recorded
         for pair in match.pairs:
-            require_plain(pair.found, "The column")
+            require_plain(pair.recorded, "The column")
         plain = {pair.wanted for pair in match.pairs if not pair.scaled}
         self.loops = bool(self.rig.loops) and all(
             {q.reference, q.command, q.reading} <= plain for q in self.rig.loops
@@ -221,7 +221,7 @@ class RigSource:
                 pair = self.by_wanted.get(node.attr) if node.value.id == "u" else None
                 if pair is not None:
                     gain = self._gain(pair)
-                    read = f"u.{pair.found}"
+                    read = f"u.{pair.recorded}"
                     text = f"(p.{gain.name} * {read})" if gain else read
                     yield _Edit(*self._span(node), text)
             elif isinstance(node, ast.Dict):
@@ -233,7 +233,7 @@ class RigSource:
                     )
                     if key is None or pair is None or pair.role != "output":
                         continue
-                    yield _Edit(*self._span(key), _literal(pair.found))
+                    yield _Edit(*self._span(key), _literal(pair.recorded))
                     gain = self._gain(pair)
                     if gain:
                         first, last = self._span(value)
@@ -243,17 +243,17 @@ class RigSource:
     # ---- columns --------------------------------------------------------------------------------
 
     def _found(self, column: str) -> str:
-        return self.by_wanted[column].found if column in self.by_wanted else column
+        return self.by_wanted[column].recorded if column in self.by_wanted else column
 
     def _unit(self, column: str) -> str:
         """SI symbol of a column in the equations."""
         pair, rig_unit = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
         if pair is None or not pair.scaled:
             return rig_unit
-        return si_symbol(split_column(pair.found)[1])
+        return si_symbol(split_column(pair.recorded)[1])
 
     def _values(self, pair: Pair) -> FloatArray:
-        return self.recording.columns[pair.found]
+        return self.recording.columns[pair.recorded]
 
     def _noise(self, column: str) -> float:
         """Measured noise of a recorded output, in its unit."""
@@ -273,7 +273,7 @@ class RigSource:
             low, high = np.quantile(self._values(pair), (0.01, 0.99))
             half, centre = _short(0.5 * float(high - low)), 0.5 * float(high + low)
             if half > 0.0:
-                swings[pair.found] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
+                swings[pair.recorded] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
         return swings
 
     def _controller(self) -> dict[str, float]:
@@ -296,14 +296,14 @@ class RigSource:
         if not pair.scaled:
             return None
         symbol, rig_unit = (
-            si_symbol(split_column(pair.found)[1]),
+            si_symbol(split_column(pair.recorded)[1]),
             {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
         )
-        span = motion(to_si(self._values(pair), split_column(pair.found)[1])) or 1.0
+        span = motion(to_si(self._values(pair), split_column(pair.recorded)[1])) or 1.0
         usual = self._usual_span(pair.wanted) or 1.0
         above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
-        name = f"{split_column(pair.found)[0]}_gain"
+        name = f"{split_column(pair.recorded)[0]}_gain"
         unit_text = quotient(above or NONE, below or NONE)
         return _Gain(name, _short(ratio), "" if unit_text == NONE else unit_text)
 
@@ -340,8 +340,8 @@ class RigSource:
     def _docstring(self) -> str:
         story = ast.get_docstring(self.tree) or ""
         title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
-        sent, read = (", ".join(self.match.taken_as(role)) for role in ("input", "output"))
-        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.told)
+        sent, read = (", ".join(self.match.columns_by_role(role)) for role in ("input", "output"))
+        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.reason)
         return (
             f'"""{title}, with the columns of {mine}.\n\n'
             f"Taken as cause: {sent}; as effect: {read}.\n"

@@ -1,10 +1,10 @@
 """Measurement quality of one channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
 
-Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is a fault only
-if the channel would have gone on: its motion has a corner there, leaps on behind it, or its white
-noise stops and returns (`surrounded`). Of white noise of deviation sigma two readings fall on the
-same step q with probability q/(2 sqrt(pi) sigma), so that a run of n repeats by chance becomes
-rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on (`shortest_repeat`).
+Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is only a fault
+if the channel should have continued: its motion has a corner there or leaps on behind it, or its
+white noise stops and returns (`has_noise_around`). With white noise of deviation sigma, two readings
+fall on the same step q with probability P = q/(2 sqrt(pi) sigma). A run of n repeats by chance is
+rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat`).
 
     finding   statistic and threshold
     clipped   runs at the extreme value, longer than chance, at least SHORTEST_CLIP samples: two of
@@ -202,7 +202,7 @@ def share_words(share: float) -> str:
     return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
 
 
-def covered(size: int, starts: Places, stops: Places) -> Mask:
+def interval_mask(size: int, starts: Places, stops: Places) -> Mask:
     """Mask of the samples within the intervals."""
     edges = np.zeros(size + 1, dtype=np.int64)
     np.add.at(edges, starts, 1)
@@ -238,7 +238,7 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             starts, stops = starts[corners], stops[corners]
         if not starts.size:
             continue
-        at = covered(z.size, starts, stops)
+        at = interval_mask(z.size, starts, stops)
         where |= at
         share, windows = float(at.mean()), windows_of(s.time, starts, stops)
         message = (
@@ -339,7 +339,7 @@ def frozen(
     keep = np.array(
         [
             b - a >= SHORTEST_FREEZE
-            and (_jumps_on(s, a, b) or (b - a >= chance and surrounded(s, a, b)))
+            and (_jumps_on(s, a, b) or (b - a >= chance and has_noise_around(s, a, b)))
             for a, b in zip(starts, stops, strict=True)
         ],
         dtype=bool,
@@ -351,7 +351,7 @@ def frozen(
     starts, stops = starts[awake], stops[awake]
     if not starts.size:
         return [], np.zeros(s.values.size, dtype=bool)
-    at = covered(s.values.size, starts, stops)
+    at = interval_mask(s.values.size, starts, stops)
     windows, share = windows_of(s.time, starts, stops), float(at.mean())
     message = f"{s.name} stands still while the others move, {share_words(share)}"
     hint = "Check its plug, its bus and its driver; leave these stretches out."
@@ -378,7 +378,7 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
     return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
-def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
+def has_noise_around(s: CheckedSignal, start: int, stop: int) -> bool:
     """True if the usual noise shows right before and right after an interval.
 
     If the channel rests or turns, one side at least has less noise.
@@ -392,7 +392,7 @@ def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
     )
 
 
-def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
+def interpolated_gaps(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     """Intervals on an exact straight line, where noise should be: an interpolated gap."""
     if not s.white:
         return []
@@ -401,7 +401,7 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     starts, stops = runs_of(flat)
     keep = np.array(
         [
-            b - a >= SHORTEST_LINE and surrounded(s, a, b)
+            b - a >= SHORTEST_LINE and has_noise_around(s, a, b)
             for a, b in zip(starts, stops, strict=True)
         ],
         dtype=bool,
@@ -471,7 +471,7 @@ def shows_only_noise(s: CheckedSignal) -> bool:
     return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
 
 
-def level_of(
+def level_issues(
     s: CheckedSignal,
     others_move: bool,
     usual_noise: float = 0.0,

@@ -201,7 +201,7 @@ class ExcitedRig:
         return self.attachment.label if self.attachment else ""
 
     @cached_property
-    def own(self) -> list[tuple[int, Bound]]:
+    def tested_parameters(self) -> list[tuple[int, Bound]]:
         """Indices of the parameters under test: those of the effect, or of the rig without an
         effect."""
         return [(i, b) for i, b in enumerate(self.assembly.parameters) if b.owner == self.owner]
@@ -224,7 +224,7 @@ class ExcitedRig:
         The others keep their values, because no fit moves a fixed parameter.
         """
         p = self.assembly.values()
-        for i, b in self.own:
+        for i, b in self.tested_parameters:
             if not b.fitted:
                 continue
             low = b.low if np.isfinite(b.low) else b.value - 3.0 * b.spread
@@ -248,7 +248,7 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
     worst = 0.0
     for _ in range(draws):
         p = trial.random_point(random)
-        for i, b in trial.own:
+        for i, b in trial.tested_parameters:
             p[i] = p[i] if b.null is None else b.null
         step = trial.stepping(p)
         before = free_run(
@@ -266,8 +266,8 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     """
     trial = ExcitedRig(rig, attachment)
     p = trial.assembly.values()
-    if all(b.null is None or b.value == b.null for _, b in trial.own):
-        for i, b in trial.own:
+    if all(b.null is None or b.value == b.null for _, b in trial.tested_parameters):
+        for i, b in trial.tested_parameters:
             p[i] = b.value if b.null is None else min(b.value + b.spread, b.high)
     step = trial.stepping(p)
     before = free_run(
@@ -276,7 +276,7 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     return float(np.nanmax(np.abs(trial.run(p, step) - before) / _scale(before)))
 
 
-def _half_stretch(rig: Rig) -> int:
+def _short_length(rig: Rig) -> int:
     """Number of samples of the longer checks.
 
     Derivatives of a stepped rig cost the square of its states, so a rig of many states gets fewer.
@@ -291,7 +291,7 @@ def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
     """Points of the bounds, as text, at which the outputs are not finite; empty without any."""
-    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
+    trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
     problems = []
     for draw in range(draws):
@@ -301,7 +301,9 @@ def finite_everywhere(
             or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all()
         ):
             continue
-        point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own if b.fitted)
+        point = ", ".join(
+            f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.tested_parameters if b.fitted
+        )
         sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
         problems.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
     return problems
@@ -314,24 +316,26 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     If errors of the state grow exponentially, as in an undamped arm, large differences are not
     slopes.
     """
-    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig), seed=seed)
+    trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
-    for i, b in trial.own:
+    for i, b in trial.tested_parameters:
         # a little off the typical value: round numbers sit on corners (a delay of whole samples, a
         # gain of 1)
         nudge = 0.0137 * (abs(b.value) or (0.1 if b.log else b.spread))
         p[i] = b.value + nudge if b.value + nudge <= b.high else b.value - nudge
     step = trial.stepping(p)
     columns = np.full(len(p), -1, np.int64)
-    for column, (i, _) in enumerate(trial.own):
+    for column, (i, _) in enumerate(trial.tested_parameters):
         columns[i] = column
     program, period = trial.assembly.program, rig.period_s
-    memory = program.memory(trial.assembly.start(p), len(trial.own), stepping=step, period_s=period)
+    memory = program.memory(
+        trial.assembly.start(p), len(trial.tested_parameters), stepping=step, period_s=period
+    )
     at_start = _start_slopes(trial, p)
     memory.S[: at_start.shape[0], : at_start.shape[1]] = at_start
     Y, exact, _ = program.run(memory, trial.u, p, period_s=period, stepping=step, columns=columns)
     worst = 0.0
-    for column, (i, b) in enumerate(trial.own):
+    for column, (i, b) in enumerate(trial.tested_parameters):
         # the errors of the differences, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE
         h = 1e-6 * max(abs(p[i]), 1e-2 * min(b.high - b.low, abs(p[i]) + b.spread))
         error = np.full(Y.shape[1], np.inf)
@@ -385,7 +389,7 @@ def _slope_errors(
 def _start_slopes(trial: ExcitedRig, p: Array) -> Array:
     """Derivatives of the start state by the parameters under test (states x parameters)."""
     slopes = []
-    for i, b in trial.own:
+    for i, b in trial.tested_parameters:
         h = 1e-6 * max(abs(b.value), b.spread if not b.log else 0.0, 1e-12)
         up, down = p.copy(), p.copy()
         up[i], down[i] = p[i] + h, p[i] - h

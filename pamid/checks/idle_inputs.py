@@ -6,7 +6,7 @@ import numpy as np
 
 from pamid.base.units import from_si, split_column
 from pamid.checks.channel_quality import QualityIssue
-from pamid.checks.sheet_comparison import SheetComparison, recorded_as
+from pamid.checks.sheet_comparison import SheetComparison, recorded_columns
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
@@ -28,7 +28,7 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
             issues.append(
                 QualityIssue(
                     "idle-input",
-                    recorded_as((name,), recording),
+                    recorded_columns((name,), recording),
                     "advice",
                     f"in the data sheet's model of rig {rig.name!r} {text}",
                     IDLE_CURE,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.checks.channel_quality import QualityIssue
-from pamid.checks.sheet_comparison import SheetComparison, recorded_as
+from pamid.checks.sheet_comparison import SheetComparison, recorded_columns
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
@@ -50,8 +50,8 @@ def echoed_inputs(
     followed = any(recording.has(loop.reference) for loop in rig.loops)
     if recording.loop == "closed" or (followed and recording.loop != "open"):
         return issues
-    outputs = recorded_as(comparison.names, recording)
-    inputs = recorded_as(comparison.inputs, recording)
+    outputs = recorded_columns(comparison.names, recording)
+    inputs = recorded_columns(comparison.inputs, recording)
     for k, output in enumerate(outputs):
         y = comparison.y[:MOST_ECHO_SAMPLES, k]
         noise, motion = float(noise_level(y[:, None])[0]), float(y.std())

@@ -68,10 +68,10 @@ STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
 class Inspection:
     """Result of an inspection.
 
-    said: printed result, also for scripts; recording, issues: of a recording that could be read.
+    summary: printed result, also for scripts; recording, issues: of a recording that could be read.
     """
 
-    said: dict[str, Any]
+    summary: dict[str, Any]
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
 

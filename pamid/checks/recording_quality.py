@@ -25,12 +25,13 @@ from pamid.checks.channel_quality import (
     Mask,
     Places,
     QualityIssue,
-    bridged,
     clipped,
-    covered,
     frozen,
+    has_noise_around,
     independent,
-    level_of,
+    interpolated_gaps,
+    interval_mask,
+    level_issues,
     measurable,
     repeat_chance,
     sampled_slowly,
@@ -38,7 +39,6 @@ from pamid.checks.channel_quality import (
     shows_only_noise,
     signal_of,
     spikes,
-    surrounded,
     windows_of,
 )
 from pamid.checks.input_ranges import beyond_range
@@ -89,7 +89,7 @@ def examine(
     issues += _levels(measured, sent, rig)
     issues += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
     if rig is not None:
-        against, judged = _against(recording, rig, thorough=True)
+        against, judged = _rig_issues(recording, rig, thorough=True)
         issues = [f for f in issues if not judged.get(f.kind, set()) & set(f.columns)] + against
         issues += beyond_range(recording, rig)
     return tuple(
@@ -109,7 +109,7 @@ def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     from pamid.checks.rig_consistency import SLIP_WORDS
 
     absurd = _absurd(recording)
-    issues = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
+    issues = [absurd] if absurd else _rig_issues(recording, rig, thorough=False)[0]
     return tuple(i for i in issues if i.severity == "wrong" or i.kind in SLIP_WORDS)
 
 
@@ -128,7 +128,7 @@ def _absurd(recording: Recording) -> QualityIssue | None:
     )
 
 
-def _against(
+def _rig_issues(
     recording: Recording, rig: Rig, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """Issues that need the rig's model, and the columns that it has judged, by kind of issue.
@@ -187,7 +187,7 @@ def _levels(
         issue
         for s in measured
         if s.span > 0.0
-        for issue in level_of(s, moving, usual.get(s.name, 0.0), sent)
+        for issue in level_issues(s, moving, usual.get(s.name, 0.0), sent)
     ]
 
 
@@ -267,7 +267,7 @@ def _held_and_clipped(
         stuck, still = frozen(
             s, held | at_limit | idle, next((o for o in lively if o is not s), None)
         )
-        all_issues += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
+        all_issues += [*issues, *stuck, *interpolated_gaps(s, held | at_limit | still), *spikes(s)]
     return all_issues
 
 
@@ -283,9 +283,9 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     if len(noisy) > 1:
         chance = math.prod(repeat_chance(s) for s in noisy)
         for k in np.flatnonzero(~lost & (chance ** (stops - starts) * starts.size < CHANCE)):
-            around = sum(surrounded(s, int(starts[k]), int(stops[k])) for s in noisy)
+            around = sum(has_noise_around(s, int(starts[k]), int(stops[k])) for s in noisy)
             lost[k] = around > 1
-    return covered(signals[0].values.size, starts[lost], stops[lost])
+    return interval_mask(signals[0].values.size, starts[lost], stops[lost])
 
 
 def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
@@ -435,7 +435,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
         issues.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
-    for name in _asked(recording, rig):
+    for name in _excited_columns(recording, rig):
         issues += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
     for name in commands:
@@ -457,7 +457,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     return issues
 
 
-def _asked(recording: Recording, rig: Rig | None) -> list[str]:
+def _excited_columns(recording: Recording, rig: Rig | None) -> list[str]:
     """Columns that excite the rig: references in a closed loop, commands otherwise."""
     if rig is None:
         references = [n for n in recording.columns if n.startswith("reference")]

@@ -34,7 +34,12 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
-from pamid.checks.sheet_comparison import SheetComparison, blind_sides, recorded_as, shapes
+from pamid.checks.sheet_comparison import (
+    SheetComparison,
+    magnitude_sensor_signs,
+    recorded_columns,
+    shapes,
+)
 from pamid.checks.short_fit import fit_data_of
 from pamid.checks.slips import (
     CLOCKS,
@@ -45,7 +50,7 @@ from pamid.checks.slips import (
     Explanation,
     Judgement,
     Slip,
-    explained,
+    find_slips,
 )
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
@@ -82,7 +87,7 @@ def contradictions(
     """
     if evidence is None:
         return [], {}
-    slips, recording_, e, judgement = explained(recording, evidence, thorough=thorough)
+    slips, recording_, e, judgement = find_slips(recording, evidence, thorough=thorough)
     clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
         return [_clock_issue(recording, rig, clocks[0].slip)], {}
@@ -93,11 +98,11 @@ def contradictions(
     )
     factors = [explanation for explanation in slips if explanation.slip.kind in UNNAMED]
     if thorough and not any(i.severity == "wrong" for i in issues):
-        issues += _far_off(factors, judgement, recording_, e, rig)
+        issues += _unexplained_channels(factors, judgement, recording_, e, rig)
     if not e.ran:
         return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
-    columns = recorded_as(e.names, recording)
+    columns = recorded_columns(e.names, recording)
     suits = {
         c
         for c, alike in zip(columns, e.agreement()[0], strict=True)
@@ -106,7 +111,7 @@ def contradictions(
     rests = {
         c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
     }
-    issues += _delays(e, recording, rig) + (dead := unplugged(recording, rig, e))
+    issues += _delays(e, recording, rig) + (dead := dead_sensors(recording, rig, e))
     return issues, {
         "unit": suits,
         "pressure": suits,
@@ -303,7 +308,7 @@ SLIP_WORDS = {
 }
 
 
-def _far_off(
+def _unexplained_channels(
     factors: Sequence[Explanation],
     judgement: Judgement,
     recording: Recording,
@@ -318,13 +323,15 @@ def _far_off(
     if not e.ran and not factors:
         return []
     moves = e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)
-    missed = _missed(e)
+    missed = _relative_errors(e)
     left = np.array([judgement.errors.get(name, 0.0) for name in e.names])
-    blind = blind_sides(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
+    blind = (
+        magnitude_sensor_signs(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
+    )
     lost = np.flatnonzero(moves & (missed > 1.0) & (blind | (left > UNEXPLAINED_MOTION))).tolist()
     if not factors and not lost:
         return []
-    columns = recorded_as(e.names, recording)
+    columns = recorded_columns(e.names, recording)
     size = np.log(np.maximum(e.model.std(axis=0), 1e-300) / np.maximum(e.y.std(axis=0), 1e-300))
     shown = sorted(lost, key=lambda k: -missed[k]) or [int(np.argmax(np.abs(size)))]
     k = shown[0]
@@ -350,7 +357,7 @@ def _far_off(
     ]
 
 
-def _missed(e: SheetComparison) -> Array:
+def _relative_errors(e: SheetComparison) -> Array:
     """Per output, error of the data sheet's run relative to the recorded motion.
 
     It is the smaller error of that of the shapes and that of the values.
@@ -382,7 +389,7 @@ def advice(slips: Sequence[Slip]) -> str:
 def _blind(column: str, e: SheetComparison, k: int) -> str:
     """Question, after a space, whether the sensor only measures a magnitude; "" if it does not."""
     y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
-    way = float(blind_sides(y, model)[0]) if np.isfinite(model).all() else 0.0
+    way = float(magnitude_sensor_signs(y, model)[0]) if np.isfinite(model).all() else 0.0
     if not way:
         return ""
     side = "below" if way > 0.0 else "above"
@@ -392,13 +399,15 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 # ---- dead and late ------------------------------------------------------------------------------
 
 
-def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
+def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Findings on sensors that read one number throughout, although the machine moves them."""
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
     issues = []
-    for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
+    for k, (name, column) in enumerate(
+        zip(e.names, recorded_columns(e.names, recording), strict=True)
+    ):
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if (
             still[k]
@@ -447,7 +456,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
     for lag, names in sorted(late.items()):
         if lag < 0 and not _fits_better_later(recording, rig, names, -lag):
             continue
-        columns, delay = recorded_as(names, recording), lag * period
+        columns, delay = recorded_columns(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
         hint = (
             "Parameters off the data sheet shift an answer, too: state what is known below "

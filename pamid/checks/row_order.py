@@ -108,7 +108,7 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
         return [
             order
             for k, name in enumerate(data.names)
-            if name in direct and _goes_along(data, base, k)
+            if name in direct and _correlates_with_step(data, base, k)
             for order in _best_order(recording, data, base, k)
         ]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
@@ -125,7 +125,7 @@ def direct_outputs(rig: Rig) -> set[str]:
     }
 
 
-def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
+def _correlates_with_step(data: FitData, base: FittedWindows, channel: int) -> bool:
     """True if the residual of the channel correlates with its change to the next or from the last
     row."""
     lefts, changes = [], []

@@ -76,14 +76,14 @@ class SheetComparison:
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """Pairs of outputs of one quantity."""
-        return like_columns(self.names)
+        return same_quantity_columns(self.names)
 
     def agreement(self) -> tuple[Array, Array]:
         """Correlations of every output with the model, and of the differences of similar outputs.
 
         A sensor that only measures a magnitude is compared with the magnitude of the model.
         """
-        way = blind_sides(self.y, self.model)
+        way = magnitude_sensor_signs(self.y, self.model)
         shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
         ours, theirs = shapes(self.y), shapes(shown)
         single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
@@ -160,13 +160,13 @@ def _shown_start(runner: Runner, p: Array) -> Array:
     return start
 
 
-def like_columns(names: Sequence[str]) -> list[tuple[int, int]]:
+def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:
     """Indices of columns of one quantity."""
     kinds = [quantity_of(split_column(n)[1]) for n in names]
     return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
 
 
-def recorded_as(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
+def recorded_columns(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
     """Recorded columns of the rig's columns."""
     return tuple(match_column(recording.columns, n) or n for n in names)
 
@@ -190,7 +190,7 @@ def correlation(a: Array, b: Array) -> float:
     return float((a * b).sum()) / size if size > 0.0 else 0.0
 
 
-def blind_sides(y: Array, model: Array) -> Array:
+def magnitude_sensor_signs(y: Array, model: Array) -> Array:
     """Sign of each column whose sensor only measures a magnitude.
 
     It is 1 or -1 if the reading stays on this side of zero although the model crosses it. The

@@ -41,9 +41,9 @@ from pamid.base.units import (
 )
 from pamid.checks.sheet_comparison import (
     SheetComparison,
-    blind_sides,
-    like_columns,
-    recorded_as,
+    magnitude_sensor_signs,
+    recorded_columns,
+    same_quantity_columns,
     shapes,
 )
 from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, ShortFit, fit_data_of
@@ -361,18 +361,18 @@ def _moves(data: FitData) -> Array:
 
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
     moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
-    away = np.exp(distances(e).mean(axis=0))
+    away = np.exp(sheet_distances(e).mean(axis=0))
     return Judgement({e.names[k]: float(away[k]) for k in moves}, 0.0, fitted=False)
 
 
-def distances(e: SheetComparison) -> Array:
+def sheet_distances(e: SheetComparison) -> Array:
     """Log ratio of the distance to the data sheet's run and the smaller of the two motions.
 
     It covers shapes and values; per output, then per pair of similar outputs.
     """
     if not e.ran:
         return np.full((2, len(e.names) + len(e.pairs)), math.log(RUNAWAY))
-    way = blind_sides(e.y, e.model)
+    way = magnitude_sensor_signs(e.y, e.model)
     shown = np.where(way == 0.0, e.model, way * np.abs(e.model))
     ours, theirs = shapes(e.y), shapes(shown)
     pairs = e.pairs
@@ -404,7 +404,7 @@ def slips_of_sheet(e: SheetComparison) -> Iterator[Slip]:
 def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Slip]:
     """Candidate slips of the columns and of the clock."""
     gears = _gears(e)
-    outputs, inputs = recorded_as(e.names, recording), recorded_as(e.inputs, recording)
+    outputs, inputs = recorded_columns(e.names, recording), recorded_columns(e.inputs, recording)
     inputs = tuple(c for c in inputs if c in recording.columns and motion(recording.columns[c]))
     sizes = [math.sqrt(float((a * a).sum())) for a in shapes(e.y)]
     modelled = [math.sqrt(float((a * a).sum())) for a in shapes(e.model)]
@@ -493,7 +493,7 @@ def _signs(
 def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
     """Pairs of similar columns, and of an input with any other column."""
     for columns in (inputs, outputs):
-        for i, j in like_columns(columns):
+        for i, j in same_quantity_columns(columns):
             yield Slip("exchanged", (columns[i], columns[j]))
     every = [*inputs, *outputs]
     for i, j in itertools.combinations(range(len(every)), 2):
@@ -505,7 +505,7 @@ def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
 # ---- which one it is -----------------------------------------------------------------------------
 
 
-def explained(
+def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
     """Slips of a recording, one after the other.
@@ -514,7 +514,7 @@ def explained(
     of the fit.
     """
     explanations: list[Explanation] = []
-    if float(distances(e).max()) < math.log(FAR):
+    if float(sheet_distances(e).max()) < math.log(FAR):
         return explanations, recording, e, _judged_by_sheet(e)
     before = judged(recording, e)
     while before.suspicious and len(explanations) < MOST_SET_RIGHT:
@@ -537,20 +537,22 @@ def _next(
 
     Empty for a recording without a fault.
     """
-    ranked = _best(recording, before, _nearer(recording, e, slips_of_recording(e, recording)))
+    ranked = _best(
+        recording, before, _nearest_slips(recording, e, slips_of_recording(e, recording))
+    )
     first = _first(ranked)
     if first is None or first.slip.kind in UNNAMED:
         ranked = _best(recording, before, _predicted_slips(recording, e, before), ranked)
         first = _first(ranked)
     if first is not None and first.slip.kind not in UNNAMED:
         return [first]
-    if float(distances(e).min(axis=0).max()) <= 0.0:
+    if float(sheet_distances(e).min(axis=0).max()) <= 0.0:
         return [] if first is None else [first]
     pairs = [] if first else [*_pairs(recording, e, before)]
     if pairs:
         return max(pairs, key=lambda pair: pair[1].gain)
     if thorough:
-        sheet = _nearer(recording, e, slips_of_sheet(e))
+        sheet = _nearest_slips(recording, e, slips_of_sheet(e))
         first = _first(_best(recording, before, sheet, ranked))
     return [] if first is None else [first]
 
@@ -559,12 +561,12 @@ def _pairs(
     recording: Recording, e: SheetComparison, before: Judgement
 ) -> Iterator[list[Explanation]]:
     """Pairs of slips of which neither explains the recording alone."""
-    tried = _nearer(recording, e, slips_of_recording(e, recording))
+    tried = _nearest_slips(recording, e, slips_of_recording(e, recording))
     named = [slip for slip, _ in tried if slip.kind not in UNNAMED][:MOST_PAIRED]
     for slip in named:
         fixed, after = slip.corrected(recording), slip.compared(e, recording)
         if after is not None:
-            further = _nearer(fixed, after, slips_of_recording(after, fixed))
+            further = _nearest_slips(fixed, after, slips_of_recording(after, fixed))
             second = _first(_best(fixed, before, further))
             if second is not None and second.slip.kind not in UNNAMED:
                 yield [replace(second, slip=slip, others=()), second]
@@ -585,11 +587,11 @@ def _best(
         judgement = judged(slip.corrected(recording), after, after.p, before.problem)
         if judgement.errors.keys() != before.errors.keys():
             continue
-        recorded = zip(after.names, recorded_as(after.names, recording), strict=True)
+        recorded = zip(after.names, recorded_columns(after.names, recording), strict=True)
         named, left = [n for n, c in recorded if c in slip.names], judgement.over(before)
         least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
         if left <= NO_WORSE and judgement.least(named) <= least:
-            away = float(distances(after).mean())
+            away = float(sheet_distances(after).mean())
             scored.append(Explanation(slip, before, judgement, away))
     return sorted((e for e in scored if e.gain >= CLEAR_GAIN), key=lambda e: -e.gain)
 
@@ -625,7 +627,7 @@ def _predicted_slips(
         problem = like if like and like.suits(data) else ShortFit.of(data, data.rig)
         for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
             y, model = _prediction(data, k, problem)
-            (column,) = recorded_as((name,), recording)
+            (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))
             # of a lone output the data sheet alone predicts the size: the table of factors serves
             slips += [slip for slip in of_column if slip.kind != "gain" or len(data.names) > 1]
@@ -664,17 +666,17 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
         yield Slip("gain", (column,), 1.0 / gain)
 
 
-def _nearer(
+def _nearest_slips(
     recording: Recording, e: SheetComparison, slips: Iterable[Slip]
 ) -> list[tuple[Slip, SheetComparison]]:
     """Slips that bring the recording nearest to the data sheet's run, nearest first."""
     stepped = isinstance(e.assembly.rig, StepRig)
     most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
     e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])
-    away, nearer = float(distances(e).sum()), []
+    away, nearer = float(sheet_distances(e).sum()), []
     for slip in slips:
         after = slip.compared(e, recording)
-        by = 0.0 if after is None else away - float(distances(after).sum())
+        by = 0.0 if after is None else away - float(sheet_distances(after).sum())
         if after is not None and by > NEARER:
             nearer.append((by, slip, after))
     nearer.sort(key=lambda item: -item[0])

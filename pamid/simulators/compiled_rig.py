@@ -610,7 +610,7 @@ class MechanismEquations:
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
         """Load of joint j while all other joints give way; moving: result of `moving`."""
-        inertia = tree.felt_inertia(j)
+        inertia = tree.effective_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
         usual = max(joint.typical_inertia - joint.armature, LEAST_INERTIA)

@@ -26,7 +26,7 @@ ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
 
 
 @dataclass(frozen=True)
-class Trouble:
+class LimitViolation:
     """Violation of a limit in a run.
 
     It has a text, the time (s), the actuators that may be the cause, and the joint whose range it
@@ -71,7 +71,7 @@ class ExcitationBench:
         self.fast = [j for j, name in enumerate(names) if name in speeds]
         self.speeds = np.array([speeds[names[j]] for j in self.fast])
         self.usual: set[tuple[int, int]] = set()
-        self.falls: dict[int, Trouble] = {}
+        self.falls: dict[int, LimitViolation] = {}
         # an end on which a joint stands at the start is a stop that is known
         for k, j in enumerate(self.ranged):
             away = np.abs(self.ends[k] - m.joints[j].reference)
@@ -111,7 +111,7 @@ class ExcitationBench:
                     code="no-room",
                 )
 
-    def require_held(self, trouble: Trouble) -> None:
+    def require_held(self, trouble: LimitViolation) -> None:
         """Raise DataError if a joint moves to its end by itself.
 
         No smaller signal could hold it.
@@ -137,7 +137,7 @@ class ExcitationBench:
 
     def run(
         self, sent: Mapping[int, Array], *, learn: bool = False
-    ) -> tuple[Trouble | None, dict[str, tuple[float, float]]]:
+    ) -> tuple[LimitViolation | None, dict[str, tuple[float, float]]]:
         """Return the first violation of a run, None without one, and the range of the joints'
         positions."""
         data, m = self._begin(), self.m
@@ -172,20 +172,20 @@ class ExcitationBench:
         self.mujoco.mj_forward(self.model, data)
         return data
 
-    def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
+    def _trouble(self, data: Any, sample: int, learn: bool) -> LimitViolation | None:
         """Violation at this sample. learn: note contacts with the surroundings instead."""
         m, at = self.m, sample * self.period_s
         everything = m.commanded
         wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
         if not max(wild) < WILD:
-            return Trouble("the run becomes unstable", at, everything)
+            return LimitViolation("the run becomes unstable", at, everything)
         if data.ncon:
             for pair, (name, other) in self._pairs(data):
                 if learn and self._is_fixed(pair):
                     self.usual.add(pair)
                 elif pair not in self.usual:
                     guilty = self._movers(pair)
-                    return Trouble(f"{name} would touch {other}", at, guilty)
+                    return LimitViolation(f"{name} would touch {other}", at, guilty)
         q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
         for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
             :1
@@ -193,29 +193,29 @@ class ExcitationBench:
             j = self.ranged[int(k)]
             low, high = m.joints[j].range or (0.0, 0.0)
             message = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
-            return Trouble(message, at, self._drivers(j), j)
+            return LimitViolation(message, at, self._drivers(j), j)
         v = np.abs(data.qvel[[m.joints[j].dof for j in self.fast]])
         for k in np.flatnonzero(v > self.speeds)[:1]:
             j = self.fast[int(k)]
             unit = f"{m.joints[j].unit}/s"
             message = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
-            return Trouble(message, at, self._drivers(j))
+            return LimitViolation(message, at, self._drivers(j))
         return self._overload(data, at)
 
-    def _overload(self, data: Any, at: float) -> Trouble | None:
+    def _overload(self, data: Any, at: float) -> LimitViolation | None:
         m = self.m
         f = data.actuator_force[self.forces]
         for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
             i = self.forces[int(k)]
             low, high = self.force_ends[k]
             message = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
-            return Trouble(message, at, (i,))
+            return LimitViolation(message, at, (i,))
         f = data.qfrc_actuator[[m.joints[j].dof for j in self.efforts]]
         for k in np.flatnonzero((f < self.effort_ends[:, 0]) | (f > self.effort_ends[:, 1]))[:1]:
             j = self.efforts[int(k)]
             low, high = self.effort_ends[k]
             message = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
-            return Trouble(f"{message} {m.joints[j].force_unit}", at, self._drivers(j))
+            return LimitViolation(f"{message} {m.joints[j].force_unit}", at, self._drivers(j))
         return None
 
     # ---- who touches whom ------------------------------------------------------------------------

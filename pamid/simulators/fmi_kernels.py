@@ -222,7 +222,7 @@ _E = np.array(
 
 
 @njit(cache=True)
-def _tried(
+def _try_step(
     m: FmiModel, c: int, t: float, x: Array, dt: float, xn: Array, err: Array, K: Array
 ) -> int:
     """Try a step of dt from x, into xn.
@@ -252,12 +252,12 @@ def _tried(
 
 
 @njit(cache=True)
-def _crossed(before: Array, after: Array) -> bool:
+def _crosses_event(before: Array, after: Array) -> bool:
     return bool(((before > 0.0) != (after > 0.0)).any())
 
 
 @njit(cache=True)
-def _narrowed(
+def _locate_event(
     m: FmiModel, c: int, t: float, x: Array, dt: float, z: Array, xn: Array
 ) -> tuple[int, float]:
     """Shortest step from x after which an indicator has changed its sign, to a trillionth of dt.
@@ -268,12 +268,12 @@ def _narrowed(
     err, now, K = np.zeros(1), np.zeros(len(z)), np.zeros((7, len(x)))
     for k in range(BISECTIONS + 1):
         middle = 0.5 * (low + high) if k < BISECTIONS else high
-        status = _tried(m, c, t, x, middle, xn, err, K)
+        status = _try_step(m, c, t, x, middle, xn, err, K)
         if status == 0:
             status = indicators_at(m, c, now)
         if status != 0:
             return status, high
-        if _crossed(z, now):
+        if _crosses_event(z, now):
             high = middle
         else:
             low = middle
@@ -300,7 +300,7 @@ def exchange(
     # an event that falls between two exchanges belongs to the later one, whose inputs it sees
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
-    status = put_inputs_anew(m, c, first, f, x, due)
+    status = change_inputs(m, c, first, f, x, due)
     m.report[2] = 0
     z, after = np.zeros(m.indicators), np.zeros(m.indicators)
     xn, err, K = np.zeros(len(x)), np.zeros(1), np.zeros((7, len(x)))
@@ -315,16 +315,16 @@ def exchange(
         stop = max(due[0] - begin, at) if due[0] - begin < h - near else h
         dt = min(step, stop - at)
         dt = stop - at if stop - at < 1.0001 * dt else dt
-        status = _tried(m, c, begin + at, x, dt, xn, err, K)
+        status = _try_step(m, c, begin + at, x, dt, xn, err, K)
         if status == 0 and not follows and not err[0] <= 1.0:
             step = dt * max(LEAST_SHRINKAGE, SAFETY * err[0] ** -0.2) if err[0] < np.inf else dt / 8
             if step < h / MOST_STEPS:
                 return NO_NUMBERS if np.isnan(err[0]) else STIFF
             continue
         status = status or indicators_at(m, c, after)
-        crossed = status == 0 and _crossed(z, after)
+        crossed = status == 0 and _crosses_event(z, after)
         if crossed:
-            status, dt = _narrowed(m, c, begin + at, x, dt, z, xn)
+            status, dt = _locate_event(m, c, begin + at, x, dt, z, xn)
         x[:] = xn
         reached = not crossed and dt == stop - at
         at = stop if reached else at + dt
@@ -338,17 +338,17 @@ def exchange(
 
 
 @njit(cache=True)
-def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
+def change_inputs(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
     """Set the inputs at the start of an exchange. A jump of the inputs is an event."""
     status = stand(m, c, t, x)
     status = status or _failed(m, call_foreign(m.at[EVENT], c), EVENT)
     status = status or put_inputs(m, c, f)
     status = status or settle(m, c, True, due)
-    return status or _reread(m, c, x)
+    return status or _read_states(m, c, x)
 
 
 @njit(cache=True)
-def _reread(m: FmiModel, c: int, x: Array) -> int:
+def _read_states(m: FmiModel, c: int, x: Array) -> int:
     """States after an event."""
     if m.report[1] == 0 or len(x) == 0:
         return 0
@@ -368,7 +368,7 @@ def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) 
         if m.report[2] > MOST_EVENTS:
             return CROWDED
         status = settle(m, c, False, due)
-        status = status or _reread(m, c, x)
+        status = status or _read_states(m, c, x)
     return status or indicators_at(m, c, z)
 
 

@@ -88,7 +88,7 @@ class FmuHost:
     # ---- copies that keep their states to themselves ---------------------------------------------
 
     def begin(self, p: Array) -> Array:
-        self.let_go(self.copies)
+        self.release(self.copies)
         self.copies, readings = [], []
         for k, row in enumerate(p):
             instance = self.instance(k)
@@ -100,7 +100,7 @@ class FmuHost:
         return self._run_begins(readings)
 
     def resume(self, numbers: list[int], p: Array) -> Array:
-        self.let_go(self.copies)
+        self.release(self.copies)
         self.copies, readings = [], []
         for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
             before = self.kept[number]
@@ -110,7 +110,7 @@ class FmuHost:
             if not all(self.about["tunable"][i] for i in changed):
                 raise ValueError("a parameter that is fixed from the start was to be changed")
             if changed:
-                instance.retuned(self.m, changed, row)
+                instance.change_parameters(self.m, changed, row)
             self.copies.append(
                 _Copy(before.time_s, row.copy(), 0, before.past, instance.x, instance.due)
             )
@@ -208,12 +208,12 @@ class FmuHost:
 
     def drop(self, numbers: list[int]) -> Array:
         """Drop saved states and programs; the numbers of programs are negative."""
-        self.let_go([self.kept.pop(number) for number in numbers if number > 0])
+        self.release([self.kept.pop(number) for number in numbers if number > 0])
         for number in numbers:
             self.programs.pop(-number, None)
         return np.zeros((0, 0))
 
-    def let_go(self, copies: list[_Copy]) -> None:
+    def release(self, copies: list[_Copy]) -> None:
         for copy in copies:
             if copy.state:
                 self.instance(0).free(copy.state)

@@ -16,8 +16,8 @@ from pamid.simulators.fmi_kernels import (
     SAID,
     SAVE,
     FmiModel,
+    change_inputs,
     get_outputs,
-    put_inputs_anew,
     settle,
 )
 
@@ -93,7 +93,7 @@ class FmuInstance:
             self.check(m, settle(m, self.handle, True, self.due))
             self.x = self.states_of(m)
 
-    def retuned(self, m: FmiModel, places: list[int], p: Array) -> None:
+    def change_parameters(self, m: FmiModel, places: list[int], p: Array) -> None:
         """Change these parameters, which the FMU allows while it runs."""
         references = [self.about["parameters"][i] for i in places]
         if self.about["exchange"]:
@@ -117,7 +117,7 @@ class FmuInstance:
     def outputs_at(self, m: FmiModel, x: Array) -> Array:
         """Outputs at the states x with all inputs zero."""
         none = np.zeros(len(m.inputs))
-        self.check(m, put_inputs_anew(m, self.handle, 0.0, none, x.copy(), self.due))
+        self.check(m, change_inputs(m, self.handle, 0.0, none, x.copy(), self.due))
         return self.outputs(m)
 
     # ---- states ----------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
 _EMPTY = np.zeros((0, 0))
 
 
-def _lengthy(about: dict[str, Any]) -> bytes:
+def _length_prefixed(about: dict[str, Any]) -> bytes:
     """JSON behind its length, padded to whole numbers."""
     header = json.dumps(about).encode()
     header += b" " * (-len(header) % 8)
@@ -90,7 +90,9 @@ class FmuProcess(FmuLink):
         ]
         about = {**request.about, "program": number, "saved": saved}
         patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
-        answer = self._exchange(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
+        answer = self._exchange(
+            b"u" + _length_prefixed(about) + request.numbers.tobytes(), patience_s
+        )
         self.compiled = True
         size = _LENGTH.unpack_from(answer)[0]
         header = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
@@ -125,7 +127,7 @@ class FmuProcess(FmuLink):
             data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
             data["places"] = self.places
             number = self.programs[program] = int(
-                self._answer(b"p" + _lengthy(data), PATIENCE_S)[0, 0]
+                self._answer(b"p" + _length_prefixed(data), PATIENCE_S)[0, 0]
             )
             weakref.finalize(program, self.dropped.append, -number)
         return number

@@ -55,7 +55,7 @@ def accelerations(
         if passed[i] is None:
             change.append(diagonal - force[i])
         else:
-            change.append(diagonal - tree.holding_change[i] - reaching[i])
+            change.append(diagonal - tree.bias_change[i] - reaching[i])
     for coupling in couplings:
         force_along = coupling.force(still)
         for j, slope in coupling.slopes.items():

@@ -28,7 +28,7 @@ from pamid.simulators.model_packages import ModelPackages, known_packages
 from pamid.simulators.mujoco_sources import (
     ModelAssets,
     require_plain_sources,
-    weighty_first_link,
+    root_link_with_mass,
 )
 
 #: endings of the files that are read here
@@ -46,7 +46,7 @@ class MujocoFile:
 
     It has MuJoCo's module, its model (mjModel), the line of every element by kind and number (0 if
     unknown), MuJoCo's warnings, and the replaced free joints. left_out: sentence on unreadable
-    meshes and textures, "" if there are none; first_link: see `weighty_first_link`.
+    meshes and textures, "" if there are none; first_link: see `root_link_with_mass`.
     """
 
     path: Path
@@ -212,7 +212,7 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
         "free": [list(note) for note in free.notes],
         "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
         "left_out": left_out,
-        "first_link": weighty_first_link(file),
+        "first_link": root_link_with_mass(file),
     }
 
 

@@ -104,7 +104,7 @@ def _tags(path: Path) -> list[Tag]:
     return []
 
 
-def weighty_first_link(path: Path) -> tuple[str, int] | None:
+def root_link_with_mass(path: Path) -> tuple[str, int] | None:
     """Name and line of a URDF's root link, if it has a mass."""
     tags = _tags(path)
     if not tags or tags[0].name != "robot":

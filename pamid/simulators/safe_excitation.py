@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
-from pamid.simulators.excitation_bench import ExcitationBench, Trouble
+from pamid.simulators.excitation_bench import ExcitationBench, LimitViolation
 from pamid.simulators.mechanism import Actuator, Mechanism
 
 Array = NDArray[np.float64]
@@ -180,7 +180,7 @@ def safe_excitation(
             break
         if trouble.joint not in moved:
             moved.add(trouble.joint)
-            if _recentred(mechanism, courses, trouble):
+            if _recentre(mechanism, courses, trouble):
                 continue
         if not any(course.centre for course in courses.values()):
             bench.require_held(trouble)
@@ -241,7 +241,7 @@ def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
         )
 
 
-def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> bool:
+def _recentre(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitViolation) -> bool:
     """Shift the signals at a joint that reached an end; returns whether anything was shifted.
 
     A position moves to the middle of the range. A force gets a zero mean.
@@ -264,7 +264,7 @@ def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Tro
     return done
 
 
-def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> None:
+def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitViolation) -> None:
     """Reduce the responsible commands; all commands if the responsible ones are small already."""
     guilty = [i for i in trouble.guilty if i in courses] or list(courses)
     largest = max(course.factor for course in courses.values())

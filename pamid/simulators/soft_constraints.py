@@ -207,7 +207,7 @@ def solve_joint_friction(
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:
         return FrictionSolution(value, none, none, system)
-    aims = _swept(system, value, where_)
+    aims = _gauss_seidel(system, value, where_)
     solution = FrictionSolution(value, none, none, system)
     for _ in range(SOLVES if len(where_) > 1 else 1):
         solution = _solved(system, reaching, where_, aims)
@@ -215,7 +215,7 @@ def solve_joint_friction(
     return solution
 
 
-def _swept(
+def _gauss_seidel(
     system: CoupledSystem, free: list[Expr], friction: dict[int, SoftFriction]
 ) -> dict[int, Expr]:
     """Projected Gauss-Seidel: q'' + rate q' of each joint from its friction force."""

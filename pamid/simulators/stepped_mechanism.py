@@ -260,10 +260,10 @@ class _Stepper:
             states = after[:, -1].copy()
         # a rollout ends at the first warning and repeats the state that it has reached
         for i in np.flatnonzero(np.rint(states[:, 0] * count / h) < count):
-            states[i] = self._to_the_end(models[i], states[i], control[i])
+            states[i] = self._run_steps(models[i], states[i], control[i])
         return np.ascontiguousarray(states[:, self.places])
 
-    def _to_the_end(self, model: Any, state: Array, control: Array) -> Array:
+    def _run_steps(self, model: Any, state: Array, control: Array) -> Array:
         """Full state after all steps of a control (steps, values), despite MuJoCo's warnings.
 
         The given state has some of these steps behind it.

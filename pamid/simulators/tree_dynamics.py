@@ -431,17 +431,17 @@ class Tree:
         return self.solve(factors, unit_force)
 
     @cached_property
-    def holding_change(self) -> list[Expr]:
+    def bias_change(self) -> list[Expr]:
         """Change of the bias, as `inverse_dynamics`."""
         return self.inverse_dynamics([ZERO] * self.n)
 
     @cached_property
     def holding(self) -> list[Expr]:
         """The bias c with its exact derivatives."""
-        pairs = zip(self.bias, self.holding_change, strict=True)
+        pairs = zip(self.bias, self.bias_change, strict=True)
         return [tangent(value, change) for value, change in pairs]
 
-    def felt_inertia(self, j: int) -> Expr:
+    def effective_inertia(self, j: int) -> Expr:
         """Inertia at a joint of its motor and its load while the other joints give way.
 
         It is 1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1.

@@ -95,7 +95,7 @@ def write_back(
         }
     reread = mechanism_of(file_again)
     left, changed = list(writer.left), dict(writer.changed)
-    for name, why in _lost(reread, {n: now for n, (_, now) in changed.items()}):
+    for name, why in _differences(reread, {n: now for n, (_, now) in changed.items()}):
         del changed[name]
         left.append(f"{name}: {why}")
     notes = (*forms.notes, *writer.notes)
@@ -134,12 +134,12 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
         yield Path(copy.name)
 
 
-def _lost(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
+def _differences(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
     """Values that MuJoCo does not return as written."""
     read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
     sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
     for shape in shapes_of(reread):
-        read |= figures_of(shape, shape.body)
+        read |= inertia_values(shape, shape.body)
         sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
         sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
     losses = []
@@ -339,7 +339,7 @@ class _Writer:
         written = set()
         if terms.friction:
             written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
-            self._soften(tag, joint, friction, terms)
+            self._write_onset(tag, joint, friction, terms)
         if terms.damping.any():
             total = self._polynomial("joint", j, "damping") + terms.damping
             written |= self._set_polynomial(tag, j, "damping", total)
@@ -376,7 +376,9 @@ class _Writer:
                 )
         return written
 
-    def _soften(self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms) -> None:
+    def _write_onset(
+        self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms
+    ) -> None:
         """Write the onset of the friction.
 
         Friction of the file itself keeps its softness. Dry friction is as hard as the step allows.
@@ -504,7 +506,7 @@ class _Writer:
         if body is None:
             self.edits.add_after(tag, f"<joint {attributes}/>")
         else:
-            written |= self._divide(tag, body, joint, near, f"<joint {attributes}/>")
+            written |= self._split_body(tag, body, joint, near, f"<joint {attributes}/>")
         if needed > armature:
             written |= self._set_value(tag, j, "armature", needed)
         return written
@@ -516,7 +518,7 @@ class _Writer:
         has_mass = self.mechanism.bodies[joint.body].mass_kg > 0.0
         return parent if alone and has_mass and parent.name == "body" else None
 
-    def _divide(
+    def _split_body(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
     ) -> set[str]:
         """Divide a body at a joint.
@@ -818,7 +820,7 @@ class _Writer:
         if why:
             self.left.append(f"inertia of {old.name}: {why}")
             return {mass}
-        before, now = figures_of(shape, old), figures_of(shape, new)
+        before, now = inertia_values(shape, old), inertia_values(shape, new)
         self.changed |= {name: (before[name], now[name]) for name in now}
         self.changed[mass] = (old.mass_kg, new.mass_kg)
         return {mass}
@@ -827,7 +829,7 @@ class _Writer:
         words = {
             "pos": numbers(body.centre),
             "mass": number(body.mass_kg),
-            "fullinertia": _exactly(full_inertia(body)),
+            "fullinertia": _exact_text(full_inertia(body)),
         }
         inertial = self._inside(tag, "inertial")
         if inertial is None:
@@ -926,7 +928,7 @@ class _Writer:
                 self.edits.add_inside(tag, f"<dynamics {attributes}/>")
 
 
-def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
+def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
     """Centre (m) and inertia about it along the body's axes (kg m2) by name."""
     full = full_inertia(body)
     return {
@@ -935,7 +937,7 @@ def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
     }
 
 
-def _exactly(full: Array) -> str:
+def _exact_text(full: Array) -> str:
     """Full inertia with all digits, because a rounded one of a thin plate may be invalid."""
     return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
