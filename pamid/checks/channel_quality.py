@@ -1,10 +1,10 @@
 """Measurement quality of one channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
 
 Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is only a fault
-if the channel should have continued: its motion has a corner there or leaps on behind it, or its
-white noise stops and returns (`has_noise_around`). With white noise of deviation sigma, two readings
-fall on the same step q with probability P = q/(2 sqrt(pi) sigma). A run of n repeats by chance is
-rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat`).
+if the channel should have continued. Its motion then has a corner there or leaps on behind it, or
+its white noise stops and returns (`has_noise_around`). With white noise of deviation sigma, two
+readings fall on the same step q with probability P = q/(2 sqrt(pi) sigma). A run of n repeats by
+chance is rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat`).
 
     finding   statistic and threshold
     clipped   runs at the extreme value, longer than chance, at least SHORTEST_CLIP samples: two of
@@ -136,7 +136,17 @@ class CheckedSignal:
 
 
 def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
-    """Measure step and noise of a column, shape (n,); all are 0 if it is not `measurable`."""
+    """Measure step and noise of a column; all are 0 if it is not `measurable`.
+
+    Parameters
+    ----------
+    name
+        Column.
+    time, values
+        Stamps (s) and readings (n,).
+    sent
+        True for a command or a reference.
+    """
     if not measurable(values):
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
     span = motion(values)
@@ -329,8 +339,19 @@ def frozen(
 ) -> tuple[list[QualityIssue], Mask]:
     """Intervals in which the channel stands exactly still while others move.
 
-    aside: samples with another explanation already; liveliest: smallest share of standstill among
-    the other channels.
+    Parameters
+    ----------
+    s
+        Channel.
+    aside
+        Mask of the samples with another explanation already.
+    liveliest
+        The other channel with the smallest share of standstill; None without one.
+
+    Returns
+    -------
+    list, Mask
+        Findings, and the mask of the frozen samples.
     """
     if liveliest is None:
         return [], np.zeros(s.values.size, dtype=bool)
@@ -479,8 +500,16 @@ def level_issues(
 ) -> list[QualityIssue]:
     """Findings on a channel that is dead, coarse or noisy throughout.
 
-    usual_noise: typical noise of its sensor, in the column's unit; sent: signals that may move the
-    machine from level to level.
+    Parameters
+    ----------
+    s
+        Channel.
+    others_move
+        True if other channels move.
+    usual_noise
+        Typical noise of its sensor, in the column's unit; 0 if unknown.
+    sent
+        Commands that may move the machine from level to level.
     """
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])

@@ -241,7 +241,16 @@ class ExcitedRig:
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
     """Largest change of any output, relative to its size, with the effect at its null.
 
-    The remaining parameters of the effect are random.
+    Parameters
+    ----------
+    rig
+        Rig that the effect acts on.
+    attachment
+        Effect at its ports.
+    draws
+        Random draws of the remaining parameters of the effect.
+    seed
+        Seed of the draws.
     """
     trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
@@ -290,7 +299,19 @@ def _short_length(rig: Rig) -> int:
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
-    """Points of the bounds, as text, at which the outputs are not finite; empty without any."""
+    """Points of the bounds, as text, at which the outputs are not finite; empty without any.
+
+    Parameters
+    ----------
+    rig
+        Rig to run.
+    attachment
+        Effect at its ports; None for the rig alone.
+    draws
+        Number of random points.
+    seed
+        Seed of the points.
+    """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
     problems = []
@@ -315,6 +336,15 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     It is relative to each channel's largest value, and only counts while the differences are small.
     If errors of the state grow exponentially, as in an undamped arm, large differences are not
     slopes.
+
+    Parameters
+    ----------
+    rig
+        Rig to run.
+    attachment
+        Effect at its ports; None for the rig alone.
+    seed
+        Seed of the random point.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
@@ -423,8 +453,15 @@ def rig_findings(
 ) -> list[CheckOutcome]:
     """All findings on a rig without a recording.
 
-    slopes: compare its sensitivities with differences. pamid generates those of a model file, and
-    nothing in the file can spoil them.
+    Parameters
+    ----------
+    rig
+        Rig to check.
+    effects
+        Effects that may act on it.
+    slopes
+        Compare its sensitivities with differences. pamid generates those of a model file, and
+        nothing in the file can spoil them.
     """
     try:
         tell("equations")

@@ -42,9 +42,18 @@ PRIOR_REACH = 2.0  # prior spreads
 def echoed_inputs(
     recording: Recording, rig: Rig, comparison: SheetComparison
 ) -> list[QualityIssue]:
-    """Measured columns that carry the same signal as an input or a reference.
+    """Findings on measured columns that carry the signal of an input or a reference.
 
     A controller derives its command from the reading, so inputs of a closed loop are not compared.
+
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig.
+    comparison
+        Comparison of the recording with the data sheet's run.
     """
     issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
@@ -65,9 +74,19 @@ def echoed_inputs(
 
 
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
-    """RMS residual of y after the closest echo of u, and the delay of that echo in samples.
+    """RMS residual of an output after the closest echo of an input, and the delay of the echo.
 
-    Both signals have shape (samples,). The delay is the sum of delay and lag, at most `latest`.
+    Parameters
+    ----------
+    u, y
+        Input and output (samples,).
+    latest
+        Largest sum of delay and lag, in samples.
+
+    Returns
+    -------
+    float, float
+        Residual in the unit of y; delay plus lag, in samples.
     """
     size = len(u)
     u, y = u - u[0], y - y.mean()

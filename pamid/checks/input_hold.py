@@ -136,8 +136,13 @@ def misstated_holds(
 ) -> list[InputHold]:
     """Inputs that fit clearly better with the other hold.
 
-    The result is that of `compare_holds`, at a fraction of the cost. An input is tried only if the
-    error may fall to first order.
+    An input is only tried if the error may fall to first order, which costs a fraction of
+    `compare_holds`.
+
+    Parameters
+    ----------
+    recording, rig, columns
+        As in `compare_holds`.
     """
     return [
         outcome for outcome in _both_ways(recording, rig, columns, screened=True) if outcome.wrong
@@ -183,7 +188,22 @@ def _tried(trial: FitData, names: list[str], problem: ShortFit, screened: bool) 
 
 
 def compared(data: FitData, base: FittedWindows, column: str) -> tuple[InputHold, FittedWindows]:
-    """Fit both holds of an input, each also from the end point of the other."""
+    """Fit both holds of an input, each also from the end point of the other.
+
+    Parameters
+    ----------
+    data
+        Windows of the recording.
+    base
+        Fit with the hold in use.
+    column
+        Input.
+
+    Returns
+    -------
+    InputHold, FittedWindows
+        Comparison, and the fit with the other hold.
+    """
     assumed = between_of(base.rig, column)
     other_way = stated(base.rig, {column: other(assumed)})
     stepping = base.problem.runner.stepping

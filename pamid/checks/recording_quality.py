@@ -74,8 +74,14 @@ def examine(
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Issues that need a model are left out without a rig. signals: result of `signals_of`, if it has
-    been computed already.
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig; without one, issues that need a model are left out.
+    signals
+        Result of `signals_of`, if it has been computed already.
     """
     absurd = _absurd(recording)
     if absurd:
@@ -160,7 +166,10 @@ def channel_figures(
 ) -> dict[str, dict[str, float]]:
     """Per column: span, step (0: none), noise; in the column's unit.
 
-    signals: as in `examine`.
+    Parameters
+    ----------
+    recording, rig, signals
+        As in `examine`.
     """
     return {
         s.name: {"span": s.span, "step": s.step, "noise": s.noise}

@@ -80,10 +80,24 @@ LAG_GAIN = 0.005  # by which a delay must raise the correlation
 def contradictions(
     recording: Recording, rig: Rig, evidence: SheetComparison | None, *, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """Issues in which the recording contradicts the rig, and the columns judged, by kind of issue.
+    """Issues in which the recording contradicts the rig.
 
-    The judged columns need no guess from their values alone. thorough: also try slips of the data
-    sheet, and look for channels that the rig does not explain.
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig.
+    evidence
+        Comparison with the data sheet's run; None if the rig cannot run on the recording.
+    thorough
+        Also try slips of the data sheet, and look for channels that the rig does not explain.
+
+    Returns
+    -------
+    list, dict
+        Issues; and by kind of issue the columns that the rig has judged, which need no guess from
+        their values alone.
     """
     if evidence is None:
         return [], {}
@@ -400,7 +414,15 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 
 def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Findings on sensors that read one number throughout, although the machine moves them."""
+    """Findings on sensors that read one number throughout, although the machine moves them.
+
+    Parameters
+    ----------
+    recording, rig
+        Recording and its rig.
+    e
+        Comparison of the recording with the data sheet's run.
+    """
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []

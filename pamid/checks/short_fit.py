@@ -106,8 +106,18 @@ class FitData:
     ) -> FittedWindows:
         """Fit a rig to the data.
 
-        problem: an earlier fit of the same rig, whose model is compiled already; stepping: of a fit
-        that only differs in its inputs.
+        Parameters
+        ----------
+        rig
+            Rig to fit.
+        begin
+            Start point; by default the data sheet.
+        problem
+            Earlier fit of the same rig, whose model is compiled already.
+        stepping
+            Stepping of a fit that only differs in its inputs.
+        steps
+            Largest number of steps.
         """
         problem = problem.along(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
@@ -118,8 +128,13 @@ class FitData:
 def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
     """Windows of a recording to fit; None if it is too short, or if nothing moves.
 
-    timescales: length of a window in correlation times of the recording. A window has at least
-    WINDOW_SAMPLES; longer windows are fewer.
+    Parameters
+    ----------
+    recording, rig
+        Recording and its rig.
+    timescales
+        Length of a window in correlation times of the recording. A window has at least
+        WINDOW_SAMPLES; longer windows are fewer.
     """
     names = measured_outputs(Assembly(rig), recording)
     names = tuple(n for n in names if motion(recording.signal(n)) > 0.0)

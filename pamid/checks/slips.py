@@ -325,10 +325,19 @@ def judged(
     p: Array | None = None,
     like: ShortFit | None = None,
 ) -> Judgement:
-    """Recording according to a short fit of the rig, or to the data sheet's run if the fit fails.
+    """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
 
-    p: other values than the data sheet's; like: a fit of the rig to another version of the
-    recording, whose model is reused if the inputs are the same.
+    Parameters
+    ----------
+    recording
+        Recording to fit.
+    e
+        Its comparison with the data sheet's run.
+    p
+        Values (SI) in place of the data sheet's.
+    like
+        Fit of the rig to another version of the recording, whose model is reused if the inputs are
+        the same.
     """
     rig = e.assembly.rig
     try:
@@ -508,10 +517,22 @@ def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
 def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """Slips of a recording, one after the other.
+    """Find the slips of a recording, one after the other.
 
-    The result also has the corrected recording, its comparison with the data sheet, and the quality
-    of the fit.
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    e
+        Its comparison with the data sheet's run.
+    thorough
+        Also try slips of the data sheet.
+
+    Returns
+    -------
+    list, Recording, SheetComparison, Judgement
+        Slips, the corrected recording, its comparison with the data sheet, and the quality of the
+        fit.
     """
     explanations: list[Explanation] = []
     if float(sheet_distances(e).max()) < math.log(FAR):

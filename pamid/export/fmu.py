@@ -55,9 +55,16 @@ def write_fmu(
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:
-    """An FMU of FMI 2 or 3.
+    """Build an FMU.
 
-    compiler: a C compiler (default: the first of cc, gcc, clang; "": none).
+    Parameters
+    ----------
+    step
+        Sample step of the model.
+    version
+        FMI 2 or 3.
+    compiler
+        C compiler; by default the first of cc, gcc, clang; "" for none.
     """
     sources = _sources(step, version)
     cc = (

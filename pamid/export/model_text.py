@@ -21,8 +21,21 @@ LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
     """Text for the file, with its errors in MuJoCo.
 
-    A URDF is also written as MJCF, which holds more. FileError for a rig without a model file, or
-    for an MJCF as URDF.
+    A URDF is also written as MJCF, which holds more.
+
+    Parameters
+    ----------
+    model
+        Identified model.
+    language
+        "mjcf" or "urdf".
+    files
+        Files to be written.
+
+    Raises
+    ------
+    FileError
+        The rig does not come from a model file, or an MJCF should become a URDF.
     """
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):

@@ -111,7 +111,18 @@ def graph_of(
 ) -> Any:
     """Finished GraphProto with the shapes of its inputs and outputs.
 
-    They are double unless `types` states otherwise. The outermost graph holds the used constants.
+    Parameters
+    ----------
+    body
+        Nodes of the graph.
+    name
+        Name of the graph.
+    inputs, outputs
+        Shape by name.
+    types
+        Element types other than double, by name.
+    outermost
+        True for the outermost graph, which holds the used constants.
     """
     from onnx import TensorProto, helper
 

@@ -103,8 +103,20 @@ def plain_check(
 ) -> PlainCheck | None:
     """Run the old file and the new one on the held-out part of the model's run.
 
-    None if the run holds nothing out or has no residual.csv, or if the model was not read from a
-    run.
+    Parameters
+    ----------
+    model
+        Identified model.
+    mechanism
+        Mechanism of the old file.
+    new, new_mechanism
+        The new file and its mechanism.
+
+    Returns
+    -------
+    PlainCheck or None
+        None if the run holds nothing out or has no residual.csv, or if the model was not read from
+        a run.
     """
     if model.folder is None or not (model.folder / RESIDUAL_FILE).exists():
         return None

@@ -118,8 +118,26 @@ def step_copies(
 ) -> None:
     """Co-simulation: advance every copy by h.
 
-    saved: addresses of states, 0 if each copy has an instance; standing: copy in the single
-    instance, -1 for none. Copies with a failure (statuses) stay.
+    Parameters
+    ----------
+    m
+        The FMU.
+    handles
+        Instance of each copy.
+    saved
+        Addresses of saved states, 0 if each copy has an instance.
+    standing
+        Copy in the single instance, -1 for none.
+    times
+        Time of each copy, s.
+    f
+        Inputs (copies, inputs).
+    h
+        Step, s.
+    y
+        Outputs (copies, outputs), overwritten.
+    statuses
+        Status of each copy, updated. Copies with a failure stay.
     """
     n = len(handles)
     for k in range(n):
@@ -146,8 +164,18 @@ def step_copies(
 def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
     """Iterate events until nothing changes, then enter continuous time.
 
-    inside: in event mode already; due (1): time of the next event, infinite if unknown. m.report[1]
-    is 1 if states changed.
+    m.report[1] is 1 if states changed.
+
+    Parameters
+    ----------
+    m
+        The FMU.
+    c
+        Instance.
+    inside
+        True if the instance is in event mode already.
+    due
+        (1,) time of the next event, infinite if unknown; overwritten.
     """
     status = 0
     if not inside:
@@ -293,9 +321,25 @@ def exchange(
 ) -> int:
     """Advance x by h seconds from `begin` under f.
 
-    Steps end according to grid (ends from `begin`, up to a zero). If grid begins with a zero, the
-    steps are chosen, and noted there. due (1): the next event in time. m.report[2]: number of
-    events within.
+    m.report[2] is the number of events within.
+
+    Parameters
+    ----------
+    m
+        The FMU.
+    c
+        Instance.
+    begin, h
+        Time and length, s.
+    f
+        Inputs.
+    x
+        States, overwritten.
+    due
+        (1,) time of the next event, overwritten.
+    grid
+        Ends of the steps from `begin`, up to a zero. If it begins with a zero, the steps are
+        chosen, and noted there.
     """
     # an event that falls between two exchanges belongs to the later one, whose inputs it sees
     near = ROUNDING * h
@@ -386,10 +430,18 @@ def exchange_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Model exchange: `step_copies` with the states x (copies, states).
+    """Model exchange of copies: `step_copies` with states.
 
-    The next events are due (copies, 1). All copies take the steps of the first one, because
-    differences between copies are smooth then.
+    All copies take the steps of the first one, because differences between copies are smooth then.
+
+    Parameters
+    ----------
+    m, handles, saved, standing, times, f, h, y, statuses
+        As in `step_copies`.
+    x
+        States (copies, states), overwritten.
+    due
+        Times of the next events (copies, 1), overwritten.
     """
     n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):

@@ -38,7 +38,14 @@ class FreeJoints:
 def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) -> FreeJoints:
     """Replace the free joints of a model in MuJoCo, and ball joints of objects.
 
-    line_of: line of an element in the file, 0 if unknown.
+    Parameters
+    ----------
+    mujoco
+        MuJoCo's module.
+    spec
+        The model, changed in place.
+    line_of
+        Function that returns the line of an element in the file, 0 if unknown.
     """
     loose = [
         joint

@@ -36,7 +36,15 @@ _HARMLESS_FLAGS = (
 
 
 def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
-    """All findings on a file, hindrances first. share, met: of `contact_share`."""
+    """All findings on a file, hindrances first.
+
+    Parameters
+    ----------
+    file
+        Loaded file.
+    share, met
+        Result of `contact_share`.
+    """
     findings = [
         *_warnings(file),
         *_free(file),

@@ -30,10 +30,20 @@ def ports_of(
     couplings: Sequence[Coupling] = (),
     mounted: frozenset[int] = frozenset(),
 ) -> tuple[ModelPort, ...]:
-    """All ports, in this order; the port of a joint has the joint's name.
+    """Ports of a mechanism, in the order of the arguments; the port of a joint has the joint's
+    name.
 
     A coupled joint has no transmission, because its load does not give way by itself. The base has
-    no motor. mounted: joints that actuators at bodies move.
+    no motor.
+
+    Parameters
+    ----------
+    joints, tendons, actuators, sensors
+        Elements of the mechanism.
+    couplings
+        Couplings between joints or tendons.
+    mounted
+        Numbers of the joints that actuators at bodies move.
     """
     ports: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)

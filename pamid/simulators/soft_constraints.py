@@ -201,7 +201,17 @@ class FrictionSolution:
 def solve_joint_friction(
     system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
 ) -> FrictionSolution:
-    """Accelerations under the forces at each joint, with friction; see the module."""
+    """Accelerations under the forces at each joint, with friction.
+
+    Parameters
+    ----------
+    system
+        Tree with its couplings.
+    reaching
+        Force at each joint without friction, less the bias (n,).
+    friction
+        Friction of each joint; None without a loss.
+    """
     none = [ZERO] * system.tree.n
     value = system.accelerated(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}

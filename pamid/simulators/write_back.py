@@ -74,10 +74,21 @@ class WrittenModel:
 def write_back(
     mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
-    """Write these values (SI) and effects into the mechanism's file.
+    """Write values and effects into the mechanism's file.
 
-    Values of a `BodyShape` change the whole inertia of its body. FileError if the file can no
-    longer be read.
+    Parameters
+    ----------
+    mechanism
+        Mechanism of the file.
+    values
+        Values (SI) by parameter. Those of a `BodyShape` change the whole inertia of its body.
+    effects
+        Effects to add.
+
+    Raises
+    ------
+    FileError
+        The file can no longer be read.
     """
     path = Path(mechanism.path)
     text, file = path.read_bytes(), open_mujoco(path)
