@@ -17,13 +17,13 @@ from pamid.ingest.matcher import best_pairs, recorded_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
-UNUSED = 0.1  # less for a recorded column that a rig has no place for
-UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
+UNUSED = 0.1  # penalty for a recorded column without a place
+UNCONTROLLED = 0.3  # penalty for a recorded reference without a controller in the rig
 NEAR = 0.5  # of the best score: a worse match is not listed
 LISTED_RIGS = 4  # rigs whose gaps an error lists
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
-#: what a rig file leans on that can be copied: parts shared between rigs cannot
+#: modules that a copied rig file may import; parts shared between rigs are not copied
 _COPIED = ("pamid.model.", "pamid.symbolic.")
 
 
@@ -229,7 +229,7 @@ def match_columns(
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
         (wanted, column): recorded_fit(column, wanted, sent=wanted in needed)
-        # a room's temperature, which a rig can do without, comes after that of the oven
+        # an optional input, such as a room's temperature, comes after the oven's
         for wanted, role in sorted(roles.items(), key=lambda item: item[0] in rig.optional)
         for column in free
         if wanted not in stated
@@ -322,9 +322,9 @@ def best_match(
         if len(known) == len(stated or {}):
             every.append(match_columns(recorded, rig, known, held))
     every.sort(key=lambda match: -match.score)
-    # a column without a place may be what drives a machine: nothing drives a rig without inputs
+    # a column without a place may be the input, which a rig without inputs cannot take
     fitting = [m for m in every if m.fits and (m.rig.inputs or not m.unused)]
-    # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
+    # by units alone the smallest machine is most plausible: columns of larger ones are missing
     guessed = sorted((match for match in fitting if not match.named), key=_left_over)
     fitting = [match for match in fitting if match.named]
     whole = next((name for name, rig in rigs().items() if _has_all_columns(recorded, rig)), "")

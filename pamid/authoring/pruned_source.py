@@ -135,7 +135,7 @@ class _Equations(_Text):
     def __init__(self, text: str, rig: Rig, recorded: set[str], hidden: Collection[str]) -> None:
         super().__init__(text, rig)
         self.recorded, self.hidden = recorded, set(hidden)
-        self.lost: dict[str, set[str]] = {}  # port -> signals that are no longer offered there
+        self.lost: dict[str, set[str]] = {}  # port -> signals that it no longer has
 
     def without(self) -> str:
         for function in self.functions():

@@ -35,13 +35,13 @@ from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
 _FACE = ("Loop", "Parameter", "Port", "Rig", "RoughMap", "State")
-#: units in which a column is written and no equation sees it
+#: units of columns that no equation uses
 _SEEN_AS = {
     "percent": "the equations see a fraction, 0.6 for 60 %",
     "degC": "the equations see kelvin",
     "degF": "the equations see kelvin",
 }
-GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
+GUESS = 3.0  # plausible factor between the template's values and another machine's
 SCALE = 1e4  # bounds of a gain: this multiple and this part of the ratio of the ranges
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -110,7 +110,7 @@ class RigSource:
         tree = ast.parse(text)
         imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
         body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
-        # what was cut out of a line leaves its indent
+        # a removed line leaves its indent
         body = re.sub(r"[ \t]+$", "", body.lstrip("\n"), flags=re.MULTILINE)
         return self._docstring() + self._imports(imports, body) + body
 

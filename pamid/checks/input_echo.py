@@ -30,7 +30,7 @@ from pamid.simulation.correlation_time import correlation_samples
 Array = NDArray[np.float64]
 
 ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
-LEAST_EXPLAINED = 0.5  # residual over motion: more is no echo, however large the noise
+LEAST_EXPLAINED = 0.5  # residual over motion: more is not an echo, however large the noise
 MODEL_CLOSE, SOONER = 0.2, 2.0
 UNRELATED = 0.9  # residual over motion without a lag
 ECHO_LAGS = 12  # tried, in geometric steps from a quarter of a sample
@@ -95,7 +95,7 @@ def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, flo
     most = min(correlation_samples(u)[0], latest)
     best = _delayed_residual(u, y, round(most))
     if best[0] > UNRELATED * float(y.std()):
-        return best  # no short lag makes an echo of it
+        return best  # no short lag can turn this into an echo
     for lag in np.geomspace(0.25, max(most, 0.25), ECHO_LAGS):
         kernel = np.exp(-np.arange(min(size, int(8.0 * lag) + 2)) / lag)
         smooth = np.convolve(u, kernel / kernel.sum())[:size]

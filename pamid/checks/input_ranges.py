@@ -7,7 +7,7 @@ from pamid.checks.channel_quality import QualityIssue, windows_of
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
 
-RANGE_SLACK = 0.01  # of a stated range: noise of what reads it back
+RANGE_SLACK = 0.01  # of a stated range: noise of a read-back input
 
 
 def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:

@@ -61,7 +61,7 @@ from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
 from pamid.simulation.tracks import noise_remarks
 
-STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
+STILL_SHARE = 0.02  # of a column's range: a smaller motion is rest
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 from pamid.base.units import NONE
 from pamid.model.port_guide import TOLERANCES, WIDTH, cut, folded, grouped_ports_text, ports_text
 
-# kinds of issues after which a note is no small matter
+# kinds of issues that make a note important
 DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
 FEW_PLACES = 4  # of one check that are listed one by one
 SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next

@@ -52,19 +52,19 @@ __all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
-MOVES = 4.2  # times the noise: three of what two readings of a value at rest differ by
+MOVES = 4.2  # times the noise: three standard deviations of the difference of two readings
 # lost rows: moves looked at on either side, by what share of their mean each may differ from it,
 # resolutions of the channel that are missed at least, and what the first move behind makes up for
 PACE, UNSTEADY, LOST_STEPS, MADE_UP = 2, 0.7, 1.5, (0.6, 1.6)
 FEW_STEPS, FEW_LEVELS = 10, 2
 TIMID = 0.1  # of the usual amplitude
-IDLE = 0.5  # of the time without any change of what is sent
+IDLE = 0.5  # of the time without a change of the commands
 AT_LIMITS = 0.6  # of the time
-VACUUM_PA = -105e3  # gauge: below there is nothing
-# what an absolute sensor shows of a vented volume, up to 600 m above the sea
+VACUUM_PA = -105e3  # gauge: lower pressures do not exist
+# reading of an absolute sensor on a vented volume, up to 600 m above sea level
 VENTED_PA = (94e3, 106e3)
-COLD_K = 200.0  # what stays below is kept cold by a cryostat, or is no kelvin
-PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
+COLD_K = 200.0  # lower temperatures need a cryostat, or another unit than kelvin
+PRESSURES_PA = (1.5e4, 3e7)  # of fluid-driven machines, gauge or absolute
 
 
 def examine(
@@ -152,7 +152,7 @@ def _rig_issues(
         return issues, {}
     evidence = compared_with_sheet(recording, rig)
     if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
-        return echoes, {}  # signs and units would mislead
+        return echoes, {}  # because wrong signs and units would mislead further checks
     issues, judged = contradictions(recording, rig, evidence, thorough=thorough)
     if thorough and evidence is not None:
         issues += idle_input_issues(recording, rig, evidence)

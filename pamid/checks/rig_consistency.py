@@ -61,20 +61,20 @@ from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 
-FAR_CLOCK = 20.0  # times the period that a rig states: not its clock
+FAR_CLOCK = 20.0  # ratio to the period of the rig from which the clock is wrong
 # factor to which a clock is recognised by the period alone: prefixes, other units
 NEAR_CLOCK = {True: 20.0, False: 3.0}
 COMPARABLE_CORRELATION = 0.85  # correlation from which delays are compared
-STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
-LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
-LEAST_MOTION = 2.0  # times its noise: a channel that shows something
+STIR = 2.0  # times its noise: a channel that moves less in the model, too, is at rest
+LIVELY = 20.0  # times its noise and print: a model that moves this much is not at rest
+LEAST_MOTION = 2.0  # times its noise: smallest visible motion
 # samples: rates are compared, since they show more sharply when something happens
 RATE_OVER = 8
 LATE_SAMPLES = 3
 # correlation times of the recording: what counts as late, and how far is looked
 LATE, LONGEST_LAG = 0.008, 0.5
-SHIFT_FITS = 0.9  # of the error of a short fit: a shift that leaves less is one of the clock
-LAG_GAIN = 0.005  # by which a delay must raise the correlation
+SHIFT_FITS = 0.9  # of the error of a short fit: a shift that leaves less is a clock offset
+LAG_GAIN = 0.005  # smallest gain of correlation by a delay
 
 
 def contradictions(

@@ -42,10 +42,10 @@ WHERE = {
     ROW_LATE: "stands one row late (each row holds the reading of the row before)",
     ROW_EARLY: "stands one row early (each row holds the reading of the next one)",
 }
-# of the error as recorded: an order that explains it
+# share of the error as recorded, below which another order explains it
 MENDED = 0.3
-AS_GOOD = 1.1  # times the least error: explains it as well
-SHARED_SHARE = 0.5  # share of the squared residual that goes along with the change from row to row
+AS_GOOD = 1.1  # times the smallest error: an equal explanation
+SHARED_SHARE = 0.5  # share of the squared residual that correlates with the change from row to row
 
 
 @dataclass(frozen=True)

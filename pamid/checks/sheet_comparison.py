@@ -39,11 +39,11 @@ Array = NDArray[np.float64]
 
 MOST_COMPARED_SAMPLES = 20000
 CORRELATION_BLOCKS = 20
-OPENING_SAMPLES = 64  # readings that show where the machine starts
+OPENING_SAMPLES = 64  # readings that determine the start state
 LEAST_NOISE = 1e-4  # of a reading's standard deviation
-CROSSES = 0.2  # of its range: what a reading shows on the other side of zero, whatever its noise
-BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
-BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
+CROSSES = 0.2  # of its range: a reading beyond zero, whatever its noise
+BLIND_NOISE = 5.0  # times the noise: overshoot of a one-sided reading beyond zero
+BLIND_SHARE = 0.1  # share of the time with the model on the side without readings
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
-    # hundreds of runs may follow, for which the steps are chosen once; with other values they may
+    # the steps are chosen once for hundreds of runs; with other values they may
     # be too long
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)

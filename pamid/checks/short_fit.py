@@ -42,10 +42,10 @@ Array = NDArray[np.float64]
 
 COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
 WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
-LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
+LEAST_SIGMA = 0.01  # of a channel's spread: assumed noise of a noiseless channel
 STEPS = 30
 SETTLED_GAIN = 1e-5  # relative gain of a step
-FURTHEST = 300.0  # logarithm of a factor on the data sheet: beyond any bound
+FURTHEST = 300.0  # largest logarithm of a factor on the data sheet, beyond any bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class FitPoint:
     cost: float
     H: Array
     g: Array
-    gains: Array  # windows x states x parameters: how the start states follow s
-    own_steps: Array  # windows x states: their steps where s stays
+    gains: Array  # windows x states x parameters: derivatives of the start states by s
+    own_steps: Array  # windows x states: steps of the start states at constant s
     errors: Array
     linearised: bool = True
 
@@ -341,7 +341,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             H += A.T @ A
             g += A.T @ changed
             reduced.append((A, changed))
-        if not np.isfinite(g).all():  # run away with one of them
+        if not np.isfinite(g).all():  # a window diverges
             return np.full(len(inputs), np.nan)
         step = -np.linalg.lstsq(H, g, rcond=None)[0]
         left = [np.mean((changed + A @ step) ** 2, axis=0) for A, changed in reduced]
@@ -358,8 +358,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
         m = len(at.s)
         s = np.clip(at.s + step[:m], *self._reach())
-        # the derivatives of what is stepped cost many times as much as a run, and most of the steps
-        # from a data sheet that does not suit the recording are given up
+        # derivatives of a stepped rig cost many times as much as a run, and most of the steps
+        # from an unsuitable data sheet are rejected
         return self.at(s, at.x + step[m:].reshape(at.x.shape), self.runner.known is None)
 
     def linearised(self, at: FitPoint) -> FitPoint:

@@ -55,16 +55,16 @@ from pamid.simulation.free_runs import input_table, output_table
 
 Array = NDArray[np.float64]
 
-# ratios of units that are mistaken for each other -> these units; and powers of ten: prefixes
+# ratios of units that are often confused -> these units; and powers of ten: prefixes
 UNIT_RATIOS = {
     60.0: "minutes and seconds",
     180.0 / math.pi: "degrees and radians",
     2.0 * math.pi: "revolutions and radians",
 }
-# edges per line of an encoder that are counted, or not
+# edges per line of an encoder that may be counted
 QUADRATURE = (2.0, 4.0)
 COUNTED = ("angle", "angular velocity", "length", "velocity")
-NEAR_COUNT = 0.1  # of a factor: what a free gain may be off by to be named after a whole one
+NEAR_COUNT = 0.1  # tolerance of a free gain to be named after an integer factor
 LARGE_FACTORS = sorted((*(10.0**p for p in range(1, 7)), *UNIT_RATIOS))
 FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
 CLOCKS = {
@@ -86,10 +86,10 @@ ORDER = (
     "scale",
     "parameter",
 )
-UNNAMED = ORDER[-2:]  # kinds of slips that are no other unit
-INVENTED = 3.0  # times as near to the data sheet's run: a factor that is as likely as a unit
-HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that stop no fit
-# weight of a channel that the others predict: it shows its residuals and moves nothing
+UNNAMED = ORDER[-2:]  # kinds of slips without a unit
+INVENTED = 3.0  # a free factor must be this much nearer to the data sheet's run to tie with a unit
+HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that do not stop a fit
+# weight of a predicted channel: its residuals are computed, but it does not affect the fit
 UNSEEN_WEIGHT = 1e-6
 # of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
@@ -98,31 +98,31 @@ LEAST_SHARED = 0.25
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
-ALIKE = 1.5  # factors that are as good as one
+ALIKE = 1.5  # ratio of two factors below which they count as the same
 GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"}
 
-INDEPENDENT = 12.0  # windows whose errors are unrelated, of those of a short fit
+INDEPENDENT = 12.0  # effective number of independent windows of a short fit
 # natural logarithms of odds: a slip is named, and stops a fit; others are named with it
 CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
 # times the errors as recorded: a slip that mends them, and one that only mends the parameters
 MENDED, NO_WORSE = 0.3, 1.1
-GROSS = 6.0  # a factor that no data sheet is off by
+GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
 JUDGING_STEPS = 12  # of a fit
-EXACT, RUNAWAY = 0.01, 1e6  # errors, as shares of the motion, are held within these
-LEAST_NOISES = 5.0  # the least motion, in noises
+EXACT, RUNAWAY = 0.01, 1e6  # bounds of errors, as shares of the motion
+LEAST_NOISES = 5.0  # smallest motion, in noises
 # what a recording that suits its rig leaves at most: share of the motion of a channel, and distance
 # of the data sheet, in prior spreads
 USUAL_ERROR, USUAL_BEND = 0.2, 4.0
 # of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
-FAR = 0.3  # distance to the data sheet's run from which slips are looked for
-NEARER = 0.4  # by which the log distance to the data sheet's run falls: worth a fit
-NEAR_SIZE = 6.0  # times the data sheet's: an output whose unit is set right
-MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips that are fitted at once; that one recording has
-MOST_PAIRED = 2  # slips of which each is tried with every other one
+FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
+NEARER = 0.4  # smallest decrease of the log distance to the data sheet's run for a fit
+NEAR_SIZE = 6.0  # largest ratio to the data sheet's size after a correction of the unit
+MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips per round of fits; slips per recording
+MOST_PAIRED = 2  # slips that are combined with every other one
 MOST_NAMED_SLIPS = 3  # columns and parameters named in one finding
-LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
+LEAST_CLOCKED_SAMPLES = 50  # samples of a stepped rig for a test of the clock
 # samples of a run; of a stepped rig, a sample of which costs many times as much
 MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
 
@@ -222,8 +222,8 @@ class Slip:
         if self.kind == "clock":
             n = len(e.u)
             if isinstance(e.assembly.rig, StepRig):
-                # no more time is simulated than was recorded: a sample of an hour would be a
-                # million steps
+                # simulated time is limited to the recorded one, because a sample of an hour would
+                # be a million steps
                 n = n if self.factor < 1.0 else int(n / self.factor)
             model = e.simulate(e.u[:n], clock=self.factor) if n >= LEAST_CLOCKED_SAMPLES else None
             return None if model is None else replace(e, y=e.y[:n], u=e.u[:n], model=model)
@@ -298,7 +298,7 @@ class Explanation:
     def wrong(self) -> bool:
         """True if the recording cannot be right."""
         # 273 K are beyond any fault of a machine, and in either direction: below absolute zero the
-        # error is endless, but far above the room a fit bends its losses
+        # error is infinite, but far above room temperature a fit adapts its losses
         sure = CLEAR_GAIN if self.slip.shifts_zero else SURE_GAIN
         return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= sure
 
@@ -650,7 +650,7 @@ def _predicted_slips(
             y, model = _prediction(data, k, problem)
             (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))
-            # of a lone output the data sheet alone predicts the size: the table of factors serves
+            # only the data sheet predicts the size of a lone output: use the table of factors
             slips += [slip for slip in of_column if slip.kind != "gain" or len(data.names) > 1]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
@@ -676,7 +676,7 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
     ours, theirs = (a - a.mean(axis=1, keepdims=True) for a in (y, model))
     common, power = float((ours * theirs).sum()), float((theirs * theirs).sum())
     if common**2 < LEAST_SHARED * power * float((ours * ours).sum()):
-        return  # a dead channel follows no prediction, whatever its scale
+        return  # a dead channel does not follow any prediction, whatever its scale
     gain = common / max(power, 1e-300)
     for sign in (1.0, -1.0):
         offset = float(np.median((model - sign * y).mean(axis=1)))

@@ -9,7 +9,7 @@ import numpy as np
 from pamid.base.metrics import runs_of
 from pamid.checks.channel_quality import CheckedSignal, QualityIssue, share_words
 
-#: of a recording: a shorter standstill, before an experiment or after a step, is usual
+#: share of a recording: a shorter standstill is usual before an experiment or after a step
 LONG_STANDSTILL = 0.4
 
 

@@ -213,7 +213,7 @@ class Values:
     def _at(self, node: Expr) -> str:
         if self.around is not None and not self._is_own(node):
             return self.around(node)
-        if node not in self._own:  # a comparison that is counted with
+        if node not in self._own:  # a comparison used as a number
             self._own[node] = self.graph.add("Cast", self._truth(node), to=11)  # double
         return self._own[node]
 

@@ -27,9 +27,9 @@ from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, Simulator
 Array = NDArray[np.float64]
 
 DIAGNOSIS_FILE = "diagnosis.json"
-#: error over the stated one up to which a file holds what pamid states
+#: largest ratio to the stated error for an acceptable file
 REACHED = 1.2
-#: integrators and parts of the file's step that are tried where the file's own miss that, the
+#: integrators and divisors of the file's step that are tried if the file's settings miss that,
 #: cheapest first
 TRIED_SETTINGS = (
     ("implicitfast", 1),
@@ -41,7 +41,7 @@ TRIED_SETTINGS = (
     ("implicitfast", 8),
     ("RK4", 8),
 )
-NEARLY = 1.1  # errors up to which settings come about as near as the best
+NEARLY = 1.1  # ratio to the smallest error up to which settings tie with the best
 MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays
 
 
@@ -146,7 +146,7 @@ def plain_check(
         settings = SimulatorSettings(model_settings.timestep_s / part, integrator)
         tried.append((settings, errors(new, new_mechanism, settings)))
     reached = _reached(tried[-1][1], wanted)
-    # of several that come about as near the cheapest
+    # the cheapest of several that tie
     least = NEARLY * min(_total(errors_there, spread) for _, errors_there in tried)
     best, nearest = next(
         (settings, errors_there)

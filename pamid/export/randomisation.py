@@ -49,7 +49,7 @@ def randomisation_yaml(model: Identified) -> bytes:
     covariance = (rows + np.tril(rows, -1).T) * np.outer(scale, scale)
     deviation = np.sqrt(np.diag(covariance))
     stated = dict(_stated_deviations(model))
-    # correlations are those of the posterior, sizes those of the intervals
+    # correlations from the posterior, standard deviations from the intervals
     wanted = np.array([stated.get(k, s) for k, s in zip(posterior.keys, deviation, strict=True)])
     ratio = wanted / np.maximum(deviation, 1e-300)
     covariance *= np.outer(ratio, ratio)
@@ -131,7 +131,7 @@ def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
     if path.exists():
         diagnosis = need_result(path, DiagnosisFile)
         named = {a.label for a in model.effects}
-        # intervals of the rig's parameters are those next to the causes
+        # intervals of the rig's parameters are those of the fit with the causes
         intervals = dict(diagnosis.parameters) if not model.rivals else {}
         for candidate in diagnosis.ranking if model.rivals else ():
             intervals |= _of_effect(candidate.effect, candidate.parameters, named)

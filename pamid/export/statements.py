@@ -37,7 +37,7 @@ C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", CHO
 MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", ATOM, lambda o: o.matlab)
 
 
-#: words of the two languages and of the exported programs that no name may be
+#: reserved words of the two languages and of the exported programs
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
@@ -84,7 +84,7 @@ class Statements:
     roots: list[Expr]
     words: dict[Symbol, str]
     lines: list[str] = field(default_factory=list)
-    # text and how tightly it binds
+    # text and its precedence
     _parts: dict[Expr, tuple[str, int]] = field(default_factory=dict)
     _truths: dict[Expr, str] = field(default_factory=dict)
     _uses: Counter[Expr] = field(init=False)

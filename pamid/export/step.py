@@ -45,7 +45,7 @@ from pamid.symbolic.expression import (
 )
 from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
 
-# the state of a model without any, which rests at 0: no language here has vectors of length 0
+# dummy state of a model without states, because no target language has vectors of length 0
 STILL = "still"
 ROOM_K = 293.15
 
@@ -305,7 +305,7 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
                 prefix + s.name: expression(given.get(s.name, s.start)) for s in rig.states
             }
         except (PamidError, ArithmeticError, TypeError, ValueError):
-            pass  # start() may do with its numbers what cannot be done with symbols
+            pass  # start() may use operations that symbols do not support
     numbers = {symbol("parameter", o.key): const(o.value) for o in owned}
     starts = []
     for name, value in zip(model.lowered.states, model.start.tolist(), strict=True):

@@ -38,7 +38,7 @@ from pamid.symbolic.vocabulary import ZERO, exp, expression
 
 Array = NDArray[np.float64]
 
-THINNEST = 1e-6  # second moment over the largest: a plate without thickness has no share to change
+THINNEST = 1e-6  # smallest ratio to the largest second moment: a flat plate could not be stretched
 LENGTH_FACTOR = 10.0  # to the bounds of a length; radii of gyration to those of the centre
 SHAPE = "0: the shape of the model file"
 AXES = ("x", "y", "z")

@@ -53,9 +53,9 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
-RETURN_RATE = 200.0  # 1/s, at which a spring yields that is stretched further than it can be
+RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest one
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
-#: an angle (or way) and its rate
+#: an angle (or length) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
 
 
@@ -85,7 +85,7 @@ class CompiledMechanism(Rig):
     name = "mechanism"
 
     def __init__(self, mechanism: Mechanism) -> None:
-        untyped: Any = self  # tables that a class usually holds
+        untyped: Any = self  # these tables usually are class attributes
         m = mechanism
         self.mechanism = m
         untyped.name = m.name
@@ -165,7 +165,9 @@ def _states(m: Mechanism) -> Iterator[State]:
     for joint in m.joints:
         if joint.spring_state:
             low, high = (joint.reference + s * joint.spring_yield for s in (-1.0, 1.0))
-            relaxed = min(max(joint.spring_reference, low), high)  # it yields at once
+            relaxed = min(
+                max(joint.spring_reference, low), high
+            )  # a larger deflection yields at once
             yield State(joint.spring_state, joint.unit, relaxed)
 
 
@@ -546,7 +548,7 @@ class MechanismEquations:
         turned: dict[int, Turn] = {}
         tree = rigid = self.rigid
         twisting: dict[int, Expr] = {}
-        pushed: dict[int, Expr] = {}  # where the joint itself is what the motor moves
+        pushed: dict[int, Expr] = {}  # if the motor moves the joint itself
         moving = self.moving(rigid, applied)
         for j in range(tree.n):
             port = self.rig.port_of("joint", j, "transmission")
@@ -557,7 +559,7 @@ class MechanismEquations:
             def behind(
                 torque: Expr, angle: Expr, rate: Expr, j: int = j, met: list[Load] = met
             ) -> Load:
-                if angle is ZERO:  # it stands as the joint does
+                if angle is ZERO:  # no deflection
                     return met[-1].under(torque - met[-1].torque)
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate

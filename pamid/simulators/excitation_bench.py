@@ -19,10 +19,10 @@ from pamid.simulators.xml_text import tags_of
 
 Array = NDArray[np.float64]
 
-REST_S = 10.0  # of the run in which nothing is sent
+REST_S = 10.0  # length of the run with constant commands
 WILD = 1e6  # rad, m or their rates: a run beyond is unstable
-STANDING = 1e-3  # rad or m from an end of its range: a joint stands on it
-ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
+STANDING = 1e-3  # rad or m from an end of its range: the joint is at this end
+ROUNDED = 1e-6  # rad or m: a smaller overshoot is rounding
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class ExcitationBench:
         self.speeds = np.array([speeds[names[j]] for j in self.fast])
         self.usual: set[tuple[int, int]] = set()
         self.falls: dict[int, LimitViolation] = {}
-        # an end on which a joint stands at the start is a stop that is known
+        # a joint that starts at an end of its range rests on a stop on purpose
         for k, j in enumerate(self.ranged):
             away = np.abs(self.ends[k] - m.joints[j].reference)
             self.ends[k] = np.where(away < STANDING, [-np.inf, np.inf], self.ends[k])
@@ -282,6 +282,6 @@ def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
             speed = float(tag.attributes["velocity"])
         except ValueError:
             continue
-        if name in column_names and speed > 0.0:  # 0 is written by tools for "not known"
+        if name in column_names and speed > 0.0:  # tools write 0 for "unknown"
             speeds[column_names[name]] = speed
     return speeds

@@ -45,7 +45,7 @@ SAID = {
 }
 FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, error, fatal
 
-ROUNDING = 1e-9  # of an exchange: times that are summed up differ by less
+ROUNDING = 1e-9  # of an exchange: rounding errors of summed times are smaller
 MOST_ITERATIONS = 100
 MOST_EVENTS = 1000  # in one exchange
 MOST_STEPS = 4096  # in one exchange
@@ -341,7 +341,7 @@ def exchange(
         Ends of the steps from `begin`, up to a zero. If it begins with a zero, the steps are
         chosen, and noted there.
     """
-    # an event that falls between two exchanges belongs to the later one, whose inputs it sees
+    # an event between two exchanges belongs to the later one, so that it gets the new inputs
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
     status = change_inputs(m, c, first, f, x, due)

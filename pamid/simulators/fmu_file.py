@@ -182,7 +182,7 @@ def read_fmu(path: PathLike) -> FmuFile:
         platforms = fmpy.supported_platforms(str(file))
     except FileError:
         raise
-    except Exception as error:  # FMPy passes on whatever zip and XML raise
+    except Exception as error:  # FMPy passes on any error of zip and XML
         reason = " ".join(str(error).split())[:300]
         raise FileError(
             f"{file} cannot be read as an FMU: {reason or type(error).__name__}",

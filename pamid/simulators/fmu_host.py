@@ -70,13 +70,15 @@ class FmuHost:
         self.instances: list[FmuInstance] = []
         self.m = self.instance(0).model()
         self.copies: list[_Copy] = []
-        self.standing = -1  # the copy at which the one instance stands
+        self.standing = -1  # copy whose state the single instance has
         self.statuses = np.zeros(0, np.int64)
         self.kept: dict[int, _Copy] = {}
         self.count = 0
-        self.went = False  # through a whole run: then a failure is that of a trial
+        self.went = (
+            False  # True after a complete run: a later failure is due to the trial parameters
+        )
         self.of_values: dict[bytes, FmuInstance] = {}
-        self.programs: dict[int, Any] = {}  # that were sent here (`pamid.simulators.fmu_runs`)
+        self.programs: dict[int, Any] = {}  # received programs (`pamid.simulators.fmu_runs`)
 
     def instance(self, number: int) -> FmuInstance:
         """Instance of a copy."""
@@ -223,7 +225,9 @@ class FmuHost:
     def with_values(self, p: Array) -> FmuInstance:
         """Instance with these parameters."""
         key = p.tobytes()
-        instance = self.of_values.pop(key, None)  # put back as the last: the first is started anew
+        instance = self.of_values.pop(
+            key, None
+        )  # moved to the end: the least recently used is restarted
         if instance is None:
             if len(self.of_values) >= self.most:
                 instance = self.of_values.pop(next(iter(self.of_values)))
@@ -321,7 +325,7 @@ class FmuHost:
 
     def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
         """Answer a decoded request."""
-        table = np.array(table)  # compiled code has another version for what must not be written
+        table = np.array(table)  # writable, because read-only arrays would compile another version
         if word == b"s":
             return self.step(table, h)
         if word == b"x":

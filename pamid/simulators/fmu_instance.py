@@ -44,7 +44,7 @@ class FmuInstance:
         )
         self.fmu.instantiate()
         self.fresh = True
-        self.past: Any = None  # where it stands, of an FMU that saves no states
+        self.past: Any = None  # steps up to its state, for an FMU that saves no states
         self.handle = int(getattr(self.fmu.component, "value", self.fmu.component))
         self.x, self.due = np.zeros(len(description["states"])), np.full(1, np.inf)
 

@@ -24,11 +24,11 @@ from pamid.simulators.fmu_link import FmuLink, SavedState
 
 Array = NDArray[np.float64]
 
-PATIENCE_S = 120.0  # that one answer may take
-COMPILING = 5.0  # times as long until a run was answered: the first one may compile what it needs
+PATIENCE_S = 120.0  # longest wait for an answer
+COMPILING = 5.0  # factor on the first wait, because the first run may compile code
 FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
 _LENGTH = struct.Struct("<q")
-PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
+PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
 _EMPTY = np.zeros((0, 0))
 
 

@@ -41,7 +41,7 @@ from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-MOST_FREE = 20  # parameters that are fitted without a word: of more, those in `free` alone
+MOST_FREE = 20  # of more parameters only those in `free` are fitted
 FORCES = ("N", "N m")
 
 
@@ -54,11 +54,11 @@ class FmuRig(StepRig):
     path: ClassVar[str] = ""
     # input that is a force or torque -> outputs: position and velocity there
     motion: ClassVar[dict[str, tuple[str, str]]] = {}
-    # parameters to fit, where not all are
+    # parameters to fit, if not all of them
     free: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, file: FmuFile | None = None) -> None:
-        untyped: Any = self  # tables that a class usually holds
+        untyped: Any = self  # these tables usually are class attributes
         self.file = f = file or read_fmu(_beside(type(self), self.path))
         untyped.name = f.name if type(self) is FmuRig else type(self).name
         untyped.carries = not f.seen

@@ -16,11 +16,11 @@ from pamid.base.files import MIB
 from pamid.parallel.limited_process import ProcessLimits
 
 VARIABLE = "PAMID_MODEL_LIMITS"
-COMPILE_S = 40.0  # of processor time that MuJoCo may take to compile a model
-COMPILE_PATIENCE_S = 120.0  # that may pass meanwhile
+COMPILE_S = 40.0  # processor time for MuJoCo's compilation of a model
+COMPILE_PATIENCE_S = 120.0  # wall-clock time for it
 COMPILE_MEMORY = 1536 * MIB
 MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
-FMU_UNPACKED = 512 * MIB  # all that an FMU holds
+FMU_UNPACKED = 512 * MIB  # total size of an FMU
 FMU_FILES = 20_000  # in an FMU
 MODEL_ELEMENTS = (
     1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-#: joints in the place of a free one: (ending of the name, is it a hinge, axis)
+#: replacement of a free joint: (ending of the name, True for a hinge, axis)
 BASE_JOINTS = (
     ("x", False, (1.0, 0.0, 0.0)),
     ("y", False, (0.0, 1.0, 0.0)),

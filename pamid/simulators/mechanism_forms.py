@@ -46,7 +46,7 @@ class MechanismForms:
     def suiting(self, recordings: Sequence[Recording]) -> Rig | None:
         """See `pamid.model.rig.RigForms`."""
         if not any(r.has(s.column) for s in self.mechanism.sensors for r in recordings):
-            return None  # an excitation: nothing has moved yet
+            return None  # an excitation has no measured motion
         met = recorded_contacts(self.mechanism, recordings)
         if met.unread:
             if not self.mechanism.hindrances:

@@ -16,7 +16,7 @@ from pamid.simulators.mechanism import Mechanism, Vector
 
 FloatArray = NDArray[np.float64]
 
-#: world axis looked along -> the axes that point to the right and up, x y z
+#: world axis of the view -> axes that point to the right and up, x y z
 SEEN = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
 
@@ -25,7 +25,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
     DataError if no sensor reads the position of a joint.
     """
-    # loading it takes a seventh of a first fit, which draws nothing
+    # imported late, because the import takes a seventh of a first fit, which draws nothing
     from scipy.spatial.transform import Rotation
 
     positions = _positions(m, y)

@@ -203,7 +203,7 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
     }
     require_finite(MujocoFile(file, mujoco, model, lines))
     for text in warnings:
-        if "NaN" in text:  # that MuJoCo takes for a value left out, such as a mass
+        if "NaN" in text:  # MuJoCo treats NaN as an omitted value, such as a mass
             raise FileError(f"{path}: MuJoCo warns: {text}", _FINITE, code="model")
     mujoco.mj_saveModel(model, str(folder / _COMPILED))
     return {

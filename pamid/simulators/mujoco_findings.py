@@ -15,12 +15,12 @@ import numpy as np
 from pamid.simulators.mechanism import ModelFinding
 from pamid.simulators.mujoco_file import MujocoFile
 
-CONFIGURATIONS = 300  # configurations looked at for contacts
-RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
+CONFIGURATIONS = 300  # random configurations that are checked for contacts
+RARE = 0.02  # largest share of them with contacts for which these count as avoidable
 CONTACT = "contact"  # the element of the finding that geoms can touch
-EVERY_PAIR = 10.0  # times the model's extent: pairs within it are looked for
-NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
-# sum of squared depths of the joints up to which equations are written, a chain of 16: it is built
+EVERY_PAIR = 10.0  # search distance for pairs, in extents of the model
+NOT_ENFORCED = "is not enforced by the equations"  # only in the equations' form
+# largest sum of squared depths of the joints for equations, that of a chain of 16. It is built
 # and checked within 15 s of CPU, one of 24 takes over a minute
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
@@ -28,7 +28,7 @@ WIDE = 1.0  # rad or m to either side of the reference, for a joint without rang
 _READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
 FRAMED = ("framepos", "framequat", "framelinvel", "frameangvel", "gyro", "velocimeter")
 
-# switched off, these change nothing of what is written as equations
+# disabling these does not change the equations
 _HARMLESS_FLAGS = (
     "CONTACT WARMSTART EQUALITY LIMIT FILTERPARENT REFSAFE SENSOR MIDPHASE EULERDAMP AUTORESET "
     "NATIVECCD ISLAND MULTICCD"

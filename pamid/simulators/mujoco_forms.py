@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 CALLBACK = "`pamid export --to c` writes the whole model for a callback"
 # of a Maxwell-slip reach: bristles that give by it store the same work as its four elements
 MAXWELL_SHARE = 0.305
-TINY_SPRING = 1e-3  # of a constant force, per unit of the way: a spring far away stands for it
+TINY_SPRING = 1e-3  # of a constant force, per unit of length: a distant spring replaces it
 
 
 @dataclass(frozen=True)
@@ -379,13 +379,13 @@ def _saturation(terms: CommandTerms | ReadingTerms, p: Any) -> str:
 
 
 def _asymmetric_saturation(terms: CommandTerms, p: Any) -> str:
-    # a limit acts on what the effects before it make of the command
+    # a limit acts on the command after the effects before it
     terms.low = max(terms.low, (p.lower - terms.offset) / terms.gain)
     terms.high = min(terms.high, (p.upper - terms.offset) / terms.gain)
     return "" if p.share > HARD else _SOFT_LIMIT
 
 
-HARD = 0.98  # share of what is beyond a limit that is cut off, from which it is a hard one
+HARD = 0.98  # a limit that removes this share of the excess counts as a hard one
 _SOFT_LIMIT = "is written as a hard limit"
 
 _AT_COMMANDS: dict[str, Callable[[Any, Any], str]] = {

@@ -28,7 +28,7 @@ from pamid.simulators.mujoco_findings import can_collide, contact_share, finding
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
-#: what a sensor reads: (element, place of its value's unit among position, velocity and force)
+#: kind of sensor -> (element, index of its unit among position, velocity and force)
 SENSORS = {
     "jointpos": ("joint", 0),
     "jointvel": ("joint", 1),
@@ -39,7 +39,7 @@ SENSORS = {
     "actuatorvel": ("actuator", 1),
     "actuatorfrc": ("actuator", 2),
 }
-#: of a sensor of a frame: unit and endings of its values
+#: sensor on a frame -> unit and endings of its values
 _XYZ = ("x", "y", "z")
 FRAMES = {
     "framepos": ("m", _XYZ),
@@ -55,7 +55,7 @@ DYNAMICS = {
     "filterexact": "filter",
     "dcmotor": "dcmotor",
 }
-#: what the single command of a motor with a winding is, by MuJoCo's bits
+#: meaning of a winding motor's command, by MuJoCo's bits
 INPUTS = {1: "pos", 2: "vel", 4: "ff", 8: "voltage", 16: "none"}
 _HINGE, _SLIDE = ("rad", "rad/s", "N m"), ("m", "m/s", "N")
 

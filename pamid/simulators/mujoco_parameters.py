@@ -25,9 +25,9 @@ from pamid.simulators.mechanism import (
 )
 from pamid.simulators.mujoco_file import MujocoFile
 
-STATED_FACTOR = 1.2  # factor, one standard deviation, around what the file states
+STATED_FACTOR = 1.2  # factor, one standard deviation, around the file's value
 BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
-ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
+ABSENT_SHARE = 0.2  # standard deviation of a value that is zero in the file, over its typical size
 TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
 TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
 RELEASED = ("armature", "damping")  # of a joint, fitted although the file states zero
@@ -139,7 +139,7 @@ def _limits(a: Actuator) -> tuple[float, ...]:
 
 
 def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParameter]:
-    # of the actuator, that of the largest load which it is made for
+    # inertia for the actuator: that of its largest load
     inertia = max(joint.typical_inertia, strength / TYPICAL_ACCELERATION, 1e-9)
     force, velocity = joint.force_unit, f"{joint.unit}/s"
 
@@ -230,7 +230,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
         return ModelParameter(parameter, "actuator", name, i, attribute, writes)
 
-    # the file's unit of a gain follows from what it makes of a command
+    # the unit of a gain follows from those of command and force
     per_command = quotient(actuator.force_unit, actuator.command_unit or "1")
     gain, bias = actuator.gain, actuator.bias
     if actuator.kind in ("position", "velocity"):

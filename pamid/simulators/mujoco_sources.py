@@ -143,7 +143,7 @@ class ModelAssets:
         self.mujoco, self.path, self.folders, self.packages = mujoco, path, folders, packages
         self.absent: dict[str, AbsentFile] = {}  # meshes by their name
         self.textures: dict[str, AbsentFile] = {}
-        self.bodies: dict[str, None] = {}  # that lack some of their collision shapes
+        self.bodies: dict[str, None] = {}  # bodies without some of their collision shapes
         self.present: dict[str, tuple[Any, Path]] = {}  # meshes of the latest parse, their places
 
     def compiled(self) -> tuple[Any, Any]:

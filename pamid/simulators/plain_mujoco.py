@@ -18,9 +18,9 @@ from pamid.simulators.mujoco_file import MujocoFile
 
 Array = NDArray[np.float64]
 
-START_ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
+START_ITERATIONS = 12  # of the search for a start; a step without gain raises the damping
 STATE_DIFFERENCE = 1e-6  # of a state, for the slopes of the search
-SLOPE_SAMPLES = 9  # readings to whose slope the first velocity is set
+SLOPE_SAMPLES = 9  # readings whose slope is the first velocity
 LEAST_DESCENT = 1e-4  # share of the cost below which the search ends
 
 
@@ -90,7 +90,7 @@ class PlainModel:
                 for key, name in INTEGRATORS.items()
                 if name == settings.integrator
             )
-        # a run that becomes unstable has to show it, not to begin anew
+        # an unstable run must stay visible, so MuJoCo must not reset it
         m.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data, self.rollout = self.mujoco.MjData(m), rollout
         kinds = self.mujoco.mjtState

@@ -29,10 +29,10 @@ from pamid.simulators.mujoco_findings import mujoco_copy, widen_margins
 
 Array = NDArray[np.float64]
 
-SHARE_POSES = 500  # by which the share of the time with contacts is estimated
-NEARER_SHARE, NEARER_M = 0.05, 1e-3  # by which another pair has to be nearer to count
+SHARE_POSES = 500  # poses that estimate the share of the time with contacts
+NEARER_SHARE, NEARER_M = 0.05, 1e-3  # a pair must be nearer by this to replace another one
 PENDING = 256  # samples that are compared with a pose at a time
-RANK_TOLERANCE = 1e-9  # of the largest singular value: what is smaller comes of rounding
+RANK_TOLERANCE = 1e-9  # of the largest singular value: smaller ones are rounding errors
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class _Poses:
 
     def __init__(self, file: MujocoFile, mechanism: Mechanism, travel: Array) -> None:
         self.file, self.mujoco, self.exact = file, file.mujoco, file.model
-        # contacts are reported up to the margin of a pair: so far out distances are seen
+        # MuJoCo reports distances up to the margin of a pair, so the margin is widened
         self.near = m = mujoco_copy(file)
         margins = np.concatenate([m.geom_margin, m.pair_margin])
         self.margin = 2.0 * float(margins.max(initial=0.0))  # of any pair, at most

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 SMALLER_BY = 0.8  # an amplitude from one run to the next
 LEAST_SENT = 0.01  # of the requested signal: less excites nothing
-SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
+SMALL_BESIDE = 0.3  # of the largest factor: smaller commands are not the only cause
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
 

@@ -243,7 +243,7 @@ def _gauss_seidel(
                 a[j] = a[j] + columns[i][j] * change
             force[i] = new
         order.reverse()
-    # beyond what the loss allows where it was reached: the side of it is all that counts
+    # at the loss the aim is placed beyond it, because only its sign counts
     slopes = {}
     for i, f in friction.items():
         reached = absolute(force[i]) >= f.loss

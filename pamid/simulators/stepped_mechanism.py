@@ -35,9 +35,9 @@ from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
 Array = NDArray[np.float64]
 
 MOST_MODELS = 128  # stored copies of the model, each with different parameters
-# of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
+# tolerance of the constraint solver in place of the file's, whose residual would drown differences
 SOLVER_TOLERANCE = 1e-13
-#: mjtWarning -> its words
+#: mjtWarning -> text
 WARNINGS = {
     "mjWARN_INERTIA": "a nearly singular inertia matrix",
     "mjWARN_CONTACTFULL": "contacts dropped",
