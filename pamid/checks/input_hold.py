@@ -9,7 +9,8 @@ half a sample looks the same.
     better      an error at most BETTER times the other's, smaller in SURE of the windows
 
 `misstated_holds` only reports inputs whose stated hold is wrong. Two fits per input would mostly be
-in vain there. It only tries an input if the error falls to first order (`ShortFit.reached`).
+in vain there. It only tries an input if the error falls to first order
+(`ShortFit.first_order_errors`).
 """
 
 from __future__ import annotations
@@ -176,7 +177,7 @@ def _tried(trial: FitData, names: list[str], problem: ShortFit, screened: bool) 
     while True:
         left = [c for c in names if c not in outcomes]
         worth = _worth_trying(trial, base, left) if screened else left
-        tried = {c: compared(trial, base, c) for c in worth}
+        tried = {c: compare_hold(trial, base, c) for c in worth}
         # a run that diverges with the other hold leaves nothing to compare
         tried = {c: t for c, t in tried.items() if np.isfinite([t[0].held, t[0].linear]).all()}
         wrong = [c for c, (outcome, _) in tried.items() if outcome.wrong]
@@ -187,7 +188,9 @@ def _tried(trial: FitData, names: list[str], problem: ShortFit, screened: bool) 
         outcomes[best], base = tried[best]
 
 
-def compared(data: FitData, base: FittedWindows, column: str) -> tuple[InputHold, FittedWindows]:
+def compare_hold(
+    data: FitData, base: FittedWindows, column: str
+) -> tuple[InputHold, FittedWindows]:
     """Fit both holds of an input, each also from the end point of the other.
 
     Parameters
@@ -250,7 +253,7 @@ def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> lis
         )
         for way in ways
     ]
-    reached = base.problem.reached(base.point, program, alternatives)
+    reached = base.problem.first_order_errors(base.point, program, alternatives)
     return [
         c
         for c, error in zip(columns, reached[1:], strict=True)

@@ -13,7 +13,7 @@ Pereyra 2003, Inverse Problems 19, R1-R26).
 
 If an input differs from that of a fit, the outputs change by d at the fitted parameters, which
 takes one run. After parameters and start states have adapted, the error is to first order
-(`reached`)
+(`first_order_errors`)
 
     min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
 
@@ -119,7 +119,7 @@ class FitData:
         steps
             Largest number of steps.
         """
-        problem = problem.along(self) if problem else ShortFit.of(self, rig, stepping)
+        problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
         return FittedWindows(rig, point, problem)
@@ -186,14 +186,14 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         )
         return cls(trial, Runner(a, t, step, free).keeping())
 
-    def along(self, trial: FitData) -> ShortFit:
+    def with_data(self, trial: FitData) -> ShortFit:
         """The same model with other measurements or weights.
 
         Slopes of a stepped rig along the windows are reused while they are valid.
         """
         return replace(self, trial=trial, runner=replace(self.runner, track=trial.track))
 
-    def suits(self, trial: FitData) -> bool:
+    def matches_data(self, trial: FitData) -> bool:
         """True if the model belongs to these data, with the same inputs and data sheet."""
         ours, theirs = self.trial, trial
         return (
@@ -304,7 +304,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
                 left[k] = rows[2].reshape(-1, channels) / weight
         return left
 
-    def reached(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
+    def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
         """Root mean square errors after parameters and start states have adapted to first order.
 
         There is one error per alternative of `program`'s inputs. inputs: those of the track with

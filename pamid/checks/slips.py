@@ -261,12 +261,12 @@ class Judgement:
     def suspicious(self) -> bool:
         return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > USUAL_BEND**2
 
-    def least(self, columns: Sequence[str]) -> float:
+    def smallest_error(self, columns: Sequence[str]) -> float:
         """Smallest error of these outputs, or of any if none is named."""
         errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
         return min(errors, default=RUNAWAY)
 
-    def over(self, other: Judgement) -> float:
+    def error_ratio(self, other: Judgement) -> float:
         """Errors over those of another judgement, all channels together."""
         logs = [
             math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
@@ -289,7 +289,7 @@ class Explanation:
         return self.before.score - self.after.score
 
     @property
-    def unlikely(self) -> float:
+    def implausibility(self) -> float:
         """Rank among slips that explain a recording equally well: the distance to the data sheet's
         run."""
         return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
@@ -344,7 +344,7 @@ def judged(
         data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
         if data is not None:
             data = data if p is None else replace(data, track=replace(data.track, p=p))
-            problem = like if like and like.suits(data) else None
+            problem = like if like and like.matches_data(data) else None
             fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
             errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
             errors = np.where(np.isfinite(errors), errors, RUNAWAY)
@@ -609,9 +609,9 @@ def _best(
         if judgement.errors.keys() != before.errors.keys():
             continue
         recorded = zip(after.names, recorded_columns(after.names, recording), strict=True)
-        named, left = [n for n, c in recorded if c in slip.names], judgement.over(before)
+        named, left = [n for n, c in recorded if c in slip.names], judgement.error_ratio(before)
         least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
-        if left <= NO_WORSE and judgement.least(named) <= least:
+        if left <= NO_WORSE and judgement.smallest_error(named) <= least:
             away = float(sheet_distances(after).mean())
             scored.append(Explanation(slip, before, judgement, away))
     return sorted((e for e in scored if e.gain >= CLEAR_GAIN), key=lambda e: -e.gain)
@@ -622,8 +622,8 @@ def _first(ranked: Sequence[Explanation]) -> Explanation | None:
     ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None
-    first = min(ties, key=lambda tie: (round(tie.unlikely, 1), ORDER.index(tie.slip.kind)))
-    others = sorted((tie for tie in ties if tie is not first), key=lambda tie: tie.unlikely)
+    first = min(ties, key=lambda tie: (round(tie.implausibility, 1), ORDER.index(tie.slip.kind)))
+    others = sorted((tie for tie in ties if tie is not first), key=lambda tie: tie.implausibility)
     return replace(first, others=tuple(other.slip for other in others))
 
 
@@ -645,7 +645,7 @@ def _predicted_slips(
         if data is None:
             return []
         like = before.problem
-        problem = like if like and like.suits(data) else ShortFit.of(data, data.rig)
+        problem = like if like and like.matches_data(data) else ShortFit.of(data, data.rig)
         for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
             y, model = _prediction(data, k, problem)
             (column,) = recorded_columns((name,), recording)

@@ -404,7 +404,12 @@ class MechanismEquations:
         held_back = (
             -self.polynomial("joint", j, "damping", joint.damping_powers, damping, qd, odd=True)
             - self.polynomial(
-                "joint", j, "stiffness", joint.stiffness_powers, stiffness, self.stretch(j)
+                "joint",
+                j,
+                "stiffness",
+                joint.stiffness_powers,
+                stiffness,
+                self.spring_deflection(j),
             )
             - self.dampers(qd, joint=j)
         )
@@ -415,7 +420,7 @@ class MechanismEquations:
         loss = value(self.p, "joint", j, "frictionloss", 0.0)
         return held_back - clip(joint.friction_slope * qd, -loss, loss)
 
-    def stretch(self, j: int) -> Expr:
+    def spring_deflection(self, j: int) -> Expr:
         """Deflection of a joint's spring from its relaxed position."""
         joint = self.m.joints[j]
         if not joint.spring_state:
@@ -423,7 +428,7 @@ class MechanismEquations:
         most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
         return clip(self.q[j] - getattr(self.x, joint.spring_state), -most, most)
 
-    def yielding(self, j: int) -> Expr:
+    def plastic_rate(self, j: int) -> Expr:
         """Plastic rate of a joint's spring.
 
         At its largest deflection the spring moves with the joint. A deflection beyond that, after a
@@ -519,7 +524,7 @@ class MechanismEquations:
     def rates(self) -> dict[str, Number]:
         """Rates of all states."""
         applied = self.applied()
-        tree, passed = self.carried(applied)
+        tree, passed = self.flexible_loads(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         couplings = [self.coupling(c) for c in self.m.couplings]
         qdd = accelerations(tree, applied, passed, rubbing, couplings)
@@ -531,10 +536,10 @@ class MechanismEquations:
             rates.update(self.actuator_rates(i))
         for j, joint in enumerate(self.m.joints):
             if joint.spring_state:
-                rates[joint.spring_state] = self.yielding(j)
+                rates[joint.spring_state] = self.plastic_rate(j)
         return rates
 
-    def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
+    def flexible_loads(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
         """The tree, and the forces that reach its joints behind an elastic transmission.
 
         An effect may let the load of a joint move against its motor by an angle t. With M' the
@@ -549,7 +554,7 @@ class MechanismEquations:
         tree = rigid = self.rigid
         twisting: dict[int, Expr] = {}
         pushed: dict[int, Expr] = {}  # if the motor moves the joint itself
-        moving = self.moving(rigid, applied)
+        moving = self.frictionless_accelerations(rigid, applied)
         for j in range(tree.n):
             port = self.rig.port_of("joint", j, "transmission")
             if not port:
@@ -564,7 +569,10 @@ class MechanismEquations:
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
                 beyond = self.tree(turned)
-                near, there = met[-1], self.load(beyond, applied, j, self.moving(beyond, applied))
+                near, there = (
+                    met[-1],
+                    self.load(beyond, applied, j, self.frictionless_accelerations(beyond, applied)),
+                )
                 met.append(there)
                 return there if torque is near.torque else there.under(torque - near.torque)
 
@@ -576,7 +584,7 @@ class MechanismEquations:
                 inertia=met[0].inertia,
                 free_fall=met[0].free_fall,
                 behind=behind,
-                driven=partial(self.driven, j),
+                driven=partial(self.drive_change, j),
             )
             if reaching is not met[0].torque and j in turned:
                 twisting[j] = (met[-1].torque - reaching) / met[-1].carried
@@ -596,7 +604,7 @@ class MechanismEquations:
                     passed[i] = before - link * acceleration
         return tree, passed
 
-    def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:
+    def drive_change(self, j: int, angle: Expr, rate: Expr) -> Expr:
         """Change of the drive of joint j if the load lags behind it by an angle."""
         before = self.joint_drive(j)
         q, qd = self.q[j], self.qd[j]
@@ -606,12 +614,15 @@ class MechanismEquations:
         return more
 
     @staticmethod
-    def moving(tree: Tree, applied: list[Expr]) -> list[Expr]:
+    def frictionless_accelerations(tree: Tree, applied: list[Expr]) -> list[Expr]:
         """Accelerations of all joints without friction, with every load at its motor."""
         return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
-        """Load of joint j while all other joints give way; moving: result of `moving`."""
+        """Load of joint j while all other joints give way.
+
+        moving: result of `frictionless_accelerations`.
+        """
         inertia = tree.effective_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
