@@ -53,7 +53,7 @@ def test_slopes_serve_other_measurements_of_the_same_inputs(stepped: FitData) ->
     assert worked_out > 0
     other = replace(stepped, weight=0.5 * stepped.weight)
     assert problem.matches_data(other)
-    again = problem.along(other).at(sheet.s, sheet.x)
+    again = problem.with_data(other).at(sheet.s, sheet.x)
     assert int(known.counts[0]) == worked_out
     assert np.allclose(again.errors, 0.25 * sheet.errors)
     turned = replace(stepped, track=replace(stepped.track, u=-stepped.track.u))
