@@ -75,7 +75,7 @@ HELD_SHARE = 0.8
 class QualityIssue:
     """Finding about a recording.
 
-    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth mending
+    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth a correction
     message    the fault, without its places; `text` has everything
     hint       remedy
     windows_s  places: (from, to) on the recording's clock; empty for the whole recording

@@ -45,7 +45,7 @@ FULL_STRETCH_STATES, LEAST_SAMPLES = 24, 80  # of a stepped rig
 # of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
 NULL_TOLERANCE = 1e-8
 SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
-# of an output's size: differences beyond it, of parameters moved by a millionth, are no slopes
+# of an output's size: differences beyond it, of parameters moved by a millionth, are not slopes
 SMALL_MOVE = 1e-4
 LEAST_EFFECT = 1e-9  # of the largest output: an effect that changes less does nothing
 # of the samples compared: differences across a corner of the equations are not slopes

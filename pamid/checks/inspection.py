@@ -314,7 +314,8 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
         CheckOutcome(
             "known",
             False,
-            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, names)}".rstrip(),
+            f"[known] {key!r} is not a parameter of rig {rig.name!r}. "
+            f"{nearest(key, names)}".rstrip(),
         )
         for key in strange
     ]

@@ -41,11 +41,11 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
 
 def _screen(summary: dict[str, Any]) -> list[str]:
     """Shorten a rig to one screen, less the last line: the effects, then notes, then ports."""
-    alike = _together(summary["findings"])
-    fine = [line for text in _fine(alike) for line in cut(text, 1)]
+    joined = _together(summary["findings"])
+    fine = [line for text in _fine(joined) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
         ports = grouped_ports_text(summary.get("ports", []), port_lines)
-        notes = [line for text in _not_fine(alike) for line in cut(folded(text), finding_lines)]
+        notes = [line for text in _not_fine(joined) for line in cut(folded(text), finding_lines)]
         lines = [*_head(summary), *notes, *ports, *fine]
         if len(lines) < SCREEN:
             return lines
@@ -96,8 +96,8 @@ def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Join findings that only differ in names and numbers; the first one names the others."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for f in findings:
-        alike = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
-        groups.setdefault(alike, []).append(f)
+        kind = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
+        groups.setdefault(kind, []).append(f)
     return [_with_others(group) for group in groups.values()]
 
 

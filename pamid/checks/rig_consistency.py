@@ -119,8 +119,8 @@ def contradictions(
     columns = recorded_columns(e.names, recording)
     suits = {
         c
-        for c, alike in zip(columns, e.agreement()[0], strict=True)
-        if alike > COMPARABLE_CORRELATION
+        for c, correlation in zip(columns, e.agreement()[0], strict=True)
+        if correlation > COMPARABLE_CORRELATION
     }
     rests = {
         c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still

@@ -55,13 +55,13 @@ class RowOrder:
     column              as recorded
     orders              "before", "late" or "early"; of several equal explanations, first the one
                         with the smallest changes of the data sheet
-    as_recorded, mended root mean square error of the short fit, in the unit of the column
+    as_recorded, corrected root mean square error of the short fit, in the unit of the column
     """
 
     column: str
     orders: tuple[str, ...]
     as_recorded: float
-    mended: float
+    corrected: float
 
     def text(self, recording: Recording) -> str:
         """Order, evidence and remedy."""
@@ -70,8 +70,9 @@ class RowOrder:
         where = " or ".join(WHERE[order] for order in self.orders)
         cures = "; or ".join(self._cure(order, recording) for order in self.orders)
         return (
-            f"{self.column} {where}. So read, the rig explains it to {self.mended:.3g}{unit} RMS, "
-            f"as recorded to {self.as_recorded:.3g}: {OF_THE_LOG}. Cure: {cures}."
+            f"{self.column} {where}. In that order the error of the rig is "
+            f"{self.corrected:.3g}{unit} RMS, as recorded "
+            f"{self.as_recorded:.3g}: {OF_THE_LOG}. Remedy: {cures}."
         )
 
     def _cure(self, order: str, recording: Recording) -> str:
@@ -147,12 +148,12 @@ def _best_order(
     baseline, least = _rms(base, channel), min(errors.values())
     if least >= MENDED * baseline:
         return
-    alike = [order for order in fits if errors[order] <= AS_GOOD * least]
-    alike.sort(key=lambda order: fits[order].strain)
+    orders = [order for order in fits if errors[order] <= AS_GOOD * least]
+    orders.sort(key=lambda order: fits[order].strain)
     column = match_column(recording.columns, data.names[channel]) or data.names[channel]
     symbol = split_column(column)[1]
-    recorded, mended = (float(size_from_si(e, symbol)) for e in (baseline, errors[alike[0]]))
-    yield RowOrder(column, tuple(alike), recorded, mended)
+    recorded, corrected = (float(size_from_si(e, symbol)) for e in (baseline, errors[orders[0]]))
+    yield RowOrder(column, tuple(orders), recorded, corrected)
 
 
 def _orders(

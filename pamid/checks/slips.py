@@ -93,7 +93,7 @@ HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that do no
 UNSEEN_WEIGHT = 1e-6
 # of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
-# of the variance within windows: a column that shares less with its prediction is no copy of it
+# of the variance within windows: a column that shares less with its prediction is not a copy of it
 LEAST_SHARED = 0.25
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
@@ -104,7 +104,7 @@ GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"
 INDEPENDENT = 12.0  # effective number of independent windows of a short fit
 # natural logarithms of odds: a slip is named, and stops a fit; others are named with it
 CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
-# times the errors as recorded: a slip that mends them, and one that only mends the parameters
+# share of the errors as recorded: after a slip that corrects them, or the parameters only
 MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording

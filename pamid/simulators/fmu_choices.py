@@ -78,7 +78,7 @@ def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:
     where = f"{path}: [ports.{name}]"
     if not isinstance(port, dict):
         raise FileError(
-            f"{where} is no table",
+            f"{where} must be a table",
             f'write [ports.{name}] and under it position = "..." and velocity = "..."',
             code="toml",
         )

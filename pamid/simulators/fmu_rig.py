@@ -122,7 +122,7 @@ class FmuRig(StepRig):
             if name not in names:
                 table = "free" if what == "parameter" else "motion"
                 raise FileError(
-                    f"{where}: {table} names {name!r}, which is no {what} of it",
+                    f"{where}: {table} names {name!r}, but the FMU has no such {what}",
                     nearest(name, names) or f"{what}s: {', '.join(names)}",
                 )
         for name, (position, velocity) in self.motion.items():
