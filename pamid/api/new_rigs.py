@@ -64,7 +64,7 @@ class NewRig:
             unrecorded=match.unrecorded,
             unused=match.unused,
             unobserved=self.unobserved,
-            turned=match.turned,
+            turned=match.exchanged_rigs,
             also=tuple(
                 said.OtherMatch(rig=m.rig.name, score=round(m.score, 4)) for m in self._others
             ),
@@ -97,10 +97,10 @@ class NewRig:
         """Lines that state the assumed causes and effects, and how to swap them."""
         sent, read = (", ".join(self._match.columns_by_role(role)) for role in ("input", "output"))
         lines = [f"  Taken as cause: {sent or 'nothing'}; as effect: {read}."]
-        if self._match.turned:
+        if self._match.exchanged_rigs:
             lines.append(
                 f"  If {read} is imposed on your bench and {sent} is what it reads, it is the "
-                f"other way round: --like {' or '.join(self._match.turned)}."
+                f"other way round: --like {' or '.join(self._match.exchanged_rigs)}."
             )
         return lines
 

@@ -78,7 +78,7 @@ class Match:
         return tuple(q.recorded for q in self.pairs if q.role == role)
 
     @property
-    def turned(self) -> tuple[str, ...]:
+    def exchanged_rigs(self) -> tuple[str, ...]:
         """Template rigs with cause and effect exchanged: a force or torque for a motion, or the
         reverse."""
         sides = {"load", "motion"}
@@ -93,16 +93,16 @@ class Match:
             and {*map(_side, rig.outputs)} & sent
         )
 
-    def why_not(self) -> str:
+    def missing_parts(self) -> str:
         """Missing parts, as text."""
         rates = [(q, w) for w in self.missing for q in self.unused if _is_rate(q, w)]
         if rates:
             return "; ".join(
-                f"no column for {_told(w)}, of which {q} is the rate" for q, w in rates
+                f"no column for {_column_text(w)}, of which {q} is the rate" for q, w in rates
             )
         if self.missing:
-            return f"no column for {', '.join(map(_told, self.missing))}"
-        return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
+            return f"no column for {', '.join(map(_column_text, self.missing))}"
+        return f"none of its outputs: {', '.join(map(_column_text, self.rig.outputs))}"
 
 
 def _left_over(match: Match) -> tuple[int, int, int]:
@@ -135,7 +135,7 @@ def _integration_hint(symbol: str, wanted: str) -> str:
     )
 
 
-def _told(column: str) -> str:
+def _column_text(column: str) -> str:
     symbol = split_column(column)[1]
     return column if symbol == NONE else f"{column} ({quantity_of(symbol)})"
 
@@ -303,13 +303,13 @@ def best_match(
         speeds = [(q, w) for w in wanted.missing for q in wanted.unused if _is_rate(q, w)]
         if speeds:
             raise FileError(
-                f"The recording does not fit {like!r}: {wanted.why_not()}.",
+                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
                 _integration_hint(*speeds[0]),
                 code="no-match",
             )
         if not wanted.fits:
             raise FileError(
-                f"The recording does not fit {like!r}: {wanted.why_not()}.",
+                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
                 "Say which column it is with --column "
                 f"{(wanted.missing or tuple(wanted.rig.outputs))[0]}=NAME; the recording has "
                 f"{listed(recorded)}.",
@@ -346,7 +346,7 @@ def best_match(
         )
     fitting = [match for match in fitting if match.score > NEAR * fitting[0].score]
     if not fitting:
-        near = "; ".join(f"{m.rig.name}: {m.why_not()}" for m in every[:LISTED_RIGS])
+        near = "; ".join(f"{m.rig.name}: {m.missing_parts()}" for m in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),

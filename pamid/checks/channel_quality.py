@@ -223,7 +223,7 @@ def interval_mask(size: int, starts: Places, stops: Places) -> Mask:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
+def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
     """Intervals at the extreme value of a measured signal, and their mask.
 
     idle: mask of the samples at which the machine may rest.
@@ -334,7 +334,7 @@ def independent(s: CheckedSignal, aside: Mask) -> bool:
     return repeats <= MORE_REPEATS * max(1.0, repeat_chance(s) * s.values.size)
 
 
-def frozen(
+def standstills(
     s: CheckedSignal, aside: Mask, liveliest: CheckedSignal | None
 ) -> tuple[list[QualityIssue], Mask]:
     """Intervals in which the channel stands exactly still while others move.

@@ -127,7 +127,7 @@ def _both_ways(
         # step a sample both holds are the same
         if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
             return []
-        return _tried(trial, names, problem, screened)
+        return _compare_inputs(trial, names, problem, screened)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
 
@@ -164,7 +164,9 @@ def _open_inputs(recording: Recording, rig: Rig, columns: Iterable[str]) -> list
     ]
 
 
-def _tried(trial: FitData, names: list[str], problem: ShortFit, screened: bool) -> list[InputHold]:
+def _compare_inputs(
+    trial: FitData, names: list[str], problem: ShortFit, screened: bool
+) -> list[InputHold]:
     """Compare the inputs one by one.
 
     If several fit better with the other hold, the best one is corrected first, and the remaining

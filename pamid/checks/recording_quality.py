@@ -25,8 +25,7 @@ from pamid.checks.channel_quality import (
     Mask,
     Places,
     QualityIssue,
-    clipped,
-    frozen,
+    clipping,
     has_noise_around,
     independent,
     interpolated_gaps,
@@ -39,6 +38,7 @@ from pamid.checks.channel_quality import (
     shows_only_noise,
     signal_of,
     spikes,
+    standstills,
     windows_of,
 )
 from pamid.checks.input_ranges import beyond_range
@@ -270,10 +270,10 @@ def _held_and_clipped(
         return all_issues
     lively = heapq.nsmallest(2, [*measured, *sent], key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
-    all_issues += _dropped(free, held)
+    all_issues += _lost_rows(free, held)
     for s in free:
-        issues, at_limit = clipped(s, idle)
-        stuck, still = frozen(
+        issues, at_limit = clipping(s, idle)
+        stuck, still = standstills(
             s, held | at_limit | idle, next((o for o in lively if o is not s), None)
         )
         all_issues += [*issues, *stuck, *interpolated_gaps(s, held | at_limit | still), *spikes(s)]
@@ -321,7 +321,7 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
     return makes_up & (2.0 * travel[makes_up].sum() > travel.sum())
 
 
-def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
+def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
     if not held.any():
         return []
     starts, stops = runs_of(held)
@@ -385,7 +385,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
                 )
             )
         else:
-            issues += _vented(s, y)
+            issues += _atmospheric_floor(s, y)
     return issues
 
 
@@ -406,7 +406,7 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
     ]
 
 
-def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
+def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
     """Floor at one atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))

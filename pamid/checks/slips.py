@@ -319,7 +319,7 @@ class Explanation:
 # ---- judging -------------------------------------------------------------------------------------
 
 
-def judged(
+def judge(
     recording: Recording,
     e: SheetComparison,
     p: Array | None = None,
@@ -537,7 +537,7 @@ def find_slips(
     explanations: list[Explanation] = []
     if float(sheet_distances(e).max()) < math.log(FAR):
         return explanations, recording, e, _judged_by_sheet(e)
-    before = judged(recording, e)
+    before = judge(recording, e)
     while before.suspicious and len(explanations) < MOST_SET_RIGHT:
         slips = _next(recording, e, before, thorough)
         for explanation in slips:
@@ -605,7 +605,7 @@ def _best(
     """
     scored = list(rivals)
     for slip, after in slips:
-        judgement = judged(slip.corrected(recording), after, after.p, before.problem)
+        judgement = judge(slip.corrected(recording), after, after.p, before.problem)
         if judgement.errors.keys() != before.errors.keys():
             continue
         recorded = zip(after.names, recorded_columns(after.names, recording), strict=True)

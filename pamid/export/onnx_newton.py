@@ -29,12 +29,12 @@ class Implicit:
     def step(self, g: Graph, state: str, h: float) -> str:
         """State (nx,) after a step of h; NaN if Newton does not converge."""
         gh = g.number(GAMMA * h)
-        first = self._solved(g, state, state, gh)
+        first = self._newton(g, state, state, gh)
         slope = g.add("Div", g.add("Sub", first, state), gh)
         base = g.add("Add", state, g.add("Mul", g.number((1.0 - GAMMA) * h), slope))
-        return self._solved(g, base, first, gh)
+        return self._newton(g, base, first, gh)
 
-    def _solved(self, g: Graph, base: str, guess: str, gh: str) -> str:
+    def _newton(self, g: Graph, base: str, guess: str, gh: str) -> str:
         """Newton from a guess, to round-off."""
         from onnx import TensorProto
 
@@ -45,7 +45,7 @@ class Implicit:
         matrix = b.add("Sub", b.array(np.eye(self.nx)), b.add("Mul", gh, self.slopes(b, x)))
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
-        accepted = self._taken(b, base, gh, x, matrix, change, worst)
+        accepted = self._damped_step(b, base, gh, x, matrix, change, worst)
         done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
         unfinished = b.add("Not", done)
         boolean = {name: TensorProto.BOOL for name in (going, unfinished, settled, done)}
@@ -70,7 +70,7 @@ class Implicit:
     def _residual(self, g: Graph, base: str, gh: str, x: str) -> str:
         return g.add("Sub", g.add("Add", base, g.add("Mul", gh, self.rates(g, x))), x)
 
-    def _taken(
+    def _damped_step(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
     ) -> str:
         """x + change.
@@ -79,7 +79,7 @@ class Implicit:
         """
         full, shorter = g.inside(), g.inside()
         after = full.add("Add", x, change)
-        accepted = self._shortened(shorter, base, gh, x, matrix, change, worst)
+        accepted = self._backtracked(shorter, base, gh, x, matrix, change, worst)
         large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
         return g.add(
             "If",
@@ -88,7 +88,7 @@ class Implicit:
             else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
         )
 
-    def _shortened(
+    def _backtracked(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
     ) -> str:
         from onnx import TensorProto

@@ -31,7 +31,7 @@ class Sampled:
     network: TrainedNetwork | None
 
     @cached_property
-    def remembered(self) -> tuple[str, ...]:
+    def memory_cells(self) -> tuple[str, ...]:
         """Cells whose last value is needed, without those of the network."""
         s = self.step
         used = symbols(
@@ -50,7 +50,7 @@ class Sampled:
         memory = 0 if self.network is None else self.network.network.memory_size
         parts = {
             "states": len(self.step.states),
-            "cells": len(self.remembered),
+            "cells": len(self.memory_cells),
             "memory": memory,
             **{f"line {i}": size for i, size in enumerate(self.step.lines)},
             "samples": 1,
@@ -58,7 +58,7 @@ class Sampled:
         return {name: size for name, size in parts.items() if size}
 
     @cached_property
-    def known(self) -> dict[Symbol, float]:
+    def parameter_values(self) -> dict[Symbol, float]:
         """Parameters, and quantities derived from them."""
         values: dict[Symbol, float] = {("parameter", v.name): v.start for v in self.step.parameters}
         for i, root in enumerate(self.step.derived):
@@ -68,14 +68,14 @@ class Sampled:
     @property
     def start(self) -> Array:
         """State vector before the first sample."""
-        begin = [_number(e, self.known) for e in self.step.start]
+        begin = [_number(e, self.parameter_values) for e in self.step.start]
         return np.array(begin + [0.0] * (sum(self.sizes.values()) - len(begin)))
 
     def nodes(self, g: Graph, inputs: str, state: str) -> tuple[str, str]:
         """Outputs (ny,) and next state, both vectors, for inputs (nu,) and state."""
         s = self.step
         part = dict(zip(self.sizes, g.parts(state, self.sizes.values()), strict=True))
-        fixed = {key: g.number(value) for key, value in self.known.items()}
+        fixed = {key: g.number(value) for key, value in self.parameter_values.items()}
         given = dict(
             zip(
                 (("input", v.name) for v in s.inputs), g.numbers(inputs, len(s.inputs)), strict=True
@@ -85,8 +85,8 @@ class Sampled:
         since = g.add("Mul", part["samples"], g.number(s.period_s))
         now = dict(
             zip(
-                self.remembered,
-                g.numbers(part["cells"], len(self.remembered)) if self.remembered else (),
+                self.memory_cells,
+                g.numbers(part["cells"], len(self.memory_cells)) if self.memory_cells else (),
                 strict=True,
             )
         )
@@ -106,8 +106,8 @@ class Sampled:
                 outputs = g.joined([values(e) for e in s.readings])
             part["states"] = self._moved(g, values, held, part["states"])
         part["samples"] = g.add("Add", part["samples"], g.number(1.0))
-        if self.remembered:
-            part["cells"] = g.joined([now[n] for n in self.remembered])
+        if self.memory_cells:
+            part["cells"] = g.joined([now[n] for n in self.memory_cells])
         return outputs, g.joined(list(part.values()))
 
     def _states(self, g: Graph, vector: str) -> dict[Symbol, str]:

@@ -94,11 +94,11 @@ class FmuHost:
         self.copies, readings = [], []
         for k, row in enumerate(p):
             instance = self.instance(k)
-            instance.started(self.m, row)
+            instance.restart(self.m, row)
             self.copies.append(
                 _Copy(0.0, row.copy(), 0, None, instance.x.copy(), instance.due.copy())
             )
-            readings.append(self._left(k, instance))
+            readings.append(self._store_readings(k, instance))
         return self._run_begins(readings)
 
     def resume(self, numbers: list[int], p: Array) -> Array:
@@ -106,7 +106,7 @@ class FmuHost:
         self.copies, readings = [], []
         for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
             before = self.kept[number]
-            instance = self._entered(k, before)
+            instance = self._restored_instance(k, before)
             instance.x, instance.due = before.x.copy(), before.due.copy()
             changed = np.flatnonzero(before.p != row).tolist()
             if not all(self.about["tunable"][i] for i in changed):
@@ -116,7 +116,7 @@ class FmuHost:
             self.copies.append(
                 _Copy(before.time_s, row.copy(), 0, before.past, instance.x, instance.due)
             )
-            readings.append(self._left(k, instance))
+            readings.append(self._store_readings(k, instance))
         return self._run_begins(readings)
 
     def _run_begins(self, readings: list[Array]) -> Array:
@@ -158,7 +158,7 @@ class FmuHost:
             name = self.about["called"][column]
             raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
-    def _left(self, k: int, instance: FmuInstance) -> Array:
+    def _store_readings(self, k: int, instance: FmuInstance) -> Array:
         """Readings of the instance, for a copy in the same state."""
         if self.saves:
             self.copies[k].state = instance.save(self.m)
@@ -166,7 +166,7 @@ class FmuHost:
             instance.past = self.copies[k].past
         return instance.outputs(self.m)
 
-    def _entered(self, k: int, copy: _Copy) -> FmuInstance:
+    def _restored_instance(self, k: int, copy: _Copy) -> FmuInstance:
         """Instance in the state of the copy."""
         instance = self.instance(k)
         if self.saves:
@@ -174,7 +174,7 @@ class FmuHost:
             return instance
         if not instance.fresh and instance.past is copy.past and copy.past is not None:
             return instance
-        instance.started(self.m, copy.p)
+        instance.restart(self.m, copy.p)
         rows, past, time_s = [], copy.past, 0.0
         while past is not None:
             past, f, h = past
@@ -229,20 +229,20 @@ class FmuHost:
             key, None
         )  # moved to the end: the least recently used is restarted
         if instance is None:
-            if len(self.of_values) >= self.most:
+            if len(self.of_values) >= self.instance_limit:
                 instance = self.of_values.pop(next(iter(self.of_values)))
             elif not self.of_values:
                 instance = self.instance(0)
             else:
                 instance = FmuInstance(self.about, len(self.of_values))
-            instance.started(self.m, p)
+            instance.restart(self.m, p)
             if not self.went:
                 self._refuse_clocks(instance)
         self.of_values[key] = instance
         return instance
 
     @property
-    def most(self) -> int:
+    def instance_limit(self) -> int:
         """Largest number of instances with different parameters."""
         return 1 if self.about["alone"] else MOST_INSTANCES
 
@@ -255,7 +255,7 @@ class FmuHost:
         p: SI; places: indices of the readings among the outputs. None for more copies than
         instances.
         """
-        if len(p) > self.most:
+        if len(p) > self.instance_limit:
             yield None
             return
         rows = units.parameters.outside(p)
@@ -294,7 +294,7 @@ class FmuHost:
         if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
             raise RuntimeError(TIMED)
 
-    def moved(self, rows: Array, h: float) -> Array:
+    def step_states(self, rows: Array, h: float) -> Array:
         """States and outputs after h, from rows of states, inputs and parameters."""
         nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
         values, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
@@ -309,7 +309,7 @@ class FmuHost:
         self.went = True
         return values
 
-    def shown(self, rows: Array) -> Array:
+    def read_outputs(self, rows: Array) -> Array:
         """Outputs from rows of states and parameters."""
         nx = len(self.m.states)
         return np.array([self.with_values(r[nx:]).outputs_at(self.m, r[:nx]) for r in rows])
@@ -329,9 +329,9 @@ class FmuHost:
         if word == b"s":
             return self.step(table, h)
         if word == b"x":
-            return self.moved(table, h)
+            return self.step_states(table, h)
         if word == b"o":
-            return self.shown(table)
+            return self.read_outputs(table)
         if word == b"b":
             return self.begin(table)
         if word == b"r":

@@ -78,7 +78,7 @@ class FmuInstance:
                 references, values.tolist()
             )
 
-    def started(self, m: FmiModel, p: Array) -> None:
+    def restart(self, m: FmiModel, p: Array) -> None:
         """Restart at time 0 with these parameters."""
         fmu = self.fmu
         if not self.fresh:

@@ -78,11 +78,11 @@ class FmuLink(Carrier):
 
     # ---- where its states are seen ---------------------------------------------------------------
 
-    def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
         """States and outputs after h, of n copies; all SI."""
-        return self._parted(self._request(b"x", self._rows(x, f, p), h))
+        return self._split_columns(self._request(b"x", self._rows(x, f, p), h))
 
-    def shown(self, x: Array, p: Array) -> Array:
+    def read_outputs(self, x: Array, p: Array) -> Array:
         """Outputs at these states; all SI."""
         rows = np.concatenate([self.units.states.outside(x), self.units.parameters.outside(p)], 1)
         return self._readings(b"o", rows)
@@ -102,7 +102,7 @@ class FmuLink(Carrier):
         given = file.states.outside(x), file.inputs.outside(f), file.parameters.outside(p)
         return np.concatenate(given, axis=1)
 
-    def _parted(self, rows: Array) -> tuple[Array, Array]:
+    def _split_columns(self, rows: Array) -> tuple[Array, Array]:
         seen = len(self.units.outputs.scale)
         return self.units.states.inside(rows[:, seen:]), self.units.outputs.inside(rows[:, :seen])
 
@@ -125,13 +125,13 @@ class SeenFmu:
     longest_s: float = field(default=float("inf"))
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        after, outputs = self.link.moved(x, f, p, h)
+        after, outputs = self.link.step_states(x, f, p, h)
         return after, outputs[:, self.places]
 
     def reads(self, x: Array, p: Array) -> Array:
         if not len(self.places):
             return np.empty((len(x), 0))
-        return self.link.shown(x, p)[:, self.places]
+        return self.link.read_outputs(x, p)[:, self.places]
 
     def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
         return self.link.in_c(p, h, self.places)

@@ -36,7 +36,7 @@ from pamid.simulators.fmu_choices import choices_path
 from pamid.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
 from pamid.simulators.fmu_link import SeenFmu
 from pamid.simulators.fmu_process import FmuProcess
-from pamid.simulators.mujoco_parameters import stated
+from pamid.simulators.mujoco_parameters import stated_parameter
 from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class FmuRig(StepRig):
     def _parameter(self, v: FmuVariable) -> Parameter:
         count = len(self.file.parameters.variables)
         wanted = v.name in self.free if self.free else count <= MOST_FREE
-        parameter = stated(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
+        parameter = stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
         return parameter
 
     def _way_in(self, v: FmuVariable) -> Port:

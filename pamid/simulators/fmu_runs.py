@@ -60,7 +60,7 @@ class FmuRuns:
 
     def add(self, message: bytes) -> Array:
         """Add a program and return its number."""
-        data, _ = parted(message)
+        data, _ = split_message(message)
         simulator: Any = self.near
         if self.host.about["seen"]:
             states, forces = map(np.array, data["typical"])
@@ -72,7 +72,7 @@ class FmuRuns:
 
     def run(self, message: bytes) -> bytes:
         """Run a program and return the encoded result."""
-        about, numbers = parted(message)
+        about, numbers = split_message(message)
         memory, course = run_of(Parcel(about, numbers))
         if about["saved"]:
             plain, *copies = about["saved"]
@@ -99,7 +99,7 @@ class FmuRuns:
         return _LENGTH.pack(len(header_bytes)) + header_bytes + answer.numbers.tobytes()
 
 
-def parted(message: bytes) -> tuple[dict[str, Any], Array]:
+def split_message(message: bytes) -> tuple[dict[str, Any], Array]:
     """Header of a message, and the numbers behind it."""
     size = _LENGTH.unpack_from(message)[0]
     end = _LENGTH.size + size

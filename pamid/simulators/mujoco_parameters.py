@@ -59,7 +59,7 @@ def _moves(file: MujocoFile, body: int) -> bool:
     return bool(file.model.body_weldid[body])
 
 
-def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
+def stated_parameter(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
     """Parameter for a number in the file, known within 20 %."""
     size = abs(value)
     if value > 0.0:
@@ -113,7 +113,9 @@ def _number(
 ) -> ModelParameter:
     name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
     released = attribute in RELEASED
-    parameter = stated(name, value, unit) if value else _absent(name, typical, unit, released)
+    parameter = (
+        stated_parameter(name, value, unit) if value else _absent(name, typical, unit, released)
+    )
     return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
 
 
@@ -239,7 +241,7 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
         parameters.append(
             of(
                 word,
-                stated(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
+                stated_parameter(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
                 Write("actuator_gainprm", i, 0, 1.0),
                 Write("actuator_biasprm", i, place, -1.0),
             )
@@ -248,23 +250,25 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
             parameters.append(
                 of(
                     "kv",
-                    stated(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
+                    stated_parameter(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
                     Write("actuator_biasprm", i, 2, -1.0),
                 )
             )
     elif actuator.motor is not None:
         parameters += _of_motor(i, actuator, actuator.motor)
     elif gain[0]:
-        held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
+        held = stated_parameter(
+            f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general"
+        )
         parameters.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
     if actuator.time_constant_s > 0.0:
-        constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
+        constant = stated_parameter(f"{name}_time_constant", actuator.time_constant_s, "s")
         parameters.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
     if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
-        held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
+        held = stated_parameter(f"{name}_gear", actuator.gear, "", fitted=False)
         parameters.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
     if actuator.delay_s > 0.0:
-        delay = stated(f"{name}_delay", actuator.delay_s, "s")
+        delay = stated_parameter(f"{name}_delay", actuator.delay_s, "s")
         parameters.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
     return parameters
 
@@ -304,7 +308,7 @@ def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelPara
         ]
     for word, value, unit, fitted, array, place in rows:
         if value:
-            parameter = stated(f"{actuator.name}_{word}", value, unit, fitted=fitted)
+            parameter = stated_parameter(f"{actuator.name}_{word}", value, unit, fitted=fitted)
             write = Write(f"actuator_{array}", i, place, 1.0)
             parameters.append(
                 ModelParameter(parameter, "actuator", actuator.name, i, word, (write,))

@@ -117,7 +117,7 @@ class CoupledSystem:
         """q'' for couplings with zero aim: (M + J' J / softness)^-1 force."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=False)
 
-    def accelerated(self, force: Sequence[Expr]) -> list[Expr]:
+    def accelerations(self, force: Sequence[Expr]) -> list[Expr]:
         """q'' under this force and that of the couplings."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=True)
 
@@ -213,7 +213,7 @@ def solve_joint_friction(
         Friction of each joint; None without a loss.
     """
     none = [ZERO] * system.tree.n
-    value = system.accelerated(reaching)
+    value = system.accelerations(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:
         return FrictionSolution(value, none, none, system)
@@ -265,5 +265,5 @@ def _solved(
         added[i] = where(creeps, 1.0 / f.softness, 0.0)
         more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
     loaded = system.with_added(added)
-    value = loaded.accelerated([r + m for r, m in zip(reaching, more, strict=True)])
+    value = loaded.accelerations([r + m for r, m in zip(reaching, more, strict=True)])
     return FrictionSolution(value, added, more, loaded)

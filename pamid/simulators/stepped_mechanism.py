@@ -201,7 +201,7 @@ class _Stepper:
         kinds = self.mujoco.mjtState
         self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
         self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
-        self.known: dict[bytes, Any] = {}
+        self.model_of_values: dict[bytes, Any] = {}
         described = [i for i, a in enumerate(mechanism.actuators) if a.states]
         further = [i for i in range(model.nactuator) if i not in described]
         acts = [
@@ -370,19 +370,21 @@ class _Stepper:
     def with_values(self, row: Array, timestep_s: float) -> Any:
         """Model with these parameters."""
         key = row.tobytes()
-        model = self.known.pop(key, None)  # put back as the last: the first is written anew
+        model = self.model_of_values.pop(
+            key, None
+        )  # put back as the last: the first is written anew
         if model is None:
-            if len(self.known) < MOST_MODELS:
+            if len(self.model_of_values) < MOST_MODELS:
                 model = self.mujoco.MjModel.__copy__(self.model)
             else:
-                model = self.known.pop(next(iter(self.known)))
+                model = self.model_of_values.pop(next(iter(self.model_of_values)))
             for write, k in zip(self.values, self.of, strict=True):
                 array = getattr(model, write.array)
                 at = (write.row,) if write.column < 0 else (write.row, write.column)
                 array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
             self._deform(model, row)
             self.mujoco.mj_setConst(model, self.data)
-        self.known[key] = model
+        self.model_of_values[key] = model
         model.opt.timestep = timestep_s
         return model
 
