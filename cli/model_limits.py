@@ -29,7 +29,7 @@ class LimitedSignals:
     def reach(self, column: str, centre: float, amplitude: float) -> tuple[float, float]:
         """Between which values it was to be, and is now."""
         if self.found is not None:
-            for item in self.found.kept:
+            for item in self.found.commands:
                 if item.column == column:
                     centre, amplitude = centre + item.shift, item.factor * amplitude
         return centre - amplitude, centre + amplitude
@@ -53,7 +53,7 @@ class LimitedSignals:
                         "shift": item.shift,
                         "why": item.why,
                     }
-                    for item in self.found.kept
+                    for item in self.found.commands
                 ],
                 "reached": self.found.reached,
             }

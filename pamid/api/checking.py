@@ -54,12 +54,12 @@ class CheckResult:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        return dict(self._inspection.said)
+        return dict(self._inspection.summary)
 
     def summary(self, *, everything: bool = True) -> str:
         """Problems first, then notes and what is as it should be, as lines of text; a rig on one
         screen, unless everything is wanted."""
-        return inspection_text(self._inspection.said, everything=everything)
+        return inspection_text(self._inspection.summary, everything=everything)
 
     @property
     def drawable(self) -> bool:
@@ -103,7 +103,7 @@ class CheckResult:
         issues = self._inspection.issues
         drawn = {issue.text for issue in issues}
         others = [f.detail for f in self.problems if f.detail not in drawn]
-        return self.recording, issues, self._inspection.said["quality"]["channels"], others
+        return self.recording, issues, self._inspection.summary["quality"]["channels"], others
 
     def __repr__(self) -> str:
         return f"<CheckResult {self._headline()}>"
@@ -155,7 +155,7 @@ def check(
     elif not isinstance(subject, type):
         looked_at = recording_given(subject)
     inspection = inspect(looked_at, resolved_rig(rig))
-    content = inspection.said
+    content = inspection.summary
     return CheckResult(
         content["file"],
         content["kind"],

@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.hold_or_line import unstated, wrongly_taken
+from pamid.checks.input_hold import misstated_holds, unstated_inputs
 from pamid.checks.inspection import require_sound
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
@@ -203,7 +203,7 @@ def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
 def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per input of which nobody says what it does between samples, and which fits
     clearly better otherwise than held."""
-    wrong = wrongly_taken(recording, rig, unstated(rig))
+    wrong = misstated_holds(recording, rig, unstated_inputs(rig))
     return [f"{recording.path}: {one.text(recording)}." for one in wrong]
 
 

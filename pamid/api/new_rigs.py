@@ -46,8 +46,8 @@ class NewRig:
         match = self._match
         columns = tuple(
             said.TakenColumn(
-                column=q.found,
-                unit=_unit(q.found),
+                column=q.recorded,
+                unit=_unit(q.recorded),
                 role=q.role,  # type: ignore[arg-type]
                 stands_for=q.wanted,
                 by=q.by,  # type: ignore[arg-type]
@@ -64,7 +64,7 @@ class NewRig:
             unrecorded=match.unrecorded,
             unused=match.unused,
             unobserved=self.unobserved,
-            turned=match.turned,
+            turned=match.exchanged_rigs,
             also=tuple(
                 said.OtherMatch(rig=m.rig.name, score=round(m.score, 4)) for m in self._others
             ),
@@ -75,7 +75,7 @@ class NewRig:
         lines = [f"{self.path}: rig {self.name!r}, after {self.like}."]
         for q in self._match.pairs:
             scaled = "; a gain stands between the two" if q.scaled else ""
-            lines.append(f"  {q.found:<24} {q.role} {q.wanted}, {_BY[q.by]}{scaled}")
+            lines.append(f"  {q.recorded:<24} {q.role} {q.wanted}, {_BY[q.by]}{scaled}")
         lines += [f"  {name:<24} not recorded" for name in self._match.unrecorded]
         lines += [f"  {name:<24} not used: noted in the file" for name in self._match.unused]
         lines += [
@@ -95,12 +95,12 @@ class NewRig:
 
     def _directions(self) -> list[str]:
         """Lines that state the assumed causes and effects, and how to swap them."""
-        sent, read = (", ".join(self._match.taken_as(role)) for role in ("input", "output"))
+        sent, read = (", ".join(self._match.columns_by_role(role)) for role in ("input", "output"))
         lines = [f"  Taken as cause: {sent or 'nothing'}; as effect: {read}."]
-        if self._match.turned:
+        if self._match.exchanged_rigs:
             lines.append(
                 f"  If {read} is imposed on your bench and {sent} is what it reads, it is the "
-                f"other way round: --like {' or '.join(self._match.turned)}."
+                f"other way round: --like {' or '.join(self._match.exchanged_rigs)}."
             )
         return lines
 
@@ -108,7 +108,7 @@ class NewRig:
         return f"<NewRig {self.path} after {self.like}>"
 
     def _repr_html_(self) -> str:
-        rows = [(q.found, q.role, q.wanted) for q in self._match.pairs]
+        rows = [(q.recorded, q.role, q.wanted) for q in self._match.pairs]
         return card(repr(self)[1:-1], html_table((("column", "role", "stands for"), rows)))
 
 

@@ -1,1 +1,1 @@
-"""Files that pamid writes for people to go on from."""
+"""Generated files that users continue to edit."""

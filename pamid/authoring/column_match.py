@@ -1,5 +1,7 @@
-"""Which column of a recording is which column of a rig, by name and by unit; and the rig of the
-catalogue whose columns a recording's come nearest to."""
+"""Matching of a recording's columns to those of a rig, by name and by unit.
+
+It also selects the rig of the catalogue whose columns match a recording best.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +17,26 @@ from pamid.ingest.matcher import best_pairs, recorded_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 
-UNUSED = 0.1  # less for a recorded column that a rig has no place for
-UNCONTROLLED = 0.3  # less where a reference was recorded, and the rig has no controller for it
-NEAR = 0.5  # of the best score: what fits worse is not named beside it
-LISTED_RIGS = 4  # rigs of which an error says what they lack
+UNUSED = 0.1  # penalty for a recorded column without a place
+UNCONTROLLED = 0.3  # penalty for a recorded reference without a controller in the rig
+NEAR = 0.5  # of the best score: a worse match is not listed
+LISTED_RIGS = 4  # rigs whose gaps an error lists
 UNRECORDED = 0.25  # weight of an output that was not recorded
 _SPEEDS = ("velocity", "angular velocity")
-#: what a rig file leans on that can be copied: parts shared between rigs cannot
+#: modules that a copied rig file may import; parts shared between rigs are not copied
 _COPIED = ("pamid.model.", "pamid.symbolic.")
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A column of a rig and the recorded one that stands for it.
+    """A column of a rig, with the recorded column that is assigned to it.
 
-    by: "name", "word", "unit", or "you" where it was said; scaled: it is of another quantity, so
-    that a gain stands between them.
+    by: "name", "word" or "unit"; "you" if the user assigned it. scaled: the quantities differ, so
+    that a gain converts one to the other.
     """
 
     wanted: str
-    found: str
+    recorded: str
     role: str  # input, output or reference
     by: str
     scaled: bool
@@ -43,10 +45,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class Match:
-    """How a recording's columns fit a rig.
+    """Assignment of a recording's columns to a rig.
 
-    missing: inputs that the rig cannot do without; unrecorded: outputs and optional inputs that
-    are not there; unused: recorded columns without a place; score: 1 where everything fits by name.
+    missing      inputs that the rig cannot do without
+    unrecorded   outputs and optional inputs that the recording lacks
+    unused       recorded columns without a place
+    score        1 if everything matches by name
     """
 
     rig: type[Rig]
@@ -58,25 +62,25 @@ class Match:
 
     @property
     def fits(self) -> bool:
-        """Is there all that its equations need, and something to compare with?"""
+        """True if every necessary input is recorded, and an output to compare with."""
         return not self.missing and any(q.role == "output" for q in self.pairs)
 
     @property
     def named(self) -> bool:
-        """Is a needed input, or an output, known by more than its unit?"""
+        """True if a necessary input or an output matches by more than its unit."""
         return any(
             q.by != "unit" and q.role != "reference" and q.wanted not in self.rig.optional
             for q in self.pairs
         )
 
-    def taken_as(self, role: str) -> tuple[str, ...]:
-        """Recorded columns that are inputs, causes, or outputs, effects."""
-        return tuple(q.found for q in self.pairs if q.role == role)
+    def columns_by_role(self, role: str) -> tuple[str, ...]:
+        """Recorded inputs, as causes, and outputs, as effects."""
+        return tuple(q.recorded for q in self.pairs if q.role == role)
 
     @property
-    def turned(self) -> tuple[str, ...]:
-        """Rigs to start from in which what is sent and what is read have changed places: a force or
-        torque for a motion, or the reverse."""
+    def exchanged_rigs(self) -> tuple[str, ...]:
+        """Template rigs with cause and effect exchanged: a force or torque for a motion, or the
+        reverse."""
         sides = {"load", "motion"}
         sent = {_side(q.wanted) for q in self.pairs if q.role == "input"} & sides
         read = {_side(q.wanted) for q in self.pairs if q.role == "output"} & sides
@@ -89,38 +93,41 @@ class Match:
             and {*map(_side, rig.outputs)} & sent
         )
 
-    def why_not(self) -> str:
-        """Missing parts, in words."""
+    def missing_parts(self) -> str:
+        """Missing parts, as text."""
         rates = [(q, w) for w in self.missing for q in self.unused if _is_rate(q, w)]
         if rates:
             return "; ".join(
-                f"no column for {_told(w)}, of which {q} is the rate" for q, w in rates
+                f"no column for {_column_text(w)}, of which {q} is the rate" for q, w in rates
             )
         if self.missing:
-            return f"no column for {', '.join(map(_told, self.missing))}"
-        return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
+            return f"no column for {', '.join(map(_column_text, self.missing))}"
+        return f"none of its outputs: {', '.join(map(_column_text, self.rig.outputs))}"
 
 
 def _left_over(match: Match) -> tuple[int, int, int]:
-    """Recorded columns without a place, columns of the rig that were not recorded, its states."""
+    """Number of unused columns, of unrecorded columns of the rig, and of its states."""
     return len(match.unused), len(match.unrecorded), len(match.rig.states)
 
 
 def _side(column: str) -> str:
-    """ "load" of a force or torque, "motion" of a way, an angle or a speed, else what it is."""
+    """Kind of a column: "load" for a force or torque, "motion" for a length, an angle or a speed.
+
+    Any other column has its quantity.
+    """
     quantity = quantity_of(split_column(column)[1])
     sides = {"load": ("force", "torque"), "motion": ("position", "angle", *_SPEEDS)}
     return next((side for side, those in sides.items() if quantity in those), quantity)
 
 
 def _is_rate(recorded: str, wanted: str) -> bool:
-    """Is a recorded column the speed of what a rig wants the way or angle of?"""
-    symbol, own = split_column(recorded)[1], split_column(wanted)[1]
-    return own != NONE and symbol != NONE and compatible(symbol, quotient(own, "s"))
+    """True if the recorded column is the speed of a length or angle that the rig needs."""
+    symbol, wanted_unit = split_column(recorded)[1], split_column(wanted)[1]
+    return wanted_unit != NONE and symbol != NONE and compatible(symbol, quotient(wanted_unit, "s"))
 
 
-def _add_up(symbol: str, wanted: str) -> str:
-    """How a way is made of a speed."""
+def _integration_hint(symbol: str, wanted: str) -> str:
+    """Hint on how to integrate a speed to a position."""
     return (
         f"Add it up into a column of its own, the running sum of {symbol} times the sampling "
         f"period, and say --column {wanted}=THAT; or in a copy of the rig make {symbol} the input "
@@ -128,13 +135,13 @@ def _add_up(symbol: str, wanted: str) -> str:
     )
 
 
-def _told(column: str) -> str:
+def _column_text(column: str) -> str:
     symbol = split_column(column)[1]
     return column if symbol == NONE else f"{column} ({quantity_of(symbol)})"
 
 
 def examples() -> dict[str, type[Rig]]:
-    """Rigs of the catalogue that a file of one's own can start from: those written in one file."""
+    """Rigs of the catalogue that can serve as a template: those written in a single file."""
     return {name: rig for name, rig in rigs().items() if _stands_alone(rig)}
 
 
@@ -149,7 +156,7 @@ def _stands_alone(rig: type[Rig]) -> bool:
 
 
 def example_named(name: str) -> type[Rig]:
-    """One of `examples`; UsageError with the nearest name."""
+    """Return a rig of `examples`. An unknown name raises UsageError with the nearest name."""
     known = examples()
     if name in known:
         return known[name]
@@ -159,13 +166,13 @@ def example_named(name: str) -> type[Rig]:
             f"Add --rig {name} to the commands, or start from {', '.join(known)}.",
         )
     raise UsageError(
-        f"There is no rig {name!r} to start from.",
+        f"Rig {name!r} is not in the catalogue.",
         nearest(name, known) or f"Rigs: {', '.join(known)}.",
     )
 
 
 def roles_of(rig: type[Rig]) -> dict[str, str]:
-    """Every column that a rig knows, with what it is."""
+    """Return every column of a rig with its role."""
     return {
         **{name: "input" for name in rig.inputs},
         **{name: "output" for name in rig.outputs},
@@ -179,10 +186,24 @@ def match_columns(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> Match:
-    """The best assignment of recorded columns to those of a rig; said: column of the rig ->
-    recorded column, taken as it is; held: recorded columns that go from one level to the next, as
-    nothing does that is measured or moves. UsageError for a name on either side that is not
-    there."""
+    """Assign recorded columns to those of a rig.
+
+    Parameters
+    ----------
+    recorded
+        Columns of the recording.
+    rig
+        Rig to match.
+    stated
+        Column of the rig -> recorded column; the user's assignments, which are not questioned.
+    held
+        Recorded columns that step from level to level, which no measured or moving quantity does.
+
+    Raises
+    ------
+    UsageError
+        A stated name does not exist on its side.
+    """
     recorded, roles, stated = list(recorded), roles_of(rig), dict(stated or {})
     for wanted, column in stated.items():
         if wanted not in roles:
@@ -198,9 +219,9 @@ def match_columns(
         if _is_rate(column, wanted):
             raise UsageError(
                 f"{column} is the rate of {wanted}: no gain makes one of the other.",
-                _add_up(column, wanted),
+                _integration_hint(column, wanted),
             )
-    taken = {
+    assigned = {
         wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
         for wanted, column in stated.items()
     }
@@ -208,7 +229,7 @@ def match_columns(
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
         (wanted, column): recorded_fit(column, wanted, sent=wanted in needed)
-        # a room's temperature, which a rig can do without, comes after that of the oven
+        # an optional input, such as a room's temperature, comes after the oven's
         for wanted, role in sorted(roles.items(), key=lambda item: item[0] in rig.optional)
         for column in free
         if wanted not in stated
@@ -216,36 +237,36 @@ def match_columns(
     }
     for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
         score, by, scaled = fits[wanted, column]
-        taken[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
-    pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
-    used = {q.found for q in pairs}
+        assigned[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
+    pairs = tuple(assigned[wanted] for wanted in roles if wanted in assigned)
+    used = {q.recorded for q in pairs}
     unused = tuple(name for name in recorded if name not in used)
     weights = {
         **dict.fromkeys(needed, 1.0),
-        **{name: 1.0 if name in taken else UNRECORDED for name in rig.outputs},
-        **{name: 0.1 for name in roles if name in taken and name not in (*needed, *rig.outputs)},
+        **{name: 1.0 if name in assigned else UNRECORDED for name in rig.outputs},
+        **{name: 0.1 for name in roles if name in assigned and name not in (*needed, *rig.outputs)},
     }
-    got = sum(w * taken[name].score for name, w in weights.items() if name in taken)
+    got = sum(w * assigned[name].score for name, w in weights.items() if name in assigned)
     return Match(
         rig,
         pairs,
-        tuple(name for name in needed if name not in taken),
-        tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*taken, *needed)),
+        tuple(name for name in needed if name not in assigned),
+        tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*assigned, *needed)),
         unused,
         got / sum(weights.values())
         - UNUSED * len(unused) / max(1, len(recorded))
-        - UNCONTROLLED * any("reference" in meanings(split_column(one)[0]) for one in unused),
+        - UNCONTROLLED * any("reference" in meanings(split_column(column)[0]) for column in unused),
     )
 
 
-def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
-    """Does the recording bear the names of all that a rig needs, and of an output?"""
+def _has_all_columns(recorded: Iterable[str], rig: type[Rig]) -> bool:
+    """True if the recording has all inputs of the rig and an output, under the rig's names."""
     names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
     return bool(needed) and names >= needed and bool(names & set(rig.outputs))
 
 
 def _by_names(match: Match) -> bool:
-    """Do all pairs bear one name, in units of one quantity?"""
+    """True if both names of every pair agree, in units of one quantity."""
     return all(q.by == "name" and not q.scaled for q in match.pairs)
 
 
@@ -259,12 +280,22 @@ def best_match(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
-    """The rig that fits best, or the one asked for, and the others that fit, best first; held: as
-    in `match_columns`.
+    """Return the rig that matches best, or the stated one, and the other matching rigs, best first.
 
-    A rig that a recording fits by units alone is named, not taken: two quantities of a kind say
-    nothing of which machine they belong to. FileError then, and where none fits, saying what each
-    of them lacks; UsageError for a name that is not there.
+    A match by units alone is reported, but not used. Two quantities of one kind do not identify a
+    machine.
+
+    Parameters
+    ----------
+    held
+        As in `match_columns`.
+
+    Raises
+    ------
+    FileError
+        No rig matches, or only by units. The message lists the gaps of each rig.
+    UsageError
+        A stated name does not exist.
     """
     recorded = list(recorded)
     if like is not None:
@@ -272,13 +303,13 @@ def best_match(
         speeds = [(q, w) for w in wanted.missing for q in wanted.unused if _is_rate(q, w)]
         if speeds:
             raise FileError(
-                f"The recording does not fit {like!r}: {wanted.why_not()}.",
-                _add_up(*speeds[0]),
+                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
+                _integration_hint(*speeds[0]),
                 code="no-match",
             )
         if not wanted.fits:
             raise FileError(
-                f"The recording does not fit {like!r}: {wanted.why_not()}.",
+                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
                 "Say which column it is with --column "
                 f"{(wanted.missing or tuple(wanted.rig.outputs))[0]}=NAME; the recording has "
                 f"{listed(recorded)}.",
@@ -290,13 +321,13 @@ def best_match(
         known = {k: v for k, v in (stated or {}).items() if k in roles_of(rig)}
         if len(known) == len(stated or {}):
             every.append(match_columns(recorded, rig, known, held))
-    every.sort(key=lambda item: -item.score)
-    # a column without a place may be what drives a machine: nothing drives a rig without inputs
-    fitting = [item for item in every if item.fits and (item.rig.inputs or not item.unused)]
-    # by units alone the leanest machine is the likeliest: what a larger one has was not recorded
-    guessed = sorted((one for one in fitting if not one.named), key=_left_over)
-    fitting = [one for one in fitting if one.named]
-    whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
+    every.sort(key=lambda match: -match.score)
+    # a column without a place may be the input, which a rig without inputs cannot take
+    fitting = [m for m in every if m.fits and (m.rig.inputs or not m.unused)]
+    # by units alone the smallest machine is most plausible: columns of larger ones are missing
+    guessed = sorted((match for match in fitting if not match.named), key=_left_over)
+    fitting = [match for match in fitting if match.named]
+    whole = next((name for name, rig in rigs().items() if _has_all_columns(recorded, rig)), "")
     if whole and whole not in examples() and not any(map(_by_names, fitting)):
         raise FileError(
             f"These are the columns of rig {whole!r}, which is used as it is.",
@@ -305,17 +336,17 @@ def best_match(
         )
     if guessed and not fitting:
         names = ", ".join(
-            f"{one.rig.name} ({inspect.cleandoc(one.rig.__doc__ or '').splitlines()[0]})"
-            for one in guessed[:4]
+            f"{match.rig.name} ({inspect.cleandoc(match.rig.__doc__ or '').splitlines()[0]})"
+            for match in guessed[:4]
         )
         raise FileError(
             f"The columns {listed(recorded)} fit by their units alone: {names}.",
             f"Say which machine it is, for example --like {guessed[0].rig.name}.",
             code="no-match",
         )
-    fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
+    fitting = [match for match in fitting if match.score > NEAR * fitting[0].score]
     if not fitting:
-        near = "; ".join(f"{item.rig.name}: {item.why_not()}" for item in every[:LISTED_RIGS])
+        near = "; ".join(f"{m.rig.name}: {m.missing_parts()}" for m in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),

@@ -1,9 +1,9 @@
-"""The source of a shipped rig without what a recording does not show: outputs that were not
-recorded, states on which no recorded output depends, and what only these need.
+"""Source of a shipped rig, reduced to the recorded outputs.
 
-Edits are made on the text, so that a rig keeps its layout and its comments. What depends on a state
-that is left out is left out as well: signals of ports, then locals, methods, ports, parameters and
-names of the file that nothing uses any more.
+Unrecorded outputs are removed, with the states that no recorded output depends on, and with
+everything that only these need. The edits act on the text, so that a rig keeps its layout and its
+comments. Removing a state removes its dependants: signals of ports, then unused locals, methods,
+ports, parameters and module-level names.
 """
 
 from __future__ import annotations
@@ -21,15 +21,14 @@ from pamid.model.trace import trace
 
 
 def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, ...]]:
-    """Return the source of a rig with these of its outputs and the states that they show, and the
-    names of the states that were left out.
+    """Return the source of a rig with some of its outputs, and the names of the removed states.
 
     Parameters
     ----------
     rig
-        Rig of the catalogue that is written in one file.
+        Rig of the catalogue that is written in a single file.
     recorded
-        Its outputs that were recorded; one at least.
+        Recorded outputs of the rig, at least one.
     """
     traced = trace(rig, lambda port, place: [], {})
     hidden = unobserved_states(traced, recorded)
@@ -44,7 +43,7 @@ def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, 
 
 
 class _Text:
-    """A file and its tree; removes spans of it."""
+    """Source text with its syntax tree; removes spans."""
 
     def __init__(self, text: str, rig: Rig) -> None:
         self.text, self.rig, self.tree = text, rig, ast.parse(text)
@@ -55,7 +54,7 @@ class _Text:
         self.edits: list[tuple[int, int, str]] = []
 
     def edited(self) -> str:
-        """The text after the edits; one within another is done with it."""
+        """Text after the edits. An edit inside another one is dropped."""
         outer = [
             e
             for e in set(self.edits)
@@ -80,7 +79,7 @@ class _Text:
         self.edits.append((*self.span(node), new))
 
     def thin(self, parts: Sequence[tuple[int, int]], stays: Sequence[bool]) -> None:
-        """Remove those of the parts of a list that do not stay, with their commas."""
+        """Remove the discarded items of a list, with their commas."""
         for k, (first, last) in enumerate(parts):
             if stays[k]:
                 continue
@@ -91,7 +90,7 @@ class _Text:
                 self.edits.append((first if before is None else parts[before][1], last, ""))
 
     def thin_dict(self, node: ast.Dict, stays: Callable[[str], bool]) -> None:
-        """Keep the entries with such keys; others than plain keys stay."""
+        """Keep the entries with these keys, and those whose key is not a constant."""
         entries = list(zip(node.keys, node.values, strict=True))
         self.thin(
             [(self.span(k or v)[0], self.span(v)[1]) for k, v in entries],
@@ -99,7 +98,7 @@ class _Text:
         )
 
     def thin_tuple(self, node: ast.Tuple, stays: Callable[[str], bool]) -> None:
-        """Keep the calls whose first argument is such a name."""
+        """Keep the calls whose first argument is one of these names."""
         stays_here = [stays(_first_word(call)) for call in node.elts]
         if sum(stays_here) == 1:
             (only,) = (call for call, stay in zip(node.elts, stays_here, strict=True) if stay)
@@ -108,7 +107,7 @@ class _Text:
             self.thin([self.span(call) for call in node.elts], stays_here)
 
     def drop(self, node: ast.stmt) -> None:
-        """Remove a statement or a function with its lines, and the comment right above it."""
+        """Remove a statement or a function, with its lines and the comment right above it."""
         assert node.end_lineno is not None
         lines, first = self.text.splitlines(), node.lineno - 1
         while first and lines[first - 1].lstrip().startswith("#"):
@@ -131,12 +130,12 @@ class _Text:
 
 
 class _Equations(_Text):
-    """Takes outputs and states out of the equations."""
+    """Removes outputs and states from the equations."""
 
     def __init__(self, text: str, rig: Rig, recorded: set[str], hidden: Collection[str]) -> None:
         super().__init__(text, rig)
         self.recorded, self.hidden = recorded, set(hidden)
-        self.lost: dict[str, set[str]] = {}  # port -> signals that are no longer offered there
+        self.lost: dict[str, set[str]] = {}  # port -> signals that it no longer has
 
     def without(self) -> str:
         for function in self.functions():
@@ -169,8 +168,10 @@ class _Equations(_Text):
                 self.lost.setdefault(_port_of(node), set()).update(lost)
 
     def _hidden(self, value: ast.AST, hidden_locals: set[str], plain: bool) -> bool:
-        """Does a value depend on a state that is left out? plain: not where it does so by a
-        signal of a port alone, which is taken off."""
+        """True if a value depends on a removed state.
+
+        plain: not if the dependence is by a signal of a port alone, because that signal is removed.
+        """
         nodes = _without_signals(value) if plain else ast.walk(value)
         return any(
             (_read(node, "x") in self.hidden)
@@ -191,7 +192,10 @@ class _Equations(_Text):
                 self.replace(value.args[2], f"{{{words}}}")
 
     def _background(self) -> None:
-        """A map along a lost signal runs along what passes; one of a lost signal is left out."""
+        """Reduce the background: a map along a lost signal becomes one along the value itself.
+
+        A map of a lost signal is removed.
+        """
         for call in _calls(self.assigned("background"), "RoughMap"):
             (port,) = (name for name, inside in self._backed() if call in inside)
             lost = self.lost.get(port, set())
@@ -213,7 +217,7 @@ class _Equations(_Text):
 
 
 class _Unused(_Text):
-    """Takes out what nothing uses."""
+    """Removes unused definitions."""
 
     def without(self) -> str:
         self._locals()
@@ -268,20 +272,20 @@ class _Unused(_Text):
 
 
 def _read(node: ast.AST, owner: str) -> str:
-    """The name of an attribute that is read of `x`, `p` or `self`, "" where it is none."""
+    """Name of the attribute that is read of `x`, `p` or `self`, "" if there is none."""
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         return node.attr if node.value.id == owner else ""
     return ""
 
 
 def _port_of(node: ast.AST) -> str:
-    """The port that a call passes a value through, "" where it is no such call."""
+    """Port that a call passes a value through, "" for any other call."""
     named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     return _first_word(node) if named and node.func.id == "port" else ""  # type: ignore[attr-defined]
 
 
 def declared(node: ast.AST) -> ast.Call:
-    """The call that declares a parameter, without what names its source."""
+    """Call that declares a parameter, without the call that names its source."""
     assert isinstance(node, ast.Call)
     inner = getattr(node.func, "value", None)
     return inner if isinstance(inner, ast.Call) else node
@@ -301,7 +305,7 @@ def _calls(node: ast.AST | None, name: str) -> list[ast.Call]:
 
 
 def _without_signals(value: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a value, signals of its ports left out."""
+    """Nodes of a value, without the signals of its ports."""
     waiting = [value]
     while waiting:
         node = waiting.pop()

@@ -1,8 +1,8 @@
-"""A rig file made from a rig of the catalogue: its source with the recording's columns in their
-units, its imports from the face, its priors as wide as a guess.
+"""Rig file derived from a rig of the catalogue.
 
-What comes from the recording is names, and they become code: only plain words are taken
-(`require_plain`), and everything else that is quoted is printed as a Python literal.
+The source gets the recording's columns in their units, its imports from `pamid`, and priors as wide
+as a guess. The recording supplies names, and these become code. Only plain words are accepted
+(`require_plain`), and any other quoted text is written as a Python literal.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
 _FACE = ("Loop", "Parameter", "Port", "Rig", "RoughMap", "State")
-#: units in which a column is written and no equation sees it
+#: units of columns that no equation uses
 _SEEN_AS = {
     "percent": "the equations see a fraction, 0.6 for 60 %",
     "degC": "the equations see kelvin",
     "degF": "the equations see kelvin",
 }
-GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
-SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
+GUESS = 3.0  # plausible factor between the template's values and another machine's
+SCALE = 1e4  # bounds of a gain: this multiple and this part of the ratio of the ranges
 _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def require_plain(name: str, what: str) -> str:
-    """The name, which is to stand in a program; FileError where it is no plain word of Python."""
+    """Return a name that may stand in a program. FileError for anything but a plain Python word."""
     if not _PLAIN_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise FileError(
             f"{what} {name!r} cannot stand in a rig file.",
@@ -58,14 +58,14 @@ def require_plain(name: str, what: str) -> str:
 
 
 def class_name(stem: str) -> str:
-    """ "my_rig" -> "MyRig"; FileError where a file's name makes no class."""
+    """Class name, "my_rig" -> "MyRig". FileError if the file's name does not give a class name."""
     name = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
     return require_plain(name, "The name of the output,")
 
 
 @dataclass(frozen=True)
 class _Gain:
-    """A factor between a recorded signal and the quantity that the equations know."""
+    """Factor between a recorded signal and the quantity in the equations."""
 
     name: str
     value: float
@@ -80,10 +80,10 @@ class _Edit:
 
 
 class RigSource:
-    """The source of a rig like another one, for a recording."""
+    """Source of a rig for a recording, derived from a template rig."""
 
     def __init__(self, match: Match, recording: Recording, name: str, why: str) -> None:
-        self.match, self.recording, self.name, self.told = match, recording, name, why
+        self.match, self.recording, self.name, self.reason = match, recording, name, why
         self.rig: Rig = match.rig()
         self.by_wanted = {pair.wanted: pair for pair in match.pairs}
         recorded = [column for column in self.rig.outputs if column in self.by_wanted]
@@ -92,7 +92,7 @@ class RigSource:
         used = {n.attr for n in ast.walk(self.tree) if isinstance(n, ast.Attribute)}
         self.columns = [column for column in self.rig.inputs if column in used] + recorded
         for pair in match.pairs:
-            require_plain(pair.found, "The column")
+            require_plain(pair.recorded, "The column")
         plain = {pair.wanted for pair in match.pairs if not pair.scaled}
         self.loops = bool(self.rig.loops) and all(
             {q.reference, q.command, q.reading} <= plain for q in self.rig.loops
@@ -101,7 +101,7 @@ class RigSource:
         self.begins = np.concatenate([[0], np.cumsum(lengths)])
 
     def text(self) -> str:
-        """The whole file."""
+        """Complete text of the file."""
         content = self.source.encode()
         assert content.isascii(), "places in the tree are counted in bytes"
         for edit in sorted(self._edits(), key=lambda e: -e.first):
@@ -110,7 +110,7 @@ class RigSource:
         tree = ast.parse(text)
         imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
         body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
-        # what was cut out of a line leaves its indent
+        # a removed line leaves its indent
         body = re.sub(r"[ \t]+$", "", body.lstrip("\n"), flags=re.MULTILINE)
         return self._docstring() + self._imports(imports, body) + body
 
@@ -128,7 +128,7 @@ class RigSource:
                 yield from self._function(node)
 
     def _settled(self) -> dict[str, str]:
-        """Class attributes that are written anew."""
+        """Class attributes that are replaced."""
         rig, names = self.rig, {c: self._found(c) for c in self.columns}
         noise = {names[c]: self._noise(c) for c in rig.outputs if c in names}
         swings = self._swings()
@@ -181,7 +181,7 @@ class RigSource:
             if name == "outputs":
                 yield _Edit(whole.last, whole.last, self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
-            # a map that is off by 2 % would be traded for the scale, which nobody knows
+            # a map that is off by 2 % would be traded for the scale, which is unknown
             comment = (
                 "# background: state by how much the maps may be off when the scales are known"
             )
@@ -190,15 +190,15 @@ class RigSource:
             yield from self._parameters(node)
 
     def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
-        """Edits that turn the example's data-sheet values into guesses with priors as wide."""
+        """Edits that turn the template's data-sheet values into guesses with wide priors."""
         assert isinstance(node.value, ast.Tuple)
         for sourced in node.value.elts:
             call = declared(sourced)
             assert isinstance(sourced, ast.Call)
             if sourced is not call:
                 (source,) = sourced.args
-                told = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
-                yield _Edit(*self._span(source), _literal(told))
+                origin = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
+                yield _Edit(*self._span(source), _literal(origin))
             for word in call.keywords:
                 if word.arg in ("spread", "factor"):
                     spread = float(ast.literal_eval(word.value))
@@ -221,7 +221,7 @@ class RigSource:
                 pair = self.by_wanted.get(node.attr) if node.value.id == "u" else None
                 if pair is not None:
                     gain = self._gain(pair)
-                    read = f"u.{pair.found}"
+                    read = f"u.{pair.recorded}"
                     text = f"(p.{gain.name} * {read})" if gain else read
                     yield _Edit(*self._span(node), text)
             elif isinstance(node, ast.Dict):
@@ -233,7 +233,7 @@ class RigSource:
                     )
                     if key is None or pair is None or pair.role != "output":
                         continue
-                    yield _Edit(*self._span(key), _literal(pair.found))
+                    yield _Edit(*self._span(key), _literal(pair.recorded))
                     gain = self._gain(pair)
                     if gain:
                         first, last = self._span(value)
@@ -243,26 +243,29 @@ class RigSource:
     # ---- columns --------------------------------------------------------------------------------
 
     def _found(self, column: str) -> str:
-        return self.by_wanted[column].found if column in self.by_wanted else column
+        return self.by_wanted[column].recorded if column in self.by_wanted else column
 
     def _unit(self, column: str) -> str:
-        """SI symbol of a column as the equations see it."""
-        pair, own = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
+        """SI symbol of a column in the equations."""
+        pair, rig_unit = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
         if pair is None or not pair.scaled:
-            return own
-        return si_symbol(split_column(pair.found)[1])
+            return rig_unit
+        return si_symbol(split_column(pair.recorded)[1])
 
     def _values(self, pair: Pair) -> FloatArray:
-        return self.recording.columns[pair.found]
+        return self.recording.columns[pair.recorded]
 
     def _noise(self, column: str) -> float:
-        """Noise that a recorded output shows, in its unit."""
+        """Measured noise of a recorded output, in its unit."""
         values = self._values(self.by_wanted[column])
         return _short(float(noise_level(values[:, None])[0]), 1)
 
     def _swings(self) -> dict[str, tuple[float, float]]:
-        """Centre and half range of what was sent, per recorded column, in its unit: of the columns
-        that the example excites. The temperature of a room is an input, and nobody sends it."""
+        """Centre and half range per recorded command, in its unit.
+
+        Only columns that the template excites count. A room temperature is an input, but not a
+        command.
+        """
         swings = {}
         for pair in self.match.pairs:
             if pair.wanted not in self.rig.excited or (pair.role == "reference" and not self.loops):
@@ -270,11 +273,11 @@ class RigSource:
             low, high = np.quantile(self._values(pair), (0.01, 0.99))
             half, centre = _short(0.5 * float(high - low)), 0.5 * float(high + low)
             if half > 0.0:
-                swings[pair.found] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
+                swings[pair.recorded] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
         return swings
 
     def _controller(self) -> dict[str, float]:
-        """The example's controller in the unit of the recorded reading."""
+        """Controller of the template, in the unit of the recorded reading."""
         (loop, *_), gains = self.rig.loops, dict[str, float]()
         old, new = (split_column(c)[1] for c in (loop.reading, self._found(loop.reading)))
         for key, value in self.rig.controller.items():
@@ -289,23 +292,23 @@ class RigSource:
         return gains
 
     def _gain(self, pair: Pair) -> _Gain | None:
-        """Gain between a column and the example's quantity, from the ranges of both."""
+        """Gain between a column and the template's quantity, from the ranges of both."""
         if not pair.scaled:
             return None
-        symbol, own = (
-            si_symbol(split_column(pair.found)[1]),
+        symbol, rig_unit = (
+            si_symbol(split_column(pair.recorded)[1]),
             {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
         )
-        span = motion(to_si(self._values(pair), split_column(pair.found)[1])) or 1.0
+        span = motion(to_si(self._values(pair), split_column(pair.recorded)[1])) or 1.0
         usual = self._usual_span(pair.wanted) or 1.0
-        above, below = (own, symbol) if pair.role == "input" else (symbol, own)
+        above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
-        name = f"{split_column(pair.found)[0]}_gain"
+        name = f"{split_column(pair.recorded)[0]}_gain"
         unit_text = quotient(above or NONE, below or NONE)
         return _Gain(name, _short(ratio), "" if unit_text == NONE else unit_text)
 
     def _usual_span(self, column: str) -> float:
-        """Span of the example's column (SI) under its usual excitation."""
+        """Span of the template's column (SI) under its usual excitation."""
         trial = ExcitedRig(self.rig)
         if column in self.rig.inputs:
             return float(np.ptp(trial.u[:, list(self.rig.inputs).index(column)]))
@@ -315,7 +318,7 @@ class RigSource:
     # ---- words ----------------------------------------------------------------------------------
 
     def _left_over(self) -> str:
-        """Comments on what was not recorded, and on what was and has no place."""
+        """Comments on unrecorded columns of the rig and on unused columns of the recording."""
         lines = [f"    # {name}: not recorded, and done without" for name in self.match.unrecorded]
         lines += [
             f"    # state {name}: left out, for no recorded column depends on it"
@@ -337,8 +340,8 @@ class RigSource:
     def _docstring(self) -> str:
         story = ast.get_docstring(self.tree) or ""
         title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
-        sent, read = (", ".join(self.match.taken_as(role)) for role in ("input", "output"))
-        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.told)
+        sent, read = (", ".join(self.match.columns_by_role(role)) for role in ("input", "output"))
+        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.reason)
         return (
             f'"""{title}, with the columns of {mine}.\n\n'
             f"Taken as cause: {sent}; as effect: {read}.\n"
@@ -348,7 +351,7 @@ class RigSource:
         )
 
     def _imports(self, nodes: list[ast.Import | ast.ImportFrom], body: str) -> str:
-        """The imports that the body needs, pamid's own from its face."""
+        """Imports of the body, those of pamid from its public interface."""
         words = set(re.findall(r"\b[A-Za-z_]+\b", re.sub(r'"[^"\n]*"', "", body)))
         blocks: dict[str, list[str]] = {"__future__": ["from __future__ import annotations"]}
         for node in nodes:
@@ -363,7 +366,7 @@ class RigSource:
         return "\n\n".join("\n".join(lines) for lines in (*blocks.values(), mine)) + "\n\n\n"
 
     def _span(self, node: ast.AST) -> tuple[int, int]:
-        """First and last place of a node in the source."""
+        """First and last character of a node in the source."""
         assert isinstance(node, ast.expr | ast.stmt)
         assert node.end_lineno is not None and node.end_col_offset is not None
         return (
@@ -377,7 +380,7 @@ def _short(value: float, digits: int = 2) -> float:
 
 
 def _literal(value: Any) -> str:
-    """A value as Python writes it, with the quotation marks of the house."""
+    """Value as a Python literal in double quotes."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_literal(k)}: {_literal(v)}" for k, v in value.items()) + "}"
     if isinstance(value, tuple):

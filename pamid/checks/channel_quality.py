@@ -1,10 +1,10 @@
 """Measurement quality of one channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
 
-Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is a fault only
-if the channel would have gone on: its motion has a corner there, leaps on behind it, or its white
-noise stops and returns (`surrounded`). Of white noise of deviation sigma two readings fall on the
-same step q with probability q/(2 sqrt(pi) sigma), so that a run of n repeats by chance becomes
-rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on (`shortest_repeat`).
+Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is only a fault
+if the channel should have continued. Its motion then has a corner there or leaps on behind it, or
+its white noise stops and returns (`has_noise_around`). With white noise of deviation sigma, two
+readings fall on the same step q with probability P = q/(2 sqrt(pi) sigma). A run of n repeats by
+chance is rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat`).
 
     finding   statistic and threshold
     clipped   runs at the extreme value, longer than chance, at least SHORTEST_CLIP samples: two of
@@ -62,7 +62,7 @@ COARSE_STEP = 0.01  # of the span
 # share of repeats of a signal that goes in steps; plateaus that a channel crosses for each of these
 # steps at most, if they are levels of the machine
 STEPPED, CROSSINGS = 0.8, 2.0
-# changes that tell a grain, and what the largest of them may be off by, in grains
+# number of changes that determine a grain, and the tolerance of the largest one, in grains
 GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
@@ -73,12 +73,12 @@ HELD_SHARE = 0.8
 
 @dataclass(frozen=True)
 class QualityIssue:
-    """One finding about a recording.
+    """Finding about a recording.
 
-    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth mending
-    message    what, without the places; `text` says all
-    hint       how to mend it
-    windows_s  where: (from, to) on the recording's clock; empty for the whole of it
+    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth a correction
+    message    the fault, without its places; `text` has everything
+    hint       remedy
+    windows_s  places: (from, to) on the recording's clock; empty for the whole recording
     figures    the numbers behind it, with their units in the names
     """
 
@@ -92,21 +92,21 @@ class QualityIssue:
 
     @property
     def text(self) -> str:
-        """What, where, and how to mend it."""
+        """Fault, place and remedy."""
         where = f", {where_words(self.windows_s)}" if self.windows_s else ""
         return f"{self.message}{where}. {self.hint}".rstrip()
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedSignal:
-    """One column and what its noise is like; numbers in the column's unit.
+    """A column with its step and noise; numbers in the column's unit.
 
     sent    commands and references: they may stand still, jump and sit at their limits
-    step    quantisation step, 0 where none shows, or of what is sent
-    noise   standard deviation of what changes from sample to sample
-    white   does sensor noise show above the step?
-    grain   what every change from sample to sample is a multiple of: an encoder that is faster than
-            its counts shows levels too far apart for a step; 0 where there is none
+    step    quantisation step, 0 if there is none, or for a command
+    noise   standard deviation of the part that changes from sample to sample
+    white   True if sensor noise exceeds the step
+    grain   common divisor of all changes from sample to sample: an encoder that is faster than its
+            counts has levels too far apart for a step; 0 if there is none
     """
 
     name: str
@@ -126,7 +126,7 @@ class CheckedSignal:
 
     @cached_property
     def still(self) -> Mask:
-        """True where a sample equals the one before."""
+        """Mask of the samples that equal the one before."""
         return np.concatenate([[False], self.values[1:] == self.values[:-1]])
 
     @cached_property
@@ -136,7 +136,17 @@ class CheckedSignal:
 
 
 def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
-    """Measure step and noise of a column, shape (n,); all 0 where `measurable` is not."""
+    """Measure step and noise of a column; all are 0 if it is not `measurable`.
+
+    Parameters
+    ----------
+    name
+        Column.
+    time, values
+        Stamps (s) and readings (n,).
+    sent
+        True for a command or a reference.
+    """
     if not measurable(values):
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
     span = motion(values)
@@ -154,8 +164,7 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
 
 
 def grain_of(values: FloatArray) -> float:
-    """The smallest change from sample to sample, where every other one is a multiple of it; else
-    0."""
+    """Smallest change from sample to sample, if all others are multiples of it; else 0."""
     d = np.abs(np.diff(values))
     d = d[d > float(np.abs(values).max()) * 10.0**-SIGNIFICANT_DIGITS]
     if d.size < GRAIN_CHANGES:
@@ -165,7 +174,7 @@ def grain_of(values: FloatArray) -> float:
 
 
 def measurable(values: FloatArray) -> bool:
-    """Could a sensor have shown these numbers, and can they be squared?"""
+    """True if a sensor could output these numbers, and if their squares are finite."""
     most = float(np.abs(values).max())
     return most == 0.0 or TINY < most < HUGE
 
@@ -174,7 +183,7 @@ def measurable(values: FloatArray) -> bool:
 
 
 def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[float, float], ...]:
-    """Stretches [start, stop) as times; near ones are joined until there are at most 60."""
+    """Intervals [start, stop) as times. Close intervals are joined until at most 60 remain."""
     gap = 5
     while starts.size:
         separated = starts[1:] - stops[:-1] > gap
@@ -203,8 +212,8 @@ def share_words(share: float) -> str:
     return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
 
 
-def covered(size: int, starts: Places, stops: Places) -> Mask:
-    """True within the stretches."""
+def interval_mask(size: int, starts: Places, stops: Places) -> Mask:
+    """Mask of the samples within the intervals."""
     edges = np.zeros(size + 1, dtype=np.int64)
     np.add.at(edges, starts, 1)
     np.add.at(edges, stops, -1)
@@ -214,10 +223,12 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
-    """Stretches at the very extreme of a measured signal, and where they are; idle: samples at
-    which the machine may rest."""
-    found, where = [], np.zeros(s.values.size, dtype=bool)
+def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
+    """Intervals at the extreme value of a measured signal, and their mask.
+
+    idle: mask of the samples at which the machine may rest.
+    """
+    issues, where = [], np.zeros(s.values.size, dtype=bool)
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
         z = sign * s.values
         top = float(z.max())
@@ -237,14 +248,14 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             starts, stops = starts[corners], stops[corners]
         if not starts.size:
             continue
-        at = covered(z.size, starts, stops)
+        at = interval_mask(z.size, starts, stops)
         where |= at
         share, windows = float(at.mean()), windows_of(s.time, starts, stops)
         message = (
             f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, "
             f"{share_words(share)}"
         )
-        found.append(
+        issues.append(
             QualityIssue(
                 "clipped",
                 (s.name,),
@@ -260,19 +271,21 @@ def clipped(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
                 },
             )
         )
-    return found, where
+    return issues, where
 
 
 def _corner(z: FloatArray, start: int, stop: int) -> float:
-    """How far the signal would have gone beyond its top at the speed with which it reached or left
-    it: there and back in the time that it stood there, of which at most 20 samples count."""
+    """Overshoot beyond the top if the signal had kept the speed with which it reached or left it.
+
+    The time at the top counts there and back, with at most 20 samples.
+    """
     before = z[start] - z[max(0, start - 3)]
     behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
     return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
 
 
 def sampled_slowly(s: CheckedSignal) -> int:
-    """Every how many samples the channel really changes; 1 where it does so freely."""
+    """Number of samples per real change of the channel; 1 if it changes freely."""
     moved = np.flatnonzero(~s.still)
     lengths = np.diff(moved)
     if lengths.size < 30 or s.values.size < 2:
@@ -288,15 +301,20 @@ def sampled_slowly(s: CheckedSignal) -> int:
 
 
 def repeat_chance(s: CheckedSignal) -> float:
-    """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step
-    again."""
+    """Probability that noise alone repeats a value.
+
+    White noise of deviation sigma falls on the same step twice in a row.
+    """
     # 1 / (2 sqrt(pi)): the density at zero of the difference of two readings, N(0, 2 sigma^2)
     return min(1.0, max(0.2821 * max(s.step, s.grain) / s.noise, 1e-9)) if s.white else 1.0
 
 
 def shortest_repeat(s: CheckedSignal) -> float:
-    """Samples that must be equal before noise cannot have made them so; 1 where no noise shows,
-    without end where noise makes all of them equal: it is smaller than a step."""
+    """Shortest run of equal samples that noise cannot explain.
+
+    It is 1 without visible noise, and infinite if the noise is smaller than a step, because then
+    all samples are equal.
+    """
     if not s.white:
         return 1.0
     chance = repeat_chance(s)
@@ -304,9 +322,10 @@ def shortest_repeat(s: CheckedSignal) -> float:
 
 
 def independent(s: CheckedSignal, aside: Mask) -> bool:
-    """Is the noise white, and do readings repeat as rarely as it says, except aside?
+    """True if the noise is white and readings repeat as rarely as it predicts.
 
-    An encoder whose noise shows only in motion repeats at turning points and at rest.
+    aside: samples to ignore. An encoder whose noise only shows in motion repeats at turning points
+    and at rest.
     """
     if not s.white:
         return False
@@ -315,11 +334,25 @@ def independent(s: CheckedSignal, aside: Mask) -> bool:
     return repeats <= MORE_REPEATS * max(1.0, repeat_chance(s) * s.values.size)
 
 
-def frozen(
+def standstills(
     s: CheckedSignal, aside: Mask, liveliest: CheckedSignal | None
 ) -> tuple[list[QualityIssue], Mask]:
-    """Stretches in which the channel stands exactly still while others move; aside: samples
-    explained already; liveliest: of the other channels the one that stands still least."""
+    """Intervals in which the channel stands exactly still while others move.
+
+    Parameters
+    ----------
+    s
+        Channel.
+    aside
+        Mask of the samples with another explanation already.
+    liveliest
+        The other channel with the smallest share of standstill; None without one.
+
+    Returns
+    -------
+    list, Mask
+        Findings, and the mask of the frozen samples.
+    """
     if liveliest is None:
         return [], np.zeros(s.values.size, dtype=bool)
     starts, stops = runs_of(s.still & ~aside)
@@ -327,7 +360,7 @@ def frozen(
     keep = np.array(
         [
             b - a >= SHORTEST_FREEZE
-            and (_jumps_on(s, a, b) or (b - a >= chance and surrounded(s, a, b)))
+            and (_jumps_on(s, a, b) or (b - a >= chance and has_noise_around(s, a, b)))
             for a, b in zip(starts, stops, strict=True)
         ],
         dtype=bool,
@@ -339,10 +372,10 @@ def frozen(
     starts, stops = starts[awake], stops[awake]
     if not starts.size:
         return [], np.zeros(s.values.size, dtype=bool)
-    at = covered(s.values.size, starts, stops)
+    at = interval_mask(s.values.size, starts, stops)
     windows, share = windows_of(s.time, starts, stops), float(at.mean())
     message = f"{s.name} stands still while the others move, {share_words(share)}"
-    hint = "Look at its plug, its bus and its driver; leave these stretches out."
+    hint = "Check its plug, its bus and its driver; leave these stretches out."
     return [
         QualityIssue(
             "frozen",
@@ -357,7 +390,7 @@ def frozen(
 
 
 def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
-    """Does the signal go on from a standstill with a step far larger than those around it?"""
+    """True if the signal leaves a standstill with a step far larger than those around it."""
     if stop >= s.values.size:
         return False
     d = np.abs(np.diff(s.values[max(0, start - 22) : stop + 22]))
@@ -366,9 +399,11 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
     return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
-def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
-    """Does the usual noise show right before and right behind a stretch within the recording? Where
-    the channel rests or turns, there is less of it on one side at least."""
+def has_noise_around(s: CheckedSignal, start: int, stop: int) -> bool:
+    """True if the usual noise shows right before and right after an interval.
+
+    If the channel rests or turns, one side at least has less noise.
+    """
     before, behind = s.values[max(0, start - AROUND) : start], s.values[stop : stop + AROUND]
     # second differences: their median in white noise of deviation sigma is 0.6745 sqrt(6) sigma
     usual = 0.6745 * math.sqrt(6.0) * s.noise
@@ -378,8 +413,8 @@ def surrounded(s: CheckedSignal, start: int, stop: int) -> bool:
     )
 
 
-def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
-    """Stretches on an exact straight line where noise should be: a gap that was interpolated."""
+def interpolated_gaps(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
+    """Intervals on an exact straight line, where noise should be: an interpolated gap."""
     if not s.white:
         return []
     bend = np.abs(np.diff(s.values, n=2))
@@ -387,7 +422,7 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     starts, stops = runs_of(flat)
     keep = np.array(
         [
-            b - a >= SHORTEST_LINE and surrounded(s, a, b)
+            b - a >= SHORTEST_LINE and has_noise_around(s, a, b)
             for a, b in zip(starts, stops, strict=True)
         ],
         dtype=bool,
@@ -404,8 +439,8 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
             "bridged",
             (s.name,),
             "advice",
-            f"{s.name} runs along a straight line without noise, as a gap that "
-            f"was bridged, {share_words(share)}",
+            f"{s.name} follows a straight line without noise, like an "
+            f"interpolated gap, {share_words(share)}",
             "Ingest the raw log again with a smaller max_gap_s, which splits it there.",
             windows,
             {"share": share},
@@ -414,7 +449,7 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
 
 
 def spikes(s: CheckedSignal) -> list[QualityIssue]:
-    """One or two samples that leap away and come back."""
+    """Excursions of one or two samples."""
     y = s.values
     bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
     low, high = np.quantile(y, [0.001, 0.999])
@@ -457,23 +492,34 @@ def shows_only_noise(s: CheckedSignal) -> bool:
     return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
 
 
-def level_of(
+def level_issues(
     s: CheckedSignal,
     others_move: bool,
     usual_noise: float = 0.0,
     sent: Sequence[CheckedSignal] = (),
 ) -> list[QualityIssue]:
-    """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's
-    unit; sent: what may move the machine from level to level."""
+    """Findings on a channel that is dead, coarse or noisy throughout.
+
+    Parameters
+    ----------
+    s
+        Channel.
+    others_move
+        True if other channels move.
+    usual_noise
+        Typical noise of its sensor, in the column's unit; 0 if unknown.
+    sent
+        Commands that may move the machine from level to level.
+    """
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])
     if shows_only_noise(s):
-        said = (
+        message = (
             f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
         return (
-            [QualityIssue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)]
+            [QualityIssue("dead", (s.name,), "advice", message, PLUGGED, (), numbers)]
             if others_move
             else []
         )
@@ -496,7 +542,7 @@ def level_of(
             )
         ]
     if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
-        said = (
+        message = (
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
@@ -505,8 +551,8 @@ def level_of(
                 "noisy",
                 (s.name,),
                 "advice",
-                said,
-                "Look at shielding, earth and filter.",
+                message,
+                "Check shielding, earth and filter.",
                 (),
                 numbers,
             )
@@ -515,8 +561,7 @@ def level_of(
 
 
 def _steps_as_often(sent: CheckedSignal, values: FloatArray) -> bool:
-    """Does a signal that mostly rests change as often as the channel, in plateaus, goes from one
-    to the next?"""
+    """True if a signal that mostly rests changes as often as the channel's plateaus."""
     crossings = np.count_nonzero(np.diff(np.round(values)))
     changes = np.count_nonzero(~sent.still) - 1
     return bool(sent.still_share > STEPPED and crossings <= CROSSINGS * changes)

@@ -1,13 +1,13 @@
 """Requirements for every rig and effect: checks that return numbers, and the findings of `pamid
 check`.
 
-    null_error          an effect at its null leaves every output as it was
-    finite_everywhere   nothing blows up at random points of the bounds
+    null_error          an effect at its null leaves every output unchanged
+    finite_everywhere   outputs are finite at random points of the bounds
     sensitivity_error   exact sensitivities equal finite differences
-    visible_change      an effect of typical size does something
+    visible_change      an effect of typical size changes an output
 
-All of them run on an excited, open-loop stretch of the rig (`Trial`). Effects are tried on every
-rig they fit and on `Bench`, a small machine with one port of each kind.
+All of them run on an excited, open-loop stretch of the rig (`ExcitedRig`). Effects are tried on
+every rig that has their ports, and on `EveryPortRig`, a small machine with one port of each kind.
 """
 
 from __future__ import annotations
@@ -45,17 +45,16 @@ FULL_STRETCH_STATES, LEAST_SAMPLES = 24, 80  # of a stepped rig
 # of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
 NULL_TOLERANCE = 1e-8
 SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
-# of an output's size: differences beyond it, of parameters moved by a millionth, are no slopes
+# of an output's size: differences beyond it, of parameters moved by a millionth, are not slopes
 SMALL_MOVE = 1e-4
 LEAST_EFFECT = 1e-9  # of the largest output: an effect that changes less does nothing
-# of the samples compared: differences across a corner of the equations say nothing about slopes
+# of the samples compared: differences across a corner of the equations are not slopes
 QUANTILE = 0.97
 
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """One check: what was looked at, whether it is as it should be, and the figure or sentence
-    behind it."""
+    """Outcome of a check: its subject, pass or fail, and the figure or sentence behind it."""
 
     check: str
     ok: bool
@@ -68,8 +67,10 @@ class CheckOutcome:
 
 
 class EveryPortRig(Rig):
-    """A pump fills a vessel that pushes a sprung mass: one port of every kind, with the signals
-    usual there."""
+    """A pump that fills a vessel, which pushes a sprung mass.
+
+    It has one port of every kind, with the usual signals.
+    """
 
     inputs = {"command": ""}
     outputs = {"position_m": "m", "angle_rad": "rad", "pressure_pa": "Pa", "force_n": "N"}
@@ -142,8 +143,7 @@ class EveryPortRig(Rig):
 
 @dataclass(frozen=True, eq=False)
 class ExcitedRig:
-    """An excited stretch of a rig, with an effect or without: everything a check needs to run it
-    again."""
+    """Excited stretch of a rig, with or without an effect; it can be run repeatedly."""
 
     rig: Rig
     attachment: Attachment | None = None
@@ -169,8 +169,11 @@ class ExcitedRig:
 
     @cached_property
     def u(self) -> Array:
-        """Inputs (samples x inputs, SI): random steps over what the rig calls usual, else within
-        +-0.7 SI; optional inputs at their default where nothing is usual."""
+        """Inputs (samples x inputs, SI).
+
+        Random steps over the usual range of the rig, or within +-0.7 SI if it states none. Optional
+        inputs without a usual range stay at their default.
+        """
         rig, period = self.rig, self.rig.period_s
         columns = []
         for i, name in enumerate(Assembly(rig).traced.inputs):
@@ -198,15 +201,16 @@ class ExcitedRig:
         return self.attachment.label if self.attachment else ""
 
     @cached_property
-    def own(self) -> list[tuple[int, Bound]]:
-        """Places of the parameters under test: the effect's, or the rig's where there is none."""
+    def tested_parameters(self) -> list[tuple[int, Bound]]:
+        """Indices of the parameters under test: those of the effect, or of the rig without an
+        effect."""
         return [(i, b) for i, b in enumerate(self.assembly.parameters) if b.owner == self.owner]
 
     def stepping(self, p: Array) -> Stepping:
         return choose_stepping(self.assembly, self.u, p, self.rig.period_s, self.assembly.start(p))
 
     def run(self, p: Array, stepping: Stepping | None = None) -> Array:
-        """Outputs (samples x outputs, SI); NaN from the sample on at which the state blew up."""
+        """Outputs (samples x outputs, SI); NaN from the sample at which the state diverged."""
         done = free_run(
             self.assembly, self.u, p, self.rig.period_s, stepping=stepping or self.stepping(p)
         )
@@ -215,10 +219,12 @@ class ExcitedRig:
         return done.outputs
 
     def random_point(self, random: np.random.Generator) -> Array:
-        """Fitted parameters under test drawn evenly from their bounds (or their logarithms), the
-        others as they are: no fit moves a held one."""
+        """Draw the fitted parameters under test evenly from their bounds, or from their logarithms.
+
+        The others keep their values, because no fit moves a fixed parameter.
+        """
         p = self.assembly.values()
-        for i, b in self.own:
+        for i, b in self.tested_parameters:
             if not b.fitted:
                 continue
             low = b.low if np.isfinite(b.low) else b.value - 3.0 * b.spread
@@ -233,14 +239,25 @@ class ExcitedRig:
 
 
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
-    """Largest change of any output, as a share of its size, with the effect at its null, the rest
-    of it random."""
+    """Largest change of any output, relative to its size, with the effect at its null.
+
+    Parameters
+    ----------
+    rig
+        Rig that the effect acts on.
+    attachment
+        Effect at its ports.
+    draws
+        Random draws of the remaining parameters of the effect.
+    seed
+        Seed of the draws.
+    """
     trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
     for _ in range(draws):
         p = trial.random_point(random)
-        for i, b in trial.own:
+        for i, b in trial.tested_parameters:
             p[i] = p[i] if b.null is None else b.null
         step = trial.stepping(p)
         before = free_run(
@@ -252,12 +269,14 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
 
 
 def visible_change(rig: Rig, attachment: Attachment) -> float:
-    """Largest change of any output, as a share of its size, by the effect at its typical size: that
-    of its prior, where this lies about nothing."""
+    """Largest change of any output, relative to its size, by the effect at its typical size.
+
+    That is the size of its prior, if the prior is centred on the null.
+    """
     trial = ExcitedRig(rig, attachment)
     p = trial.assembly.values()
-    if all(b.null is None or b.value == b.null for _, b in trial.own):
-        for i, b in trial.own:
+    if all(b.null is None or b.value == b.null for _, b in trial.tested_parameters):
+        for i, b in trial.tested_parameters:
             p[i] = b.value if b.null is None else min(b.value + b.spread, b.high)
     step = trial.stepping(p)
     before = free_run(
@@ -266,9 +285,11 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     return float(np.nanmax(np.abs(trial.run(p, step) - before) / _scale(before)))
 
 
-def _half_stretch(rig: Rig) -> int:
-    """Samples of the longer checks. Derivatives of a stepped rig cost the square of its states, so
-    that one of many states is tried over fewer."""
+def _short_length(rig: Rig) -> int:
+    """Number of samples of the longer checks.
+
+    Derivatives of a stepped rig cost the square of its states, so a rig of many states gets fewer.
+    """
     if not isinstance(rig, StepRig):
         return SAMPLES // 2
     share = min(1.0, FULL_STRETCH_STATES / max(len(rig.states), 1)) ** 2
@@ -278,10 +299,22 @@ def _half_stretch(rig: Rig) -> int:
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
-    """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
-    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig))
+    """Points of the bounds, as text, at which the outputs are not finite; empty without any.
+
+    Parameters
+    ----------
+    rig
+        Rig to run.
+    attachment
+        Effect at its ports; None for the rig alone.
+    draws
+        Number of random points.
+    seed
+        Seed of the points.
+    """
+    trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
-    found = []
+    problems = []
     for draw in range(draws):
         p = trial.random_point(random) if draw else trial.assembly.values()
         if (
@@ -289,44 +322,60 @@ def finite_everywhere(
             or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all()
         ):
             continue
-        point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own if b.fitted)
+        point = ", ".join(
+            f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.tested_parameters if b.fitted
+        )
         sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
-        found.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
-    return found
+        problems.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
+    return problems
 
 
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
-    """Largest disagreement of exact sensitivities with central differences, relative to each
-    channel's largest, as long as the differences are small: where errors of the state grow
-    exponentially, as in an undamped arm, they soon are no slopes any more."""
-    trial = ExcitedRig(rig, attachment, samples=_half_stretch(rig), seed=seed)
+    """Largest difference between exact sensitivities and central differences.
+
+    It is relative to each channel's largest value, and only counts while the differences are small.
+    If errors of the state grow exponentially, as in an undamped arm, large differences are not
+    slopes.
+
+    Parameters
+    ----------
+    rig
+        Rig to run.
+    attachment
+        Effect at its ports; None for the rig alone.
+    seed
+        Seed of the random point.
+    """
+    trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
-    for i, b in trial.own:
+    for i, b in trial.tested_parameters:
         # a little off the typical value: round numbers sit on corners (a delay of whole samples, a
         # gain of 1)
         nudge = 0.0137 * (abs(b.value) or (0.1 if b.log else b.spread))
         p[i] = b.value + nudge if b.value + nudge <= b.high else b.value - nudge
     step = trial.stepping(p)
     columns = np.full(len(p), -1, np.int64)
-    for column, (i, _) in enumerate(trial.own):
+    for column, (i, _) in enumerate(trial.tested_parameters):
         columns[i] = column
     program, period = trial.assembly.program, rig.period_s
-    memory = program.memory(trial.assembly.start(p), len(trial.own), stepping=step, period_s=period)
+    memory = program.memory(
+        trial.assembly.start(p), len(trial.tested_parameters), stepping=step, period_s=period
+    )
     at_start = _start_slopes(trial, p)
     memory.S[: at_start.shape[0], : at_start.shape[1]] = at_start
     Y, exact, _ = program.run(memory, trial.u, p, period_s=period, stepping=step, columns=columns)
     worst = 0.0
-    for column, (i, b) in enumerate(trial.own):
-        # the differences' own errors, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE
+    for column, (i, b) in enumerate(trial.tested_parameters):
+        # the errors of the differences, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE
         h = 1e-6 * max(abs(p[i]), 1e-2 * min(b.high - b.low, abs(p[i]) + b.spread))
         error = np.full(Y.shape[1], np.inf)
         # errors that grow enlarge rounding, which is less over a wider step, and corners, of which
         # a shorter one crosses fewer; a wrong derivative agrees with none
         for share in (1.0, 8.0, 0.125):
             if error.max(initial=0.0) > SAME_SLOPE:
-                found = _slope_errors(trial, p, i, share * h, step, exact[:, :, column], _scale(Y))
+                errors = _slope_errors(trial, p, i, share * h, step, exact[:, :, column], _scale(Y))
                 error = (
-                    np.nan_to_num(found, posinf=np.inf) if share == 1.0 else np.fmin(error, found)
+                    np.nan_to_num(errors, posinf=np.inf) if share == 1.0 else np.fmin(error, errors)
                 )
         worst = max(worst, float(error.max(initial=0.0)))
     return worst
@@ -341,11 +390,18 @@ def _slope_errors(
     exact: Array,
     scale: Array,
 ) -> Array:
-    """Disagreement of exact sensitivities by a parameter with differences over +-h, relative to
-    each channel's largest, as long as these move no output by more than `SMALL_MOVE`.
+    """Difference between exact sensitivities by a parameter and differences over +-h.
 
-    exact (samples x channels); scale: size of every output. NaN of a channel that the parameter
-    does not reach: it shows the rounding of the differences only.
+    It is relative to each channel's largest value, and counts while no output moves by more than
+    `SMALL_MOVE`. A channel that the parameter does not reach has NaN, because its differences are
+    rounding errors.
+
+    Parameters
+    ----------
+    exact
+        Sensitivities (samples x channels).
+    scale
+        Size of every output.
     """
     up, down = p.copy(), p.copy()
     up[place], down[place] = p[place] + h, p[place] - h
@@ -361,10 +417,9 @@ def _slope_errors(
 
 
 def _start_slopes(trial: ExcitedRig, p: Array) -> Array:
-    """Derivative of the start state by the parameters under test (states x parameters), which may
-    set it."""
+    """Derivatives of the start state by the parameters under test (states x parameters)."""
     slopes = []
-    for i, b in trial.own:
+    for i, b in trial.tested_parameters:
         h = 1e-6 * max(abs(b.value), b.spread if not b.log else 0.0, 1e-12)
         up, down = p.copy(), p.copy()
         up[i], down[i] = p[i] + h, p[i] - h
@@ -380,8 +435,10 @@ def _scale(outputs: Array) -> Array:
 
 
 def background_findings(rig: Rig) -> list[CheckOutcome]:
-    """The fault of a background that does not build, such as a map of a signal that its port does
-    not offer: every fit would refuse it."""
+    """Fault of a background that does not build, which every fit would refuse.
+
+    An example is a map of a signal that its port does not have.
+    """
     if isinstance(rig, StepRig) or not rig.background:
         return []
     try:
@@ -394,10 +451,17 @@ def background_findings(rig: Rig) -> list[CheckOutcome]:
 def rig_findings(
     rig: Rig, effects: Iterable[type[Effect]] = (), *, slopes: bool = True
 ) -> list[CheckOutcome]:
-    """Everything that can be said about a rig without a recording.
+    """All findings on a rig without a recording.
 
-    slopes: hold its sensitivities against differences; those of a model file are pamid's work, and
-    nothing in the file can spoil them.
+    Parameters
+    ----------
+    rig
+        Rig to check.
+    effects
+        Effects that may act on it.
+    slopes
+        Compare its sensitivities with differences. pamid generates those of a model file, and
+        nothing in the file can spoil them.
     """
     try:
         tell("equations")
@@ -406,7 +470,7 @@ def rig_findings(
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
-    found = background_findings(rig) + [
+    findings = background_findings(rig) + [
         CheckOutcome(
             "equations",
             True,
@@ -414,16 +478,16 @@ def rig_findings(
             f"{len(rig.outputs)} outputs; every port is used",
         )
     ]
-    found += [CheckOutcome("finite", False, b) for b in bad] or [
+    findings += [CheckOutcome("finite", False, b) for b in bad] or [
         CheckOutcome("finite", True, "over random points of the bounds")
     ]
     if isinstance(rig, StepRig):
         with counted_warnings() as warned:
             trial.run(trial.assembly.values())
         texts = warned.sentences("in an excited run from the start")
-        found += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
+        findings += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "finite",
                 False,
@@ -434,23 +498,23 @@ def rig_findings(
         )
     if slopes and not bad:
         tell("sensitivities")
-        found.append(_slope_finding(rig, None))
-    found += [
+        findings.append(_slope_finding(rig, None))
+    findings += [
         CheckOutcome("source", False, f"parameter {p.name!r} names no source", advice=True)
         for p in rig.parameters
         if not p.source
     ]
-    found += [
+    findings += [
         CheckOutcome("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
         for name, port in rig.ports.items()
         if not isinstance(port.signals, dict)
         for signal in port.signals
         if not port.unit_of(signal)
     ]
-    found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
+    findings += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
     tell("effects")
     fit = sorted(a.label for a in attachments(rig, effects))
-    found.append(
+    findings.append(
         CheckOutcome(
             "effects",
             bool(fit),
@@ -458,16 +522,15 @@ def rig_findings(
             advice=True,
         )
     )
-    return found
+    return findings
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
-    """Everything that can be said about an effect: its data sheet, and how it behaves wherever it
-    fits."""
-    found = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
+    """All findings on an effect: its data sheet, and its behaviour on every rig with its ports."""
+    findings = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
-        return found
-    found = found or [
+        return findings
+    findings = findings or [
         CheckOutcome(
             "data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters"
         )
@@ -478,22 +541,22 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
             f", {s}"
             for s in dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
         )
-        found.append(
+        findings.append(
             CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
         )
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
-        found += [
+        findings += [
             replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
             for f in _behaviour(rig, attachment)
         ]
-    return found
+    return findings
 
 
 def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
     try:
         off = null_error(rig, attachment)
-        found = [
+        findings = [
             CheckOutcome(
                 "null",
                 off <= NULL_TOLERANCE,
@@ -502,13 +565,13 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
             )
         ]
         bad = finite_everywhere(rig, attachment)
-        found += [CheckOutcome("finite", False, b) for b in bad] or [
+        findings += [CheckOutcome("finite", False, b) for b in bad] or [
             CheckOutcome("finite", True, "over random points of the bounds")
         ]
         if not bad:
-            found.append(_slope_finding(rig, attachment))
+            findings.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
-            found.append(
+            findings.append(
                 CheckOutcome(
                     "change",
                     change > LEAST_EFFECT,
@@ -517,13 +580,13 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
                     advice=True,
                 )
             )
-        return found
+        return findings
     except PamidError as error:
         return [CheckOutcome("equations", False, str(error))]
 
 
 def follows_mean(rig: Rig, attachment: Attachment) -> bool:
-    """Are its derivatives those of a mean course, which differences do not show?"""
+    """True if its derivatives are those of a mean course, which differences do not show."""
     return rig.ports[attachment.ports[0]].kind in attachment.effect.mean_slope_at
 
 

@@ -1,10 +1,10 @@
-"""Measured columns that carry the signal of an input: exported twice, or read before the machine.
+"""Measured columns that repeat the signal of an input: exported twice, or read before the machine.
 
 Such an echo is a scaled, shifted, slightly delayed or smoothed input with nothing but white noise
-added. A stiff, fast machine looks the same, so that an echo is called one only where the rig's
-model has dynamics that could not follow the input so closely and so soon, at the data sheet's
-parameters and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads. The model runs
-from the state that the first readings show: from anywhere else it moves there first.
+added. A stiff, fast machine looks the same. An echo is therefore only reported if the rig's model
+could not follow the input so closely and so soon. The model is tried at the data sheet's parameters
+and at `ECHO_DRAWS` others within `PRIOR_REACH` of their prior spreads. It runs from the state of
+the first readings, because from any other state it would move there first.
 
     y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
                                              time of u
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.checks.channel_quality import QualityIssue
-from pamid.checks.sheet_comparison import SheetComparison, recorded_as
+from pamid.checks.sheet_comparison import SheetComparison, recorded_columns
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
@@ -30,7 +30,7 @@ from pamid.simulation.correlation_time import correlation_samples
 Array = NDArray[np.float64]
 
 ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
-LEAST_EXPLAINED = 0.5  # residual over motion: more is no echo, however large the noise
+LEAST_EXPLAINED = 0.5  # residual over motion: more is not an echo, however large the noise
 MODEL_CLOSE, SOONER = 0.2, 2.0
 UNRELATED = 0.9  # residual over motion without a lag
 ECHO_LAGS = 12  # tried, in geometric steps from a quarter of a sample
@@ -42,16 +42,25 @@ PRIOR_REACH = 2.0  # prior spreads
 def echoed_inputs(
     recording: Recording, rig: Rig, comparison: SheetComparison
 ) -> list[QualityIssue]:
-    """Measured columns that carry the same signal as an input or a reference.
+    """Findings on measured columns that carry the signal of an input or a reference.
 
-    A controller makes its command of the reading, so that inputs of a closed loop are not compared.
+    A controller derives its command from the reading, so inputs of a closed loop are not compared.
+
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig.
+    comparison
+        Comparison of the recording with the data sheet's run.
     """
-    found = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
+    issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
     if recording.loop == "closed" or (followed and recording.loop != "open"):
-        return found
-    outputs = recorded_as(comparison.names, recording)
-    inputs = recorded_as(comparison.inputs, recording)
+        return issues
+    outputs = recorded_columns(comparison.names, recording)
+    inputs = recorded_columns(comparison.inputs, recording)
     for k, output in enumerate(outputs):
         y = comparison.y[:MOST_ECHO_SAMPLES, k]
         noise, motion = float(noise_level(y[:, None])[0]), float(y.std())
@@ -59,14 +68,26 @@ def echoed_inputs(
         for j, source in enumerate(inputs):
             left, late = closest_echo(comparison.u[:MOST_ECHO_SAMPLES, j], y)
             if left <= least and not _model_echoes(comparison, j, k, SOONER * max(late, 1.0)):
-                found.append(_issue(output, source, left / motion, rig))
+                issues.append(_issue(output, source, left / motion, rig))
                 break
-    return found
+    return issues
 
 
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
-    """Root mean square of what the closest echo of u leaves of y, both (samples,), and by how many
-    samples that echo is late, delay and lag together, at most `latest`."""
+    """RMS residual of an output after the closest echo of an input, and the delay of the echo.
+
+    Parameters
+    ----------
+    u, y
+        Input and output (samples,).
+    latest
+        Largest sum of delay and lag, in samples.
+
+    Returns
+    -------
+    float, float
+        Residual in the unit of y; delay plus lag, in samples.
+    """
     size = len(u)
     u, y = u - u[0], y - y.mean()
     if not float(np.ptp(u)) > 0.0 or not float(y.std()) > 0.0:
@@ -74,7 +95,7 @@ def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, flo
     most = min(correlation_samples(u)[0], latest)
     best = _delayed_residual(u, y, round(most))
     if best[0] > UNRELATED * float(y.std()):
-        return best  # no short lag makes an echo of it
+        return best  # no short lag can turn this into an echo
     for lag in np.geomspace(0.25, max(most, 0.25), ECHO_LAGS):
         kernel = np.exp(-np.arange(min(size, int(8.0 * lag) + 2)) / lag)
         smooth = np.convolve(u, kernel / kernel.sum())[:size]
@@ -84,8 +105,7 @@ def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, flo
 
 
 def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
-    """Root mean square that gain and offset leave at the best delay of 0..most samples, and that
-    delay."""
+    """RMS residual after gain and offset at the best delay of 0..most samples, and that delay."""
     most = min(most, len(y) // 4)
     a, b = u - u.mean(), y - y.mean()
     size = 2 * len(b)
@@ -99,7 +119,7 @@ def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
 
 
 def _model_echoes(comparison: SheetComparison, source: int, output: int, latest: float) -> bool:
-    """Whether the rig's model follows this input as closely, and at most `latest` samples late."""
+    """True if the rig's model follows this input as closely, at most `latest` samples late."""
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
     u = comparison.u[:size, source]
@@ -114,7 +134,7 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
 
 
 def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
-    """The data sheet's, then draws in prior spreads around it, within the bounds."""
+    """Parameters of the data sheet, then draws in prior spreads around it, within the bounds."""
     yield comparison.p
     random = np.random.default_rng(0)
     for _ in range(draws):

@@ -1,4 +1,4 @@
-"""Inputs that leave the range which their rig states: a valve beyond 0..1."""
+"""Inputs beyond the range that their rig states, for example a valve beyond 0..1."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pamid.checks.channel_quality import QualityIssue, windows_of
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
 
-RANGE_SLACK = 0.01  # of a stated range: noise of what reads it back
+RANGE_SLACK = 0.01  # of a stated range: noise of a read-back input
 
 
 def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Inputs that leave the range which the rig states for them."""
-    found = []
+    """Findings on inputs beyond the range that the rig states."""
+    issues = []
     for name, (low, high) in rig.ranges.items():
         column = match_column(recording.columns, name)
         if column is None:
@@ -22,18 +22,18 @@ def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
         if not out.any():
             continue
         share = float(out.mean())
-        found.append(
+        issues.append(
             QualityIssue(
                 "beyond-range",
                 (column,),
                 "advice",
-                f"{name} is said to be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
+                f"{name} should be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
                 f"from {values.min():.4g} to {values.max():.4g}, outside for {share:.0%} of the "
                 "time",
-                "Look at its unit and its zero; if it really goes there, widen ranges in the rig "
+                "Check its unit and its zero; if it really goes there, widen ranges in the rig "
                 "file.",
                 windows_of(recording.time, *runs_of(out)),
                 {"share": share, "low": float(values.min()), "high": float(values.max())},
             )
         )
-    return found
+    return issues

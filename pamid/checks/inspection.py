@@ -22,8 +22,8 @@ from pamid.checks.conformance import (
     effect_findings,
     rig_findings,
 )
-from pamid.checks.hold_or_line import figures as between_json
-from pamid.checks.hold_or_line import tried_both_ways
+from pamid.checks.input_hold import compare_holds
+from pamid.checks.input_hold import figures as between_json
 from pamid.checks.recording_quality import (
     QualityIssue,
     before_a_fit,
@@ -61,15 +61,17 @@ from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
 from pamid.simulation.tracks import noise_remarks
 
-STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
+STILL_SHARE = 0.02  # of a column's range: a smaller motion is rest
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """said: what is printed and given to scripts; recording and issues: of a recording that could
-    be read."""
+    """Result of an inspection.
 
-    said: dict[str, Any]
+    summary: printed result, also for scripts; recording, issues: of a recording that could be read.
+    """
+
+    summary: dict[str, Any]
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
 
@@ -77,20 +79,31 @@ class Inspection:
 def inspect(
     source: Path | Recording | type[Rig] | type[Effect], rig: str | Rig | None = None
 ) -> Inspection:
-    """Check a recording (.csv) or a Python file with rigs and effects (.py), or one of these
-    itself: {"schema", "kind", "ok", "findings"...}.
+    """Check a recording (.csv), a Python file with rigs and effects (.py), a rig or an effect.
 
-    `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a
-    file of another kind or one that is not there; whatever is wrong inside is listed, not raised.
+    The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
+    inside the file are listed, not raised.
+
+    Parameters
+    ----------
+    path
+        File, rig or effect.
+    rig
+        Rig of a recording; by default the one that its TOML names.
+
+    Raises
+    ------
+    FileError
+        The file is absent or of another kind.
     """
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
     if isinstance(source, Recording):
         path, recording = source.path, source
-        about, found, issues = _recording(source, rig)
+        about, findings, issues = _recording(source, rig)
     elif isinstance(source, type):
         path = Path(source.__qualname__)
-        about, found = _classes(path, [source])
+        about, findings = _classes(path, [source])
     else:
         path = source
         require_file(path, "recording, rig or effect file")
@@ -98,13 +111,13 @@ def inspect(
             try:
                 recording = read_recording(path)
             except (FileError, DataError) as error:
-                about, found = {"kind": "recording"}, _every_problem(path, error)
+                about, findings = {"kind": "recording"}, _every_problem(path, error)
             else:
-                about, found, issues = _recording(recording, rig)
+                about, findings, issues = _recording(recording, rig)
         elif path.suffix == ".py":
-            about, found = _python(path)
+            about, findings = _python(path)
         elif path.suffix in MODEL_ENDINGS:
-            about, found = _model(path)
+            about, findings = _model(path)
         else:
             raise FileError(
                 f"{path}: pamid checks recordings (.csv), rig or effect files (.py) and models "
@@ -112,33 +125,35 @@ def inspect(
                 "`pamid ingest` reads other kinds of log.",
                 code="suffix",
             )
-    wrong = [f for f in found if f.wrong]
-    said: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
+    wrong = [f for f in findings if f.wrong]
+    summary: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
     if wrong:
-        said |= {
+        summary |= {
             "code": "file",
             "message": f"{path}: {wrong[0].detail}",
             "hint": "Every problem is in `findings`.",
         }
     listed = tuple(
-        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in found
+        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in findings
     )
-    return Inspection(result.CheckFile(**said, findings=listed).as_json(), recording, issues)
+    return Inspection(result.CheckFile(**summary, findings=listed).as_json(), recording, issues)
 
 
 def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
-    """Refuse a recording with which any fit of this rig is nonsense, naming everything that
-    `inspect` calls wrong in its values: DataError for a sensor that shows nothing, else FileError.
-    Returns sentences about what a fit would put down to the machine: an offset, another scale.
+    """Refuse a recording on which any fit of this rig is nonsense.
+
+    The message names every fault of its values that `inspect` calls wrong. A sensor without a
+    signal raises DataError, any other fault FileError. The result are sentences on advice: an
+    offset or a scale that a fit would attribute to the machine.
     """
     issues = before_a_fit(recording, rig)
-    found = [issue for issue in issues if issue.severity == "wrong"]
-    if not found:
+    wrong = [issue for issue in issues if issue.severity == "wrong"]
+    if not wrong:
         return tuple(f"{issue.message.partition(': ')[0]}." for issue in issues)
-    first = found[0]
-    more = "".join(f"; {i.kind}: {i.message}" for i in found[1:])
-    hint = f"{first.hint} `pamid check` says more; --no-check fits it as it is.".lstrip()
-    if all(i.kind == "dead" for i in found):
+    first = wrong[0]
+    more = "".join(f"; {i.kind}: {i.message}" for i in wrong[1:])
+    hint = f"{first.hint} `pamid check` has the details; --no-check fits it as it is.".lstrip()
+    if all(i.kind == "dead" for i in wrong):
         raise DataError(f"{recording.path}: {first.message}{more}.", hint, code="not-excited")
     raise FileError(f"{recording.path}: {first.kind}: {first.message}{more}.", hint, code="check")
 
@@ -149,9 +164,9 @@ def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
 def _recording(
     recording: Recording, rig_name: str | Rig | None
 ) -> tuple[dict[str, Any], list[CheckOutcome], tuple[QualityIssue, ...]]:
-    found = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
-    found += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
-    found += [
+    findings = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
+    findings += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
+    findings += [
         CheckOutcome(
             "unit",
             False,
@@ -173,27 +188,27 @@ def _recording(
         between = (
             []
             if rig is None or any(i.severity == "wrong" for i in issues)
-            else tried_both_ways(recording, rig)
+            else compare_holds(recording, rig)
         )
-    found += [
+    findings += [
         CheckOutcome("simulator", False, text, advice=True)
         for text in warned.sentences("in the runs of this check")
     ]
-    found += [
-        CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
-        for one in between
+    findings += [
+        CheckOutcome("between", not hold.wrong, hold.text(recording), advice=hold.wrong)
+        for hold in between
     ]
     if rig is not None and not any(i.severity == "wrong" for i in issues):
-        found += [
+        findings += [
             CheckOutcome("rows", False, order.text(recording), advice=True)
             for order in misplaced_readings(recording, rig)
         ]
-    found += [] if rig is None else _noise_findings(recording, rig)
-    found += against + [
+    findings += [] if rig is None else _noise_findings(recording, rig)
+    findings += against + [
         CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
     if not issues:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"
             )
@@ -215,14 +230,13 @@ def _recording(
         },
         **({"between": between_json(between)} if between else {}),
     }
-    return about, found, issues
+    return about, findings, issues
 
 
 def _column(recording: Recording, name: str) -> dict[str, Any]:
-    """Range, level and length of the rest at the start, and how much of the time the column stands
-    still."""
+    """Range, level and length of the rest at the start, and the share of time at standstill."""
     values = recording.columns[name]
-    # scaled to it, since nobody says that numbers are small
+    # scaled to it, since numbers need not be small
     size = float(np.abs(values).max()) or 1.0
     scaled = values / size
     low, high = float(scaled.min()), float(scaled.max())
@@ -243,9 +257,9 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
 def _against_rig(
     recording: Recording, rig_name: str | Rig | None
 ) -> tuple[Rig | None, list[CheckOutcome]]:
-    """The rig, which of its columns are there, and which columns it does not know.
+    """Rig, its recorded columns, and the columns that are not part of it.
 
-    A rig file is run only where the user names it; one that a recording's TOML names is told, not
+    A rig file only runs if the user names it. One that a recording's TOML names is reported, not
     run.
     """
     try:
@@ -258,15 +272,17 @@ def _against_rig(
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
-    found = background_findings(rig) + _column_findings(recording, rig, wanted)
+    findings = background_findings(rig) + _column_findings(recording, rig, wanted)
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
-        found.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
-    found += _known_findings(recording, rig)
-    runs = not any(f.wrong for f in found)
+        findings.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
+    findings += _known_findings(recording, rig)
+    runs = not any(f.wrong for f in findings)
     if runs:
-        found += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
-        found += [
+        findings += [
+            CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)
+        ]
+        findings += [
             CheckOutcome("background", False, term.text, advice=True)
             for term in without_idle_terms(rig, [recording])[1]
         ]
@@ -274,12 +290,14 @@ def _against_rig(
         try:
             require_informative(rig, recording)
         except DataError as error:
-            found.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
-    return rig, found or [CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")]
+            findings.append(CheckOutcome("excitation", False, f"nothing can be fitted: {error}"))
+    return rig, findings or [
+        CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
+    ]
 
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Outputs whose noise in fits is not what the rig or the samples suggest."""
+    """Findings on outputs whose noise in fits contradicts the rig or the samples."""
     channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
     return [
         CheckOutcome(remark.kind, False, remark.text, advice=True)
@@ -288,20 +306,21 @@ def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Known values of parameters that the rig does not have, and those outside their bounds."""
+    """Findings on known values without a parameter in the rig, or outside their bounds."""
     plain = Assembly(rig)
     names = [p.outside_name for p in rig.parameters]
     strange = [key for key in recording.known if not plain.knows(key)]
-    found = [
+    findings = [
         CheckOutcome(
             "known",
             False,
-            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, names)}".rstrip(),
+            f"[known] {key!r} is not a parameter of rig {rig.name!r}. "
+            f"{nearest(key, names)}".rstrip(),
         )
         for key in strange
     ]
     known = {key: value for key, value in recording.known.items() if key not in strange}
-    return found + [
+    return findings + [
         CheckOutcome("known", False, f"{fault.text}. {CURE}", advice=not fault.impossible)
         for fault in plain.known_objections(known)
     ]
@@ -310,13 +329,15 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
 def _column_findings(
     recording: Recording, rig: Rig, wanted: dict[str, str | None]
 ) -> list[CheckOutcome]:
-    """Inputs and outputs of the rig that are missing, and columns that it does not know; wanted:
-    the recording's own column for each of its inputs and outputs."""
+    """Findings on missing inputs and outputs of the rig, and on unknown columns.
+
+    wanted: recorded column for each input and output of the rig.
+    """
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
     seen = [c for c in rig.outputs if wanted[c] is not None]
-    found = [
+    findings = [
         CheckOutcome(
             "input",
             False,
@@ -326,21 +347,24 @@ def _column_findings(
         for c in missing
     ]
     if not seen:
-        found.append(
+        findings.append(
             CheckOutcome(
                 "output",
                 False,
                 f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
             )
         )
-    found += [
+    findings += [
         CheckOutcome(
-            "output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True
+            "output",
+            False,
+            f"{c} is not recorded: effects that only it shows stay unknown",
+            advice=True,
         )
         for c in rig.outputs
         if wanted[c] is None and seen
     ]
-    found += [
+    findings += [
         CheckOutcome(
             "column",
             False,
@@ -350,26 +374,25 @@ def _column_findings(
         )
         for c in strange
     ]
-    return found
+    return findings
 
 
 def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
-    """The problem that stopped the reader, and those of the other stages that can still be
-    tried."""
-    said: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
+    """Problem that stopped the reader, and problems of the remaining stages that can still run."""
+    outcomes: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
         try:
             return stage()
         except PamidError as error:
-            said.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
+            outcomes.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
             return None
 
     names = attempt(lambda: read_header(path))
     if names is None:
-        return list(said.values())
+        return list(outcomes.values())
     if len(names) == 1:  # another dialect: its cells would be misread, too
-        return list(said.values())
+        return list(outcomes.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
     time = _time_column(path)
@@ -378,7 +401,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         if first.code != "sampling-period":
             attempt(lambda: sidecar_of(path, names, time))
     if time.size < MIN_SAMPLES and first.code != "empty":
-        said.setdefault(
+        outcomes.setdefault(
             "short",
             CheckOutcome(
                 "too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"
@@ -387,24 +410,24 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     suffixes = [
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
     ]
-    said |= {
-        n: CheckOutcome("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
+    outcomes |= {
+        n: CheckOutcome("unit", False, f"column {n!r} does not end in a known unit", advice=True)
         for n in suffixes
         if not n.rsplit("_", 1)[1].isdigit()
     }
-    return list(said.values())
+    return list(outcomes.values())
 
 
 def _time_column(path: Path) -> FloatArray:
-    """The stamps that can be read, one per row."""
+    """Readable stamps, one per row."""
     stamps = []
     for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:
             stamps.append(float(row.split(",", 1)[0]))
         except ValueError:
             continue
-    found = np.array(stamps)
-    return found[np.isfinite(found)]
+    time = np.array(stamps)
+    return time[np.isfinite(time)]
 
 
 # ---- rig and effect files ----------------------------------------------------------------------
@@ -426,20 +449,20 @@ def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
 
 
 def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    """A model file of another program."""
+    """Inspect a model file of another program."""
     try:
         rig = library.rig_named(str(path))
     except PamidError as error:
         return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
     effects = library.effects()
-    found, ports = _built(rig, effects, slopes=False)
+    findings, ports = _built(rig, effects, slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
-    return {**about, **({"ports": ports} if ports else {})}, found
+    return {**about, **({"ports": ports} if ports else {})}, findings
 
 
-def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    rigs = [v for v in own if issubclass(v, Rig)]
-    effects = [v for v in own if issubclass(v, Effect)]
+def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
+    rigs = [v for v in classes if issubclass(v, Rig)]
+    effects = [v for v in classes if issubclass(v, Effect)]
     kind = "rig" if rigs else "effect" if effects else "python"
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
@@ -451,17 +474,17 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
                 "pamid.Effect)",
             )
         ]
-    found: list[CheckOutcome] = []
+    findings: list[CheckOutcome] = []
     if len(rigs) > 1:
-        found.append(
+        findings.append(
             CheckOutcome("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file")
         )
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]
-        found += _named(effect.name, effect_findings(effect, others))
+        findings += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
-            found.append(
+            findings.append(
                 CheckOutcome(
                     "name",
                     False,
@@ -472,41 +495,41 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
             )
     ports: list[dict[str, Any]] = []
     for rig in rigs:
-        said, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
-        found, ports = found + said, ports + rows
-    return {**about, **({"ports": ports} if ports else {})}, found
+        rig_findings_, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
+        findings, ports = findings + rig_findings_, ports + rows
+    return {**about, **({"ports": ports} if ports else {})}, findings
 
 
 def _rig(
     path: Path, kind: type[Rig], effects: dict[str, type[Effect]]
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    """Findings on a rig, and its ports where its equations can be built."""
+    """Findings on a rig, and its ports if its equations can be built."""
     try:
         rig = kind()
         check_rig(rig, str(path))
     except PamidError as error:
         return [CheckOutcome("declarations", False, str(error))], []
-    except Exception as error:  # a rig's own __init__ may do anything
+    except Exception as error:  # a rig's __init__ may raise anything
         return [
             CheckOutcome(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
         ], []
-    found, ports = _built(rig, effects)
+    findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)
-        found += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
-    return found, ports
+        findings += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
+    return findings, ports
 
 
 def _built(
     rig: Rig, effects: dict[str, type[Effect]], *, slopes: bool = True
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    found = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
-    found += rig_findings(rig, effects.values(), slopes=slopes)
-    built = not any(f.wrong and f.check == "equations" for f in found)
-    return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
+    findings = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
+    findings += rig_findings(rig, effects.values(), slopes=slopes)
+    built = not any(f.wrong and f.check == "equations" for f in findings)
+    return _named(rig.name, findings), ports_of(rig, effects.values()) if built else []
 
 
-def _named(name: str, found: list[CheckOutcome]) -> list[CheckOutcome]:
-    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
+def _named(name: str, findings: list[CheckOutcome]) -> list[CheckOutcome]:
+    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in findings]

@@ -9,9 +9,9 @@ from typing import Any
 from pamid.base.units import NONE
 from pamid.model.port_guide import TOLERANCES, WIDTH, cut, folded, grouped_ports_text, ports_text
 
-# kinds of issues after which a note is no small matter
+# kinds of issues that make a note important
 DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
-FEW_PLACES = 4  # of one check that are told one by one
+FEW_PLACES = 4  # of one check that are listed one by one
 SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next
 # lines per group of ports and per finding, with less and less of both
 DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)
@@ -21,58 +21,61 @@ _VARIABLE = re.compile(
 )  # names and numbers, in which like findings differ
 
 
-def inspection_text(said: dict[str, Any], *, everything: bool = True) -> str:
+def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
     """Result of `inspect` as text, problems first.
 
-    everything: all of it; else a rig that fills more than a screen is shown on one, with like ports
-    and like findings together.
+    everything: True prints all of it. Otherwise a rig is shortened to one screen, with similar
+    ports and findings joined.
     """
-    lines = [*_head(said), *_not_fine(said["findings"]), *ports_text(said.get("ports", []))]
-    lines += _fine(said["findings"])
+    lines = [
+        *_head(summary),
+        *_not_fine(summary["findings"]),
+        *ports_text(summary.get("ports", [])),
+    ]
+    lines += _fine(summary["findings"])
     rows = sum(1 + len(line) // WIDTH for text in lines for line in text.splitlines())
-    if everything or "samples" in said or rows < SCREEN:
-        return "\n".join([*lines, _count(said)])
-    return "\n".join([*_screen(said), f"{_count(said)} (--all prints the rest)"])
+    if everything or "samples" in summary or rows < SCREEN:
+        return "\n".join([*lines, _count(summary)])
+    return "\n".join([*_screen(summary), f"{_count(summary)} (--all prints the rest)"])
 
 
-def _screen(said: dict[str, Any]) -> list[str]:
-    """A rig on a screen, less the last line: less of the effects, then of the notes, then of the
-    ports, until there is room."""
-    alike = _together(said["findings"])
-    fine = [line for text in _fine(alike) for line in cut(text, 1)]
+def _screen(summary: dict[str, Any]) -> list[str]:
+    """Shorten a rig to one screen, less the last line: the effects, then notes, then ports."""
+    joined = _together(summary["findings"])
+    fine = [line for text in _fine(joined) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
-        ports = grouped_ports_text(said.get("ports", []), port_lines)
-        notes = [line for text in _not_fine(alike) for line in cut(folded(text), finding_lines)]
-        lines = [*_head(said), *notes, *ports, *fine]
+        ports = grouped_ports_text(summary.get("ports", []), port_lines)
+        notes = [line for text in _not_fine(joined) for line in cut(folded(text), finding_lines)]
+        lines = [*_head(summary), *notes, *ports, *fine]
         if len(lines) < SCREEN:
             return lines
     room = SCREEN - len(fine) - 2
     few = cut("\n".join(ports), max(room // 2, room - 1 - len(notes)))
-    return [*_head(said), *cut("\n".join(notes), room - 1 - len(few)), *few, *fine]
+    return [*_head(summary), *cut("\n".join(notes), room - 1 - len(few)), *few, *fine]
 
 
-def _head(said: dict[str, Any]) -> list[str]:
-    if "samples" not in said:
-        return [f"{said['file']}:"]
-    loop = f", {said['loop']} loop" if said["loop"] else ""
+def _head(summary: dict[str, Any]) -> list[str]:
+    if "samples" not in summary:
+        return [f"{summary['file']}:"]
+    loop = f", {summary['loop']} loop" if summary["loop"] else ""
     return [
-        f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
-        f"{said['sampling_period_s']:g} s{loop}",
+        f"{summary['file']}: {summary['samples']} samples, {summary['duration_s']:g} s at "
+        f"{summary['sampling_period_s']:g} s{loop}",
         *(
             f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
             f"{'' if c['unit'] == NONE else c['unit']:<4} rest {c['rest_value']:.5g} for "
-            f"{c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
-            for name, c in said["columns"].items()
+            f"{c['rest_s']:.3g} s{_texture(summary['quality']['channels'][name])}"
+            for name, c in summary["columns"].items()
         ),
     ]
 
 
 def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
     """Problems, then notes."""
-    found = [f for f in findings if not f["ok"]]
+    problems = [f for f in findings if not f["ok"]]
     return [
-        *(_told("wrong  ", f) for f in found if not f["advice"]),
-        *(_told("note   ", f) for f in found if f["advice"]),
+        *(_finding_line("wrong  ", f) for f in problems if not f["advice"]),
+        *(_finding_line("note   ", f) for f in problems if f["advice"]),
     ]
 
 
@@ -84,17 +87,17 @@ def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
             fine.setdefault(f["check"], []).append(f["detail"])
     lines = []
     for check, details in fine.items():
-        told = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
-        lines += [folded(f"ok     {check}: {detail}") for detail in told]
+        remarks = [f"at {len(details)} places"] if len(details) > FEW_PLACES else details
+        lines += [folded(f"ok     {check}: {detail}") for detail in remarks]
     return lines
 
 
 def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Findings that differ in names and numbers alone as the first of them, which names others."""
+    """Join findings that only differ in names and numbers; the first one names the others."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for f in findings:
-        alike = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
-        groups.setdefault(alike, []).append(f)
+        kind = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
+        groups.setdefault(kind, []).append(f)
     return [_with_others(group) for group in groups.values()]
 
 
@@ -109,27 +112,27 @@ def _with_others(group: list[dict[str, Any]]) -> dict[str, Any]:
     return {**first, "check": counted, "detail": first["detail"] + likewise}
 
 
-def _count(said: dict[str, Any]) -> str:
-    """How many problems and notes there are."""
-    wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
-    notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
-    doubtful = any(i["kind"] in DOUBTS for i in said.get("quality", {}).get("issues", []))
+def _count(summary: dict[str, Any]) -> str:
+    """Number of problems and notes."""
+    wrong = sum(not f["ok"] and not f["advice"] for f in summary["findings"])
+    notes = sum(not f["ok"] and f["advice"] for f in summary["findings"])
+    doubtful = any(i["kind"] in DOUBTS for i in summary.get("quality", {}).get("issues", []))
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
     return counted + (
         ("the rig does not explain the recording as it is" if doubtful else "nothing is wrong")
-        if said["ok"]
+        if summary["ok"]
         else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
     )
 
 
-def _told(title: str, f: dict[str, Any]) -> str:
-    """A finding; folded where nothing in it is a command to copy, which has to stay on a line."""
-    told = f"{title}{f['check']}: {f['detail']}"
-    return folded(told) if f["check"] == TOLERANCES else told
+def _finding_line(title: str, f: dict[str, Any]) -> str:
+    """Line of a finding, folded unless it has a command to copy, which must stay on one line."""
+    line = f"{title}{f['check']}: {f['detail']}"
+    return folded(line) if f["check"] == TOLERANCES else line
 
 
 def _texture(channel: dict[str, float]) -> str:
-    """Noise and step of a column, where they show."""
+    """Noise and step of a column, if they are visible."""
     return "".join(
         f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0
     )

@@ -1,12 +1,9 @@
-"""Can a recording be trusted? Everything about its quality that can be seen before a model is
-fitted.
+"""Quality of a recording, as far as it shows before a model is fitted.
 
-    examine(recording, rig)           issues, the worst first: what, where (s), how to mend it, with
-                                      numbers
+    examine(recording, rig)           issues, the worst first: fault, place (s), remedy and numbers
     channel_figures(recording, rig)   step, noise and span of every column
 
-What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is
-read.
+Gaps in the stamps and non-numeric cells are refused by the reader already.
 """
 
 from __future__ import annotations
@@ -28,12 +25,12 @@ from pamid.checks.channel_quality import (
     Mask,
     Places,
     QualityIssue,
-    bridged,
-    clipped,
-    covered,
-    frozen,
+    clipping,
+    has_noise_around,
     independent,
-    level_of,
+    interpolated_gaps,
+    interval_mask,
+    level_issues,
     measurable,
     repeat_chance,
     sampled_slowly,
@@ -41,7 +38,7 @@ from pamid.checks.channel_quality import (
     shows_only_noise,
     signal_of,
     spikes,
-    surrounded,
+    standstills,
     windows_of,
 )
 from pamid.checks.input_ranges import beyond_range
@@ -55,19 +52,19 @@ __all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
-MOVES = 4.2  # times the noise: three of what two readings of a value at rest differ by
+MOVES = 4.2  # times the noise: three standard deviations of the difference of two readings
 # lost rows: moves looked at on either side, by what share of their mean each may differ from it,
 # resolutions of the channel that are missed at least, and what the first move behind makes up for
 PACE, UNSTEADY, LOST_STEPS, MADE_UP = 2, 0.7, 1.5, (0.6, 1.6)
 FEW_STEPS, FEW_LEVELS = 10, 2
 TIMID = 0.1  # of the usual amplitude
-IDLE = 0.5  # of the time without any change of what is sent
+IDLE = 0.5  # of the time without a change of the commands
 AT_LIMITS = 0.6  # of the time
-VACUUM_PA = -105e3  # gauge: below there is nothing
-# what an absolute sensor shows of a vented volume, up to 600 m above the sea
+VACUUM_PA = -105e3  # gauge: lower pressures do not exist
+# reading of an absolute sensor on a vented volume, up to 600 m above sea level
 VENTED_PA = (94e3, 106e3)
-COLD_K = 200.0  # what stays below is kept cold by a cryostat, or is no kelvin
-PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
+COLD_K = 200.0  # lower temperatures need a cryostat, or another unit than kelvin
+PRESSURES_PA = (1.5e4, 3e7)  # of fluid-driven machines, gauge or absolute
 
 
 def examine(
@@ -77,44 +74,49 @@ def examine(
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Without a rig, nothing is said that only its model can tell. signals: its `signals_of`, where
-    they are known already.
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig; without one, issues that need a model are left out.
+    signals
+        Result of `signals_of`, if it has been computed already.
     """
     absurd = _absurd(recording)
     if absurd:
         return (absurd,)
     signals = signals_of(recording, rig) if signals is None else signals
     measured = [s for s in signals if not s.sent]
-    found = _constant(recording, signals, rig)
+    issues = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
-    found += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
-    found += standstill(measured, sent)
-    found += _levels(measured, sent, rig)
-    found += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
+    issues += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
+    issues += standstill(measured, sent)
+    issues += _levels(measured, sent, rig)
+    issues += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
     if rig is not None:
-        against, judged = _against(recording, rig, thorough=True)
-        found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
-        found += beyond_range(recording, rig)
+        against, judged = _rig_issues(recording, rig, thorough=True)
+        issues = [f for f in issues if not judged.get(f.kind, set()) & set(f.columns)] + against
+        issues += beyond_range(recording, rig)
     return tuple(
         sorted(
-            found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
+            issues, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
         )
     )
 
 
 def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """The issues with which any fit is nonsense, and no others, which is quicker."""
+    """Issues that make any fit nonsense, and no others, which is quicker."""
     return tuple(issue for issue in before_a_fit(recording, rig) if issue.severity == "wrong")
 
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """The issues with which a fit is nonsense (wrong), or that it would put down to the machine
-    (advice)."""
+    """Issues that make a fit nonsense (wrong), or that it would take for the machine (advice)."""
     from pamid.checks.rig_consistency import SLIP_WORDS
 
     absurd = _absurd(recording)
-    found = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
-    return tuple(i for i in found if i.severity == "wrong" or i.kind in SLIP_WORDS)
+    issues = [absurd] if absurd else _rig_issues(recording, rig, thorough=False)[0]
+    return tuple(i for i in issues if i.severity == "wrong" or i.kind in SLIP_WORDS)
 
 
 def _absurd(recording: Recording) -> QualityIssue | None:
@@ -125,34 +127,36 @@ def _absurd(recording: Recording) -> QualityIssue | None:
             names,
             "wrong",
             f"{', '.join(names)}: no sensor shows numbers of this size",
-            "Look at how the log was written and read.",
+            "Check how the log was written and read.",
         )
         if names
         else None
     )
 
 
-def _against(
+def _rig_issues(
     recording: Recording, rig: Rig, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """Issues that only the rig can judge, with the columns that it has judged, so that nothing is
-    guessed from the values alone: kind of issue -> columns. thorough: also what takes many runs of
-    the model."""
+    """Issues that need the rig's model, and the columns that it has judged, by kind of issue.
+
+    The judged columns need no guess from their values alone. thorough: include checks that take
+    many runs of the model.
+    """
     # the engine is needed only here
     from pamid.checks.idle_inputs import idle_input_issues
     from pamid.checks.input_echo import echoed_inputs
     from pamid.checks.rig_consistency import clock, contradictions
     from pamid.checks.sheet_comparison import compared_with_sheet
 
-    if found := clock(recording, rig):
-        return found, {}
+    if issues := clock(recording, rig):
+        return issues, {}
     evidence = compared_with_sheet(recording, rig)
     if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
-        return echoes, {}  # signs and units would mislead
-    found, judged = contradictions(recording, rig, evidence, thorough=thorough)
+        return echoes, {}  # because wrong signs and units would mislead further checks
+    issues, judged = contradictions(recording, rig, evidence, thorough=thorough)
     if thorough and evidence is not None:
-        found += idle_input_issues(recording, rig, evidence)
-    return found, judged
+        issues += idle_input_issues(recording, rig, evidence)
+    return issues, judged
 
 
 def channel_figures(
@@ -160,8 +164,13 @@ def channel_figures(
     rig: Rig | None = None,
     signals: Sequence[CheckedSignal] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Per column: span, step (0: none shows), noise; in the column's unit. signals: as of
-    `examine`."""
+    """Per column: span, step (0: none), noise; in the column's unit.
+
+    Parameters
+    ----------
+    recording, rig, signals
+        As in `examine`.
+    """
     return {
         s.name: {"span": s.span, "step": s.step, "noise": s.noise}
         for s in (signals_of(recording, rig) if signals is None else signals)
@@ -180,15 +189,14 @@ def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSign
 def _levels(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal], rig: Rig | None
 ) -> list[QualityIssue]:
-    """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
-    blame."""
+    """Dead, coarse and noisy channels. If most are dead, the rig rests, and no sensor is faulty."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
     usual = {} if rig is None else rig.noise
     return [
         issue
         for s in measured
         if s.span > 0.0
-        for issue in level_of(s, moving, usual.get(s.name, 0.0), sent)
+        for issue in level_issues(s, moving, usual.get(s.name, 0.0), sent)
     ]
 
 
@@ -198,7 +206,7 @@ def _constant(
     spare = (
         set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
     )
-    found = []
+    issues = []
     # something moves far above its noise; an input is at work
     moving = any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals)
     driven = any(s.sent and s.span > 0.0 for s in signals)
@@ -208,7 +216,7 @@ def _constant(
             hint = PLUGGED if dead else ""
             if s.sent and rig is not None and driven:
                 continue
-            found.append(
+            issues.append(
                 QualityIssue(
                     "dead" if dead else "constant",
                     (s.name,),
@@ -219,35 +227,38 @@ def _constant(
                     {"value": float(s.values[0])},
                 )
             )
-    return found
+    return issues
 
 
 def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
-    """Samples at which all that is sent is 0: the machine may well rest there."""
+    """Mask of the samples at which all commands are 0, so that the machine may rest."""
     return np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
 
 
 def _held_and_clipped(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
 ) -> list[QualityIssue]:
-    """Causes of samples that stand still: a slow sensor, lost rows, a limit, a dead channel; then
-    bridges and spikes. While everything sent is 0, standing still is not a fault."""
-    found: list[QualityIssue] = []
+    """Causes of standstill: a slow sensor, lost rows, a limit, a dead channel; then bridges and
+    spikes.
+
+    While all commands are 0, a standstill is not a fault.
+    """
+    all_issues: list[QualityIssue] = []
     idle = _nothing_sent(sent)
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
         period = every * float(np.diff(measured[0].time).mean())
-        said = (
+        message = (
             f"{', '.join(columns)}: a new value only every {every} samples ({1.0 / period:.4g} "
             "Hz), held between"
         )
-        found.append(
+        all_issues.append(
             QualityIssue(
                 "sampled-slowly",
                 columns,
                 "advice",
-                said,
+                message,
                 "Ingest the raw log with the period of its "
                 "slowest channel, or leave `period_s` out.",
                 (),
@@ -256,22 +267,24 @@ def _held_and_clipped(
         )
     free = [s for s in measured if s.name not in slow]
     if not free:
-        return found
+        return all_issues
     lively = heapq.nsmallest(2, [*measured, *sent], key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
-    found += _dropped(free, held)
+    all_issues += _lost_rows(free, held)
     for s in free:
-        issues, at_limit = clipped(s, idle)
-        stuck, still = frozen(
+        issues, at_limit = clipping(s, idle)
+        stuck, still = standstills(
             s, held | at_limit | idle, next((o for o in lively if o is not s), None)
         )
-        found += [*issues, *stuck, *bridged(s, held | at_limit | still), *spikes(s)]
-    return found
+        all_issues += [*issues, *stuck, *interpolated_gaps(s, held | at_limit | still), *spikes(s)]
+    return all_issues
 
 
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
-    """Rows in which every measured channel repeats the row before, although it should not: the
-    motion of one of them leaps on by what it misses, or the noise of two stops and returns."""
+    """Rows in which every measured channel repeats the row before, although it should not.
+
+    The motion of one of them then continues with a leap, or the noise of two stops and returns.
+    """
     together = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(together)
     lost = np.logical_or.reduce([_motion_lost(s, starts, stops) for s in signals])
@@ -279,17 +292,15 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     if len(noisy) > 1:
         chance = math.prod(repeat_chance(s) for s in noisy)
         for k in np.flatnonzero(~lost & (chance ** (stops - starts) * starts.size < CHANCE)):
-            around = sum(surrounded(s, int(starts[k]), int(stops[k])) for s in noisy)
+            around = sum(has_noise_around(s, int(starts[k]), int(stops[k])) for s in noisy)
             lost[k] = around > 1
-    return covered(signals[0].values.size, starts[lost], stops[lost])
+    return interval_mask(signals[0].values.size, starts[lost], stops[lost])
 
 
 def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
-    """Does the first move behind each stretch make up for the whole stretch at the pace of the
-    moves around it?
+    """True if the first move after each interval equals the motion missed at the pace around it.
 
-    None does in a channel that mostly goes on otherwise, by the travel that it repeats through: a
-    gauge that clings, a slow sensor.
+    A channel that mostly continues otherwise does not count: a sticking gauge, a slow sensor.
     """
     d = np.diff(s.values)
     resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
@@ -310,7 +321,7 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
     return makes_up & (2.0 * travel[makes_up].sum() > travel.sum())
 
 
-def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
+def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
     if not held.any():
         return []
     starts, stops = runs_of(held)
@@ -324,7 +335,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue
             "advice",
             f"{int(held.sum())} samples were lost and filled by repeating the last "
             f"one in {which}, {share_words(float(held.mean()))}",
-            "Look at the logger's load and the bus; ingest the raw log without filling, or leave "
+            "Check the logger's load and the bus; ingest the raw log without filling, or leave "
             "these stretches out.",
             windows,
             {
@@ -340,9 +351,8 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue
 
 
 def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
-    the vacuum."""
-    found = []
+    """Impossible pressures: another unit, absolute instead of gauge, below vacuum."""
+    issues = []
     for s in measured:
         symbol = split_column(s.name)[1]
         if quantity_of(symbol) != "pressure" or shows_only_noise(s):
@@ -350,19 +360,19 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         y = np.asarray(to_si(s.values, symbol))
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "pressure",
                     (s.name,),
                     "advice",
                     f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum",
-                    "Is its sign or its unit another one?",
+                    "Is its sign or its unit wrong?",
                     (),
                     {"low_pa": float(y.min())},
                 )
             )
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "unit",
                     (s.name,),
@@ -375,12 +385,12 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
                 )
             )
         else:
-            found += _vented(s, y)
-    return found
+            issues += _atmospheric_floor(s, y)
+    return issues
 
 
 def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Columns in kelvin that no room or machine reaches."""
+    """Columns in kelvin beyond the temperature of any room or machine."""
     return [
         QualityIssue(
             "unit",
@@ -396,8 +406,8 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
     ]
 
 
-def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
-    """A floor at one atmosphere, on which the pressure rests again and again."""
+def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
+    """Floor at one atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
     if not VENTED_PA[0] < floor < VENTED_PA[1]:
@@ -425,23 +435,23 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
-    """Is enough asked of the rig, for long enough?"""
+    """Findings on too little excitation, or on too short a one."""
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
-    found = []
+    issues = []
     few = shortfall_alone(recording)
     if few:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
-        found.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
-    for name in _asked(recording, rig):
-        found += _excitation(recording, name, _usual(rig, name))
+        issues.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
+    for name in _excited_columns(recording, rig):
+        issues += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
     for name in commands:
         size = np.abs(recording.columns[name])
         at = size >= size.max()
         if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
-            found.append(
+            issues.append(
                 QualityIssue(
                     "at-limits",
                     (name,),
@@ -453,11 +463,11 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
                     {"share": float(at.mean())},
                 )
             )
-    return found
+    return issues
 
 
-def _asked(recording: Recording, rig: Rig | None) -> list[str]:
-    """The columns that excite the rig: references in a closed loop, commands otherwise."""
+def _excited_columns(recording: Recording, rig: Rig | None) -> list[str]:
+    """Columns that excite the rig: references in a closed loop, commands otherwise."""
     if rig is None:
         references = [n for n in recording.columns if n.startswith("reference")]
         commands = [n for n in recording.columns if n.startswith("command")]
@@ -476,7 +486,7 @@ def _asked(recording: Recording, rig: Rig | None) -> list[str]:
 
 
 def _usual(rig: Rig | None, column: str) -> float:
-    """The usual amplitude of an excitation, SI; 0 where nobody says."""
+    """Usual amplitude of an excitation, SI; 0 if unknown."""
     if rig is None:
         return 0.0
     return max(
@@ -494,16 +504,16 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
     try:
         seen = coverage(values, period)
     except DataError:
-        return []  # constant: said already
+        return []  # constant: reported already
     amplitude = 0.5 * float(np.ptp(to_si(values, split_column(name)[1])))
     numbers = {"steps": float(seen.steps), "levels": float(seen.levels), "visited": seen.visited}
-    said = []
+    messages = []
     if amplitude < TIMID * usual:
-        said.append(f"moves by only {amplitude / usual:.0%} of what is usual")
+        messages.append(f"moves by only {amplitude / usual:.0%} of what is usual")
     if seen.steps < FEW_STEPS:
-        said.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
+        messages.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
     elif seen.levels <= FEW_LEVELS:
-        said.append(f"has only {seen.levels} levels, which hide what is curved between them")
+        messages.append(f"has only {seen.levels} levels, which hide what is curved between them")
     starts, stops = runs_of(np.concatenate([[False], np.diff(values) == 0.0]))
     longest = int(np.argmax(stops - starts)) if starts.size else -1
     windows: tuple[tuple[float, float], ...] = ()
@@ -511,15 +521,15 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
         windows = windows_of(
             recording.time, starts[longest : longest + 1], stops[longest : longest + 1]
         )
-        said.append("does not change for most of the time")
-    if not said:
+        messages.append("does not change for most of the time")
+    if not messages:
         return []
     return [
         QualityIssue(
             "excitation",
             (name,),
             "advice",
-            f"{name} {' and '.join(said)}",
+            f"{name} {' and '.join(messages)}",
             "`pamid generate-aprbs` makes an excitation that covers range and frequencies.",
             windows,
             numbers,

@@ -1,6 +1,7 @@
-"""Findings about a recording that only the model of its rig can make: a clock that does not count
-seconds, columns exchanged, of the opposite sign or in another unit, channels that are dead, late,
-or that the rig does not explain at all.
+"""Findings about a recording that need the model of its rig.
+
+They are a clock that does not count seconds, exchanged columns, an opposite sign, another unit, and
+channels that are dead, late, or not explained by the rig at all.
 
     finding              statistic and threshold
     clock                period beyond FAR_CLOCK of the one that the rig states
@@ -33,7 +34,12 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
-from pamid.checks.sheet_comparison import SheetComparison, blind_sides, recorded_as, shapes
+from pamid.checks.sheet_comparison import (
+    SheetComparison,
+    magnitude_sensor_signs,
+    recorded_columns,
+    shapes,
+)
 from pamid.checks.short_fit import fit_data_of
 from pamid.checks.slips import (
     CLOCKS,
@@ -44,7 +50,7 @@ from pamid.checks.slips import (
     Explanation,
     Judgement,
     Slip,
-    explained,
+    find_slips,
 )
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
@@ -55,52 +61,72 @@ from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 
-FAR_CLOCK = 20.0  # times the period that a rig states: not its clock
+FAR_CLOCK = 20.0  # ratio to the period of the rig from which the clock is wrong
 # factor to which a clock is recognised by the period alone: prefixes, other units
 NEAR_CLOCK = {True: 20.0, False: 3.0}
 COMPARABLE_CORRELATION = 0.85  # correlation from which delays are compared
-STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
-LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
-LEAST_MOTION = 2.0  # times its noise: a channel that shows something
+STIR = 2.0  # times its noise: a channel that moves less in the model, too, is at rest
+LIVELY = 20.0  # times its noise and print: a model that moves this much is not at rest
+LEAST_MOTION = 2.0  # times its noise: smallest visible motion
 # samples: rates are compared, since they show more sharply when something happens
 RATE_OVER = 8
 LATE_SAMPLES = 3
 # correlation times of the recording: what counts as late, and how far is looked
 LATE, LONGEST_LAG = 0.008, 0.5
-SHIFT_FITS = 0.9  # of the error of a short fit: a shift that leaves less is one of the clock
-LAG_GAIN = 0.005  # by which a delay must raise the correlation
+SHIFT_FITS = 0.9  # of the error of a short fit: a shift that leaves less is a clock offset
+LAG_GAIN = 0.005  # smallest gain of correlation by a delay
 
 
 def contradictions(
     recording: Recording, rig: Rig, evidence: SheetComparison | None, *, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
-    """Everything in which the recording contradicts the rig; per kind of issue the columns in which
-    the rig has judged, so that it need not be guessed from the values alone. thorough: also slips
-    of the data sheet, and channels that the rig does not explain."""
+    """Issues in which the recording contradicts the rig.
+
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    rig
+        Its rig.
+    evidence
+        Comparison with the data sheet's run; None if the rig cannot run on the recording.
+    thorough
+        Also try slips of the data sheet, and look for channels that the rig does not explain.
+
+    Returns
+    -------
+    list, dict
+        Issues; and by kind of issue the columns that the rig has judged, which need no guess from
+        their values alone.
+    """
     if evidence is None:
         return [], {}
-    slips, recording_, e, judgement = explained(recording, evidence, thorough=thorough)
-    clocks = [one for one in slips if one.slip.kind == "clock"]
+    slips, recording_, e, judgement = find_slips(recording, evidence, thorough=thorough)
+    clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
         return [_clock_issue(recording, rig, clocks[0].slip)], {}
-    found = _slip_issues([one for one in slips if one.slip.kind not in UNNAMED], evidence, rig)
-    factors = [one for one in slips if one.slip.kind in UNNAMED]
-    if thorough and not any(i.severity == "wrong" for i in found):
-        found += _far_off(factors, judgement, recording_, e, rig)
+    issues = _slip_issues(
+        [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
+        evidence,
+        rig,
+    )
+    factors = [explanation for explanation in slips if explanation.slip.kind in UNNAMED]
+    if thorough and not any(i.severity == "wrong" for i in issues):
+        issues += _unexplained_channels(factors, judgement, recording_, e, rig)
     if not e.ran:
-        return found, {}
+        return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
-    columns = recorded_as(e.names, recording)
+    columns = recorded_columns(e.names, recording)
     suits = {
         c
-        for c, alike in zip(columns, e.agreement()[0], strict=True)
-        if alike > COMPARABLE_CORRELATION
+        for c, correlation in zip(columns, e.agreement()[0], strict=True)
+        if correlation > COMPARABLE_CORRELATION
     }
     rests = {
         c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
     }
-    found += _delays(e, recording, rig) + (dead := unplugged(recording, rig, e))
-    return found, {
+    issues += _delays(e, recording, rig) + (dead := dead_sensors(recording, rig, e))
+    return issues, {
         "unit": suits,
         "pressure": suits,
         "absolute-pressure": suits,
@@ -112,7 +138,7 @@ def contradictions(
 
 
 def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Stamps whose period is far from the one that the rig states."""
+    """Finding on stamps whose period is far from the one that the rig states."""
     period, usual = recording.sampling_period_s, stated_period(rig)
     if usual is None or 1.0 / FAR_CLOCK < period / usual < FAR_CLOCK:
         return []
@@ -151,19 +177,19 @@ def _clock_words(recording: Recording, text: str, looks: str, ratio: float) -> Q
 def _slip_issues(
     slips: Sequence[Explanation], before: SheetComparison, rig: Rig
 ) -> list[QualityIssue]:
-    """A finding for each slip; columns in one and the same other unit share one."""
+    """One finding for each slip; columns in the same other unit share a finding."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
-    for k, one in enumerate(slips):
-        units = {split_column(name)[1] for name in one.slip.names}
-        same = (one.slip.kind, one.slip.meaning, *sorted(units))
-        joined = one.slip.kind in ("unit", "absolute-pressure")
-        groups.setdefault(same if joined else (str(k),), []).append(one)
+    for k, explanation in enumerate(slips):
+        units = {split_column(name)[1] for name in explanation.slip.names}
+        same = (explanation.slip.kind, explanation.slip.meaning, *sorted(units))
+        joined = explanation.slip.kind in ("unit", "absolute-pressure")
+        groups.setdefault(same if joined else (str(k),), []).append(explanation)
     return [_slip_issue(group, before, rig) for group in groups.values()]
 
 
 def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
-    first = max(group, key=lambda one: one.gain)
-    slip, names = first.slip, tuple(name for one in group for name in one.slip.names)
+    first = max(group, key=lambda member: member.gain)
+    slip, names = first.slip, tuple(name for member in group for name in member.slip.names)
     message, hint = SLIP_WORDS[slip.kind](slip, names, before, rig)
     figures = first.figures
     rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
@@ -256,7 +282,7 @@ def _gain_words(
 
 
 def _in_column_unit(size: float, column: str) -> tuple[float, str]:
-    """A difference in SI in the unit of a column, and that unit after a space."""
+    """Convert an SI difference to the unit of a column, with that unit after a space."""
     symbol = split_column(column)[1]
     value = size / unit(symbol).factor
     return value, "" if symbol == NONE else f" {symbol}"
@@ -296,25 +322,30 @@ SLIP_WORDS = {
 }
 
 
-def _far_off(
+def _unexplained_channels(
     factors: Sequence[Explanation],
     judgement: Judgement,
     recording: Recording,
     e: SheetComparison,
     rig: Rig,
 ) -> list[QualityIssue]:
-    """Factors that bring recording and rig together and are no other unit; and channels that the
-    data sheet misses by more than they move and that a refit does not explain either."""
+    """Factors that reconcile recording and rig, but are not another unit.
+
+    Also channels that the data sheet misses by more than they move, and that a refit does not
+    explain.
+    """
     if not e.ran and not factors:
         return []
     moves = e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)
-    missed = _missed(e)
+    missed = _relative_errors(e)
     left = np.array([judgement.errors.get(name, 0.0) for name in e.names])
-    blind = blind_sides(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
+    blind = (
+        magnitude_sensor_signs(e.y, e.model) != 0.0 if e.ran else np.zeros(len(e.names), dtype=bool)
+    )
     lost = np.flatnonzero(moves & (missed > 1.0) & (blind | (left > UNEXPLAINED_MOTION))).tolist()
     if not factors and not lost:
         return []
-    columns = recorded_as(e.names, recording)
+    columns = recorded_columns(e.names, recording)
     size = np.log(np.maximum(e.model.std(axis=0), 1e-300) / np.maximum(e.y.std(axis=0), 1e-300))
     shown = sorted(lost, key=lambda k: -missed[k]) or [int(np.argmax(np.abs(size)))]
     k = shown[0]
@@ -323,7 +354,7 @@ def _far_off(
         miss = "runs away"
     elif missed[k] <= 1.0:
         miss = f"is {np.exp(size[k]):.2g} times as large"
-    every = [slip for one in factors for slip in (one.slip, *one.others)]
+    every = [slip for factor in factors for slip in (factor.slip, *factor.others)]
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit is off by {left[k]:.2g} times the motion"
@@ -340,9 +371,11 @@ def _far_off(
     ]
 
 
-def _missed(e: SheetComparison) -> Array:
-    """Per output, error of the data sheet's run over the motion recorded: the smaller of that of
-    the shapes and that of the values."""
+def _relative_errors(e: SheetComparison) -> Array:
+    """Per output, error of the data sheet's run relative to the recorded motion.
+
+    It is the smaller error of that of the shapes and that of the values.
+    """
     if not e.ran:
         return np.full(len(e.names), RUNAWAY)
     ours, theirs = shapes(e.y), shapes(e.model)
@@ -357,7 +390,7 @@ def _missed(e: SheetComparison) -> Array:
 
 
 def advice(slips: Sequence[Slip]) -> str:
-    """The sentence that sends a reader to units and signs."""
+    """Sentence that refers a reader to units and signs."""
     by_name = sorted(slips, key=lambda s: [t.names for t in slips].index(s.names))
     parts = [
         " or ".join([first.words, *(s.factor_words for s in more)])
@@ -368,10 +401,9 @@ def advice(slips: Sequence[Slip]) -> str:
 
 
 def _blind(column: str, e: SheetComparison, k: int) -> str:
-    """The question, after a space, whether the sensor shows a size only; nothing where it does
-    not."""
+    """Question, after a space, whether the sensor only measures a magnitude; "" if it does not."""
     y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
-    way = float(blind_sides(y, model)[0]) if np.isfinite(model).all() else 0.0
+    way = float(magnitude_sensor_signs(y, model)[0]) if np.isfinite(model).all() else 0.0
     if not way:
         return ""
     side = "below" if way > 0.0 else "above"
@@ -381,14 +413,23 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 # ---- dead and late ------------------------------------------------------------------------------
 
 
-def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Sensors that show one number throughout while another one moves, and should move
-    themselves."""
+def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
+    """Findings on sensors that read one number throughout, although the machine moves them.
+
+    Parameters
+    ----------
+    recording, rig
+        Recording and its rig.
+    e
+        Comparison of the recording with the data sheet's run.
+    """
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
-    found = []
-    for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
+    issues = []
+    for k, (name, column) in enumerate(
+        zip(e.names, recorded_columns(e.names, recording), strict=True)
+    ):
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if (
             still[k]
@@ -397,7 +438,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
         ):
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
-            found.append(
+            issues.append(
                 QualityIssue(
                     "dead",
                     (column,),
@@ -409,12 +450,15 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qualit
                     {"value": value},
                 )
             )
-    return found
+    return issues
 
 
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Channels that answer earlier or later than the data sheet's model; none where no input moves:
-    a machine that is let go answers to nothing, and a period that is off looks like a delay."""
+    """Findings on channels that respond earlier or later than the data sheet's model.
+
+    There are none if no input moves. A released machine responds to nothing, and a wrong period
+    looks like a delay.
+    """
     if not np.ptp(e.u, axis=0).any():
         return []
     period = recording.sampling_period_s
@@ -430,21 +474,21 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             and shifted - at_once > max(LAG_GAIN, 0.5 * (1.0 - shifted))
         ):
             late.setdefault(lag, []).append(name)
-    found = []
+    issues = []
     for lag, names in sorted(late.items()):
         if lag < 0 and not _fits_better_later(recording, rig, names, -lag):
             continue
-        columns, delay = recorded_as(names, recording), lag * period
+        columns, delay = recorded_columns(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
         hint = (
             "Parameters off the data sheet shift an answer, too: state what is known below "
             "[known]. A dead time or a lag is for `pamid diagnose` to find; if clocks differ, "
             "shift the channel in the raw log."
             if lag > 0
-            else "No rig answers before it is asked: shift the channel, or the command, in the "
+            else "No rig responds before its command: shift the channel, or the command, in the "
             "raw log."
         )
-        found.append(
+        issues.append(
             QualityIssue(
                 "delay",
                 columns,
@@ -456,14 +500,14 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
                 {"delay_s": delay},
             )
         )
-    return found
+    return issues
 
 
 def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], samples: int) -> bool:
-    """Does the rig fit these outputs better where they come so many samples later?
+    """True if the rig fits these outputs better after a shift by some samples.
 
-    Friction or damping that the data sheet's run lacks leads it, too. A fit of short windows from
-    starts of their own has no time to fall behind. True where there are too few windows to tell.
+    Friction or damping that the data sheet lacks shifts its run, too. A fit of short windows with
+    separate start states has no time to fall behind. With too few windows the result is True.
     """
     data = fit_data_of(recording, rig)
     if data is None:
@@ -476,8 +520,7 @@ def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], sam
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
-    """By how many samples ours comes later, and the correlations of the rates at once and so
-    shifted."""
+    """Delay in samples, with the correlation of the rates without and with this shift."""
     # sum_t a(t + lag) b(t) for all lags at once, by Fourier transforms padded by the longest lag;
     # each is divided by the energies in its own overlap, so that a long lag is at no disadvantage
     a, b = ((rate := y[RATE_OVER:] - y[:-RATE_OVER]) - rate.mean() for y in (ours, theirs))

@@ -1,4 +1,4 @@
-"""The ports of a rig that is checked, for its drawing."""
+"""Ports of a checked rig, for its drawing."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from pamid.schemas.rig_map import RigMap
 
 
 def checked_ports(source: Path | type[Rig]) -> RigMap | None:
-    """Those of a rig, or of a rig file or model that the user has named (it is run); None where it
-    does not build."""
+    """Ports of a rig, or of a rig file or model that the user named (which is run).
+
+    None if it does not build.
+    """
     try:
         rig = rig_named(str(source)) if isinstance(source, Path) else source()
         return rig_map(rig, rig.outputs)

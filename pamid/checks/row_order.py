@@ -1,17 +1,17 @@
-"""Whether a reading stands in the row to which it belongs.
+"""Readings that stand in another row than their command.
 
-A log that reads before it sends, or that writes a value one loop later, moves a reading by a row.
-It shows in an output that depends on an input of the same instant, as a current on the voltage: a
-delay of one sampling period there is the log, not the machine.
+A log that reads before it sends moves a reading by a row; so does one that writes a value one loop
+later. It shows in an output that depends on an input of the same instant, for example a current on
+the voltage. A delay of one sampling period there comes from the log, not from the machine.
 
     before      the row's reading was taken before its command was sent
     late        the row holds the reading of the row before
     early       the row holds the reading of the next row
 
-Each of them is judged by a short fit (`short_fit`): it is named where the error of the channel
-falls to MENDED of the error as recorded. The fits are only done where what the fit as recorded
-leaves goes along with the change of the reading from row to row. A linear machine under a held
-input reads alike before and late, with slightly other parameters: then both are named.
+Each of them is judged by a short fit (`short_fit`). It is reported if the error of the channel
+falls to MENDED of the error as recorded. The fits are only done if the residual of the fit as
+recorded correlates with the change of the reading from row to row. A linear machine under a held
+input reads the same before and late, with slightly other parameters: then both are reported.
 """
 
 from __future__ import annotations
@@ -42,36 +42,37 @@ WHERE = {
     ROW_LATE: "stands one row late (each row holds the reading of the row before)",
     ROW_EARLY: "stands one row early (each row holds the reading of the next one)",
 }
-# of the error as recorded: an order that explains it
+# share of the error as recorded, below which another order explains it
 MENDED = 0.3
-AS_GOOD = 1.1  # times the least error: explains it as well
-SHARED_SHARE = 0.5  # share of the squared residual that goes along with the change from row to row
+AS_GOOD = 1.1  # times the smallest error: an equal explanation
+SHARED_SHARE = 0.5  # share of the squared residual that correlates with the change from row to row
 
 
 @dataclass(frozen=True)
 class RowOrder:
-    """An output in another order than that of its rows.
+    """Output in another order than that of its rows.
 
     column              as recorded
-    orders              "before", "late" or "early"; of several that explain it alike, first the one
-                        that bends the data sheet least
-    as_recorded, mended root mean square error of the short fit, in the unit of the column
+    orders              "before", "late" or "early"; of several equal explanations, first the one
+                        with the smallest changes of the data sheet
+    as_recorded, corrected root mean square error of the short fit, in the unit of the column
     """
 
     column: str
     orders: tuple[str, ...]
     as_recorded: float
-    mended: float
+    corrected: float
 
     def text(self, recording: Recording) -> str:
-        """The order, its evidence and the cure."""
+        """Order, evidence and remedy."""
         symbol = split_column(self.column)[1]
         unit = "" if symbol == NONE else f" {symbol}"
         where = " or ".join(WHERE[order] for order in self.orders)
         cures = "; or ".join(self._cure(order, recording) for order in self.orders)
         return (
-            f"{self.column} {where}. So read, the rig explains it to {self.mended:.3g}{unit} RMS, "
-            f"as recorded to {self.as_recorded:.3g}: {OF_THE_LOG}. Cure: {cures}."
+            f"{self.column} {where}. In that order the error of the rig is "
+            f"{self.corrected:.3g}{unit} RMS, as recorded "
+            f"{self.as_recorded:.3g}: {OF_THE_LOG}. Remedy: {cures}."
         )
 
     def _cure(self, order: str, recording: Recording) -> str:
@@ -86,8 +87,9 @@ class RowOrder:
 
 
 def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
-    """The outputs that depend on an input of the same row and are explained in another order of
-    rows alone; none where the rig cannot be run on the recording.
+    """Outputs that depend on an input of the same row and only fit in another order of rows.
+
+    The list is empty if the rig cannot run on the recording.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
         return [
             order
             for k, name in enumerate(data.names)
-            if name in direct and _goes_along(data, base, k)
+            if name in direct and _correlates_with_step(data, base, k)
             for order in _best_order(recording, data, base, k)
         ]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
@@ -124,9 +126,9 @@ def direct_outputs(rig: Rig) -> set[str]:
     }
 
 
-def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
-    """Does what is left of the channel go along with its change to the next row, or from the one
-    before?"""
+def _correlates_with_step(data: FitData, base: FittedWindows, channel: int) -> bool:
+    """True if the residual of the channel correlates with its change to the next or from the last
+    row."""
     lefts, changes = [], []
     for window, left in zip(data.windows, _left(base, channel), strict=True):
         change = np.diff(data.track.y[window.start : window.stop, channel])
@@ -140,24 +142,24 @@ def _goes_along(data: FitData, base: FittedWindows, channel: int) -> bool:
 def _best_order(
     recording: Recording, data: FitData, base: FittedWindows, channel: int
 ) -> Iterator[RowOrder]:
-    """The orders that explain the channel, if one does."""
+    """Orders that explain the channel; empty if none does."""
     fits = dict(_orders(data, base, channel))
     errors = {order: _rms(fit, channel) for order, fit in fits.items()}
-    here, least = _rms(base, channel), min(errors.values())
-    if least >= MENDED * here:
+    baseline, least = _rms(base, channel), min(errors.values())
+    if least >= MENDED * baseline:
         return
-    alike = [order for order in fits if errors[order] <= AS_GOOD * least]
-    alike.sort(key=lambda order: fits[order].strain)
+    orders = [order for order in fits if errors[order] <= AS_GOOD * least]
+    orders.sort(key=lambda order: fits[order].strain)
     column = match_column(recording.columns, data.names[channel]) or data.names[channel]
     symbol = split_column(column)[1]
-    recorded, mended = (float(size_from_si(e, symbol)) for e in (here, errors[alike[0]]))
-    yield RowOrder(column, tuple(alike), recorded, mended)
+    recorded, corrected = (float(size_from_si(e, symbol)) for e in (baseline, errors[orders[0]]))
+    yield RowOrder(column, tuple(orders), recorded, corrected)
 
 
 def _orders(
     data: FitData, base: FittedWindows, channel: int
 ) -> Iterator[tuple[str, FittedWindows]]:
-    """A fit with the channel in every other order."""
+    """Fit the channel in every other order."""
     rig, stepping, y = base.rig, base.problem.runner.stepping, data.track.y[:, channel]
     name = data.names[channel]
     if between_of(rig, name) != BEFORE:
@@ -171,12 +173,14 @@ def _orders(
 
 
 def _left(fit: FittedWindows, channel: int) -> Array:
-    """Residuals of the channel, windows x samples, SI; infinite where the model runs away."""
+    """Residuals of the channel, windows x samples, SI; infinite if the model diverges."""
     left = fit.problem.residuals(fit.point)[:, :, channel]
     return np.where(np.isnan(left), np.inf, left)
 
 
 def _rms(fit: FittedWindows, channel: int) -> float:
-    """Root mean square error of the channel, SI, without the first row of each window: there the
-    row before is not known."""
+    """Root mean square error of the channel, SI.
+
+    The first row of each window is left out, because the row before it is unknown.
+    """
     return float(np.sqrt(np.mean(_left(fit, channel)[:, 1:] ** 2)))

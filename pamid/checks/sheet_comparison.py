@@ -1,8 +1,8 @@
-"""A recording and the data sheet's run on its commands, and how alike the two are, whatever their
-levels, units and trends.
+"""Comparison of a recording with the data sheet's run on its commands.
 
-The data sheet is off by a lot, but not in its signs or by orders of magnitude. Shapes are compared
-block by block without level and trend: what integrates drifts away with the best of data sheets.
+Similarity is judged whatever the levels, units and trends. A data sheet is off by a lot, but not in
+its signs or by orders of magnitude. Shapes are compared block by block without level and trend,
+because an integrator drifts away with the best of data sheets.
 """
 
 from __future__ import annotations
@@ -39,21 +39,24 @@ Array = NDArray[np.float64]
 
 MOST_COMPARED_SAMPLES = 20000
 CORRELATION_BLOCKS = 20
-OPENING_SAMPLES = 64  # readings that show where the machine starts
+OPENING_SAMPLES = 64  # readings that determine the start state
 LEAST_NOISE = 1e-4  # of a reading's standard deviation
-CROSSES = 0.2  # of its range: what a reading shows on the other side of zero, whatever its noise
-BLIND_NOISE = 5.0  # times the noise: what a reading strays beyond the zero where it ends
-BLIND_SHARE = 0.1  # of the time the model is on the side that the reading never shows
+CROSSES = 0.2  # of its range: a reading beyond zero, whatever its noise
+BLIND_NOISE = 5.0  # times the noise: overshoot of a one-sided reading beyond zero
+BLIND_SHARE = 0.1  # share of the time with the model on the side without readings
 
 
 @dataclass(frozen=True, eq=False)
 class SheetComparison:
-    """A recording beside the data sheet's run on its commands; SI.
+    """Recording and the data sheet's run on its commands; SI.
 
-    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
-    of the run (NaN where it ran away); simulate: outputs at other inputs, other parameters
-    (default: p) and a clock that runs so many times slower, None where they run away; follow: the
-    same at so many samples of the recorded inputs, from the state that the first readings show.
+    names, inputs   outputs and inputs of the rig
+    y, u            as measured (samples x columns)
+    model           outputs of the run (NaN from where it diverges)
+    simulate        outputs at other inputs, other parameters (default: p) and a clock that runs
+                    slower by a factor; None if they diverge
+    follow          the same over a number of samples of the recorded inputs, from the state of the
+                    first readings
     """
 
     names: tuple[str, ...]
@@ -72,13 +75,15 @@ class SheetComparison:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Places of like outputs."""
-        return like_columns(self.names)
+        """Pairs of outputs of one quantity."""
+        return same_quantity_columns(self.names)
 
     def agreement(self) -> tuple[Array, Array]:
-        """Correlations of every output with the model, and of the differences of like outputs; of
-        what a sensor shows that is blind to the sign, with the model's size."""
-        way = blind_sides(self.y, self.model)
+        """Correlations of every output with the model, and of the differences of similar outputs.
+
+        A sensor that only measures a magnitude is compared with the magnitude of the model.
+        """
+        way = magnitude_sensor_signs(self.y, self.model)
         shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
         ours, theirs = shapes(self.y), shapes(shown)
         single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
@@ -89,8 +94,10 @@ class SheetComparison:
 
 
 def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
-    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is
-    said elsewhere."""
+    """Compare the recording with the data sheet's run.
+
+    None if the rig cannot run on it, which another finding reports.
+    """
     try:
         return _evidence(recording, rig)
     except PamidError:
@@ -112,7 +119,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
-    # hundreds of runs may follow, for which the steps are chosen once; with other values they may
+    # the steps are chosen once for hundreds of runs; with other values they may
     # be too long
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)
@@ -136,14 +143,14 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     def follow(values: Array, samples: int) -> Array | None:
         return simulate(u[:samples], values, start=shown())
 
-    found = simulate(u)
-    model = np.full_like(y, np.nan) if found is None else found
+    outputs = simulate(u)
+    model = np.full_like(y, np.nan) if outputs is None else outputs
     inputs = tuple(assembly.traced.inputs)
     return SheetComparison(names, inputs, y, u, model, simulate, follow, assembly, p)
 
 
 def _shown_start(runner: Runner, p: Array) -> Array:
-    """State of the model that the first readings show, (states,)."""
+    """State of the model according to the first readings, (states,)."""
     y, memory = runner.track.y, runner.memory(p)
     window = Window(0, min(OPENING_SAMPLES, len(y)))
     noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
@@ -153,20 +160,22 @@ def _shown_start(runner: Runner, p: Array) -> Array:
     return start
 
 
-def like_columns(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Places of columns of one quantity."""
+def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Indices of columns of one quantity."""
     kinds = [quantity_of(split_column(n)[1]) for n in names]
     return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
 
 
-def recorded_as(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
-    """The recording's own columns for the rig's."""
+def recorded_columns(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
+    """Recorded columns of the rig's columns."""
     return tuple(match_column(recording.columns, n) or n for n in names)
 
 
 def shapes(table: Array, samples: int = 0) -> Array:
-    """Every column block by block, without level and trend: (columns, blocks, samples). samples:
-    length of a block, default: a share of the table."""
+    """Blocks of every column, without level and trend: (columns, blocks, samples).
+
+    samples: length of a block, by default a share of the table.
+    """
     size = min(samples or max(50, len(table) // CORRELATION_BLOCKS), len(table))
     blocks = table[: len(table) // size * size].T.reshape(table.shape[1], -1, size)
     slope = np.linspace(-1.0, 1.0, size)
@@ -176,14 +185,18 @@ def shapes(table: Array, samples: int = 0) -> Array:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Of two arrays without level, 0 where one of them rests."""
+    """Correlation of two arrays without level, 0 if one of them is constant."""
     size = math.sqrt(float((a * a).sum()) * float((b * b).sum()))
     return float((a * b).sum()) / size if size > 0.0 else 0.0
 
 
-def blind_sides(y: Array, model: Array) -> Array:
-    """Per column: 1 or -1 where a reading shows this side of zero alone, though the model goes to
-    both, and the model's size runs more like it than the model or its opposite; 0 elsewhere."""
+def magnitude_sensor_signs(y: Array, model: Array) -> Array:
+    """Sign of each column whose sensor only measures a magnitude.
+
+    It is 1 or -1 if the reading stays on this side of zero although the model crosses it. The
+    model's magnitude must also correlate better with the reading than the model or its opposite.
+    Otherwise it is 0.
+    """
     both = np.minimum((model > 0.0).mean(axis=0), (model < 0.0).mean(axis=0)) >= BLIND_SHARE
     crosses = np.minimum(-y.min(axis=0), y.max(axis=0)) > CROSSES * np.ptp(y, axis=0)
     if not (both & ~crosses).any():

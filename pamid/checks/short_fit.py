@@ -1,9 +1,9 @@
-"""A short fit of a rig to a recording: parameters within their priors, and a start state for each
-of some windows.
+"""Short fit of a rig to a recording: parameters within their priors, and a start state for each of
+some windows.
 
-It is the judge of every check that asks whether a recording suits its rig: another unit, a turned
-sign, an input that is held between samples. A start state of its own in every window makes it blind
-to drift; the priors show how far the data sheet would have to be bent.
+It decides every check on whether a recording suits its rig: another unit, an opposite sign, an
+input that is held between samples. A separate start state in every window makes it blind to drift.
+The priors measure the necessary change of the data sheet.
 
     cost        sum over windows |W (y(x_w, p) - y_measured)|^2 + |(p - p_sheet)/spread|^2
     W           1/sigma per channel, sigma its noise and at least LEAST_SIGMA of its spread
@@ -11,8 +11,9 @@ to drift; the priors show how far the data sheet would have to be bent.
 The start states are eliminated window by window (variable projection by block elimination: Golub,
 Pereyra 2003, Inverse Problems 19, R1-R26).
 
-With an input otherwise than in a fit the outputs change by d at the fitted parameters, which is one
-run; what the error becomes once everything has followed is to first order (`reached`)
+If an input differs from that of a fit, the outputs change by d at the fitted parameters, which
+takes one run. After parameters and start states have adapted, the error is to first order
+(`first_order_errors`)
 
     min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
 
@@ -41,32 +42,35 @@ Array = NDArray[np.float64]
 
 COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
 WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
-LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
+LEAST_SIGMA = 0.01  # of a channel's spread: assumed noise of a noiseless channel
 STEPS = 30
 SETTLED_GAIN = 1e-5  # relative gain of a step
-FURTHEST = 300.0  # logarithm of a factor on the data sheet: beyond any bound
+FURTHEST = 300.0  # largest logarithm of a factor on the data sheet, beyond any bound
 
 
 @dataclass(frozen=True, eq=False)
 class FitPoint:
-    """Scaled parameters s and states x at the windows' starts (windows x states); cost, half its
-    Hessian and gradient in s with the states eliminated, and what gives their steps; errors:
-    squared weighted residuals, windows x channels; linearised: are there derivatives?"""
+    """Scaled parameters s and states x at the windows' starts (windows x states), with their cost.
+
+    The start states are eliminated from half the Hessian and the gradient in s; their steps follow
+    from the remaining fields. errors: squared weighted residuals, windows x channels; linearised:
+    True with derivatives.
+    """
 
     s: Array
     x: Array
     cost: float
     H: Array
     g: Array
-    gains: Array  # windows x states x parameters: how the start states follow s
-    own_steps: Array  # windows x states: their steps where s stays
+    gains: Array  # windows x states x parameters: derivatives of the start states by s
+    own_steps: Array  # windows x states: steps of the start states at constant s
     errors: Array
     linearised: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class FittedWindows:
-    """A fit with the inputs of `rig` as they are there."""
+    """Result of a fit with the inputs of `rig`."""
 
     rig: Rig
     point: FitPoint
@@ -100,19 +104,37 @@ class FitData:
         stepping: Stepping | None = None,
         steps: int = STEPS,
     ) -> FittedWindows:
-        """problem: of a fit of the same rig before, whose model is compiled already; stepping: of a
-        fit that differs in its inputs alone."""
-        problem = problem.along(self) if problem else ShortFit.of(self, rig, stepping)
+        """Fit a rig to the data.
+
+        Parameters
+        ----------
+        rig
+            Rig to fit.
+        begin
+            Start point; by default the data sheet.
+        problem
+            Earlier fit of the same rig, whose model is compiled already.
+        stepping
+            Stepping of a fit that only differs in its inputs.
+        steps
+            Largest number of steps.
+        """
+        problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
         return FittedWindows(rig, point, problem)
 
 
 def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
-    """The windows of a recording to fit; None where it is too short, or nothing moves.
+    """Windows of a recording to fit; None if it is too short, or if nothing moves.
 
-    timescales: length of a window in correlation times of the recording; at least WINDOW_SAMPLES,
-    fewer windows where they are longer.
+    Parameters
+    ----------
+    recording, rig
+        Recording and its rig.
+    timescales
+        Length of a window in correlation times of the recording. A window has at least
+        WINDOW_SAMPLES; longer windows are fewer.
     """
     names = measured_outputs(Assembly(rig), recording)
     names = tuple(n for n in names if motion(recording.signal(n)) > 0.0)
@@ -130,7 +152,7 @@ def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitD
 
 
 def _windows(track: Track, length: int) -> tuple[Window, ...]:
-    """The windows in which inputs change most from sample to sample."""
+    """Windows with the largest changes of inputs from sample to sample."""
     most = max(FEWEST_WINDOWS, COMPARED_WINDOWS * WINDOW_SAMPLES // length)
     length = min(length, len(track) // FEWEST_WINDOWS)
     if length < LEAST_WINDOW_SAMPLES:
@@ -146,7 +168,7 @@ def _windows(track: Track, length: int) -> tuple[Window, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ShortFit(LeastSquares[FitPoint, Array]):
-    """Parameters and start states of the windows by damped Gauss-Newton."""
+    """Damped Gauss-Newton fit of the parameters and the start states of the windows."""
 
     trial: FitData
     runner: Runner
@@ -164,13 +186,15 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         )
         return cls(trial, Runner(a, t, step, free).keeping())
 
-    def along(self, trial: FitData) -> ShortFit:
-        """The same model with other measurements or weights. Slopes of a stepped rig along the
-        windows serve again where they hold."""
+    def with_data(self, trial: FitData) -> ShortFit:
+        """The same model with other measurements or weights.
+
+        Slopes of a stepped rig along the windows are reused while they are valid.
+        """
         return replace(self, trial=trial, runner=replace(self.runner, track=trial.track))
 
-    def suits(self, trial: FitData) -> bool:
-        """Is the model that of these data, with the same inputs and data sheet?"""
+    def matches_data(self, trial: FitData) -> bool:
+        """True if the model belongs to these data, with the same inputs and data sheet."""
         ours, theirs = self.trial, trial
         return (
             ours.rig is theirs.rig
@@ -183,7 +207,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         )
 
     def sheet(self) -> FitPoint:
-        """The data sheet's parameters, and the states to which its run leads."""
+        """Parameters of the data sheet, and the states of its run."""
         a, t = self.runner.assembly, self.trial.track
         n = self.runner.start_states
         program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states})
@@ -194,8 +218,10 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         return self.at(np.zeros(len(self.runner.free)), x)
 
     def parameters(self, s: Array) -> tuple[Array, Array]:
-        """Values (SI) at scaled parameters s, within their bounds, and their slopes by s: those at
-        a bound as well, so that a fit leaves it again."""
+        """Values (SI) at scaled parameters s, within their bounds, and their slopes by s.
+
+        The slopes at a bound are included, so that a fit can leave the bound again.
+        """
         p, slopes = self.trial.track.p.copy(), np.zeros(len(s))
         for k, (i, scaled) in enumerate(zip(self.runner.free, s, strict=True)):
             b = self.runner.assembly.parameters[i]
@@ -206,7 +232,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         return p, slopes
 
     def _reach(self) -> tuple[Array, Array]:
-        """The lowest and the highest scaled parameters."""
+        """Lowest and highest scaled parameters."""
         low, high = np.empty(len(self.runner.free)), np.empty(len(self.runner.free))
         for k, i in enumerate(self.runner.free):
             b, value = self.runner.assembly.parameters[i], float(self.trial.track.p[i])
@@ -249,8 +275,11 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         slopes: Array,
         derivatives: bool = True,
     ) -> tuple[Array, Array, Array] | None:
-        """Of one window derivatives by parameters and by its start (empty without derivatives), and
-        residuals, weighted; None where the model runs away."""
+        """Weighted derivatives of one window by parameters and by its start, and weighted
+        residuals.
+
+        The derivatives may be left out (empty). None if the model diverges.
+        """
         m, n, weight = len(slopes), self.runner.start_states, self.trial.weight
         self.runner.enter(memory, x)
         Y, J, fine = self.runner.run(memory, window, p, derivatives, weight)
@@ -262,8 +291,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
 
     def residuals(self, at: FitPoint) -> Array:
-        """Model less measurement in the channels' units: windows x samples x channels; NaN where
-        the model runs away."""
+        """Model less measurement in the channels' units: windows x samples x channels; NaN after
+        divergence."""
         channels, weight = len(self.trial.names), self.trial.weight
         p, slopes = self.parameters(at.s)
         fresh, length = self.runner.memory(p), self.trial.windows[0].stop
@@ -275,10 +304,12 @@ class ShortFit(LeastSquares[FitPoint, Array]):
                 left[k] = rows[2].reshape(-1, channels) / weight
         return left
 
-    def reached(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
-        """Root mean square errors, one per way of feeding `program` the inputs, once parameters and
-        start states have followed to first order. inputs: those of the track with their rises; the
-        first as here."""
+    def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
+        """Root mean square errors after parameters and start states have adapted to first order.
+
+        There is one error per alternative of `program`'s inputs. inputs: those of the track with
+        their rises; the first as in this fit.
+        """
         runner, t = self.runner, self.trial.track
         p, slopes = self.parameters(at.s)
         fresh, begun = runner.memory(p), runner.assembly.start(p)
@@ -310,7 +341,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             H += A.T @ A
             g += A.T @ changed
             reduced.append((A, changed))
-        if not np.isfinite(g).all():  # run away with one of them
+        if not np.isfinite(g).all():  # a window diverges
             return np.full(len(inputs), np.nan)
         step = -np.linalg.lstsq(H, g, rcond=None)[0]
         left = [np.mean((changed + A @ step) ** 2, axis=0) for A, changed in reduced]
@@ -327,8 +358,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
         m = len(at.s)
         s = np.clip(at.s + step[:m], *self._reach())
-        # the derivatives of what is stepped cost many times as much as a run, and most of the steps
-        # from a data sheet that does not suit the recording are given up
+        # derivatives of a stepped rig cost many times as much as a run, and most of the steps
+        # from an unsuitable data sheet are rejected
         return self.at(s, at.x + step[m:].reshape(at.x.shape), self.runner.known is None)
 
     def linearised(self, at: FitPoint) -> FitPoint:
@@ -339,7 +370,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
 
 
 def _pseudo_inverse(B: Array) -> Array:
-    """The pseudo-inverse of B'B, its columns scaled."""
+    """Pseudo-inverse of B'B with scaled columns."""
     inner = B.T @ B
     scale = np.sqrt(inner.diagonal())
     scale[scale == 0.0] = 1.0

@@ -1,18 +1,20 @@
-"""Which slip explains a recording best: another unit, a turned sign, columns that are exchanged, a
-clock that does not count seconds, a number of the data sheet that is off by powers of ten.
+"""Slip that explains a recording best.
 
-Each slip of one list is set right, and what is then recorded is judged by a short fit of the rig
-(`short_fit`): how much of the motion it leaves, and how far the data sheet has to be bent for it.
+The slips are another unit, an opposite sign, exchanged columns, a clock that does not count
+seconds, and a number of the data sheet that is off by powers of ten. Each slip of a list is
+corrected, and a short fit of the rig (`short_fit`) judges the corrected recording. The criteria are
+the share of the motion left over and the necessary change of the data sheet.
 
     score    INDEPENDENT * sum over channels log(error / motion)
              + 1/2 sum over parameters ((p - p_sheet) / spread)^2
-    gain     score as recorded - score with the slip set right
+    gain     score as recorded - score with the slip corrected
 
-A slip is named where its gain is CLEAR_GAIN and the errors fall, or stay small; others within
-TIED_GAIN of it are named as well. It is wrong, and stops a fit, where its gain is SURE_GAIN and it
-is gross: a sign, an exchange, another unit by a factor of GROSS. All else is advice. Fits are only
-done where the recording is far from the data sheet's run, and for the slips that bring it nearer;
-two of them are tried together where no single one explains it.
+A slip is reported if its gain is CLEAR_GAIN and the errors fall, or stay small; so are others
+within TIED_GAIN of it. It is wrong, and stops a fit, if its gain is SURE_GAIN and it is gross: a
+sign, an exchange, another unit by a factor of GROSS. All else is advice.
+
+Fits are only done if the recording is far from the data sheet's run, and for the slips that bring
+it nearer. Two of them are tried together if no single one explains it.
 """
 
 from __future__ import annotations
@@ -39,9 +41,9 @@ from pamid.base.units import (
 )
 from pamid.checks.sheet_comparison import (
     SheetComparison,
-    blind_sides,
-    like_columns,
-    recorded_as,
+    magnitude_sensor_signs,
+    recorded_columns,
+    same_quantity_columns,
     shapes,
 )
 from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, ShortFit, fit_data_of
@@ -53,16 +55,16 @@ from pamid.simulation.free_runs import input_table, output_table
 
 Array = NDArray[np.float64]
 
-# ratios of units that are mistaken for each other -> these units; and powers of ten: prefixes
+# ratios of units that are often confused -> these units; and powers of ten: prefixes
 UNIT_RATIOS = {
     60.0: "minutes and seconds",
     180.0 / math.pi: "degrees and radians",
     2.0 * math.pi: "revolutions and radians",
 }
-# edges per line of an encoder that are counted, or not
+# edges per line of an encoder that may be counted
 QUADRATURE = (2.0, 4.0)
 COUNTED = ("angle", "angular velocity", "length", "velocity")
-NEAR_COUNT = 0.1  # of a factor: what a free gain may be off by to be named after a whole one
+NEAR_COUNT = 0.1  # tolerance of a free gain to be named after an integer factor
 LARGE_FACTORS = sorted((*(10.0**p for p in range(1, 7)), *UNIT_RATIOS))
 FACTORS = (*(1.0 / f for f in reversed(LARGE_FACTORS)), *LARGE_FACTORS)
 CLOCKS = {
@@ -84,57 +86,57 @@ ORDER = (
     "scale",
     "parameter",
 )
-UNNAMED = ORDER[-2:]  # kinds of slips that are no other unit
-INVENTED = 3.0  # times as near to the data sheet's run: a factor that is as likely as a unit
-HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that stop no fit
-# weight of a channel that the others predict: it shows its residuals and moves nothing
+UNNAMED = ORDER[-2:]  # kinds of slips without a unit
+INVENTED = 3.0  # a free factor must be this much nearer to the data sheet's run to tie with a unit
+HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that do not stop a fit
+# weight of a predicted channel: its residuals are computed, but it does not affect the fit
 UNSEEN_WEIGHT = 1e-6
 # of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
-# of the variance within windows: a column that shares less with its prediction is no copy of it
+# of the variance within windows: a column that shares less with its prediction is not a copy of it
 LEAST_SHARED = 0.25
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
-ALIKE = 1.5  # factors that are as good as one
+ALIKE = 1.5  # ratio of two factors below which they count as the same
 GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"}
 
-INDEPENDENT = 12.0  # windows whose errors are unrelated, of those of a short fit
+INDEPENDENT = 12.0  # effective number of independent windows of a short fit
 # natural logarithms of odds: a slip is named, and stops a fit; others are named with it
 CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
-# times the errors as recorded: a slip that mends them, and one that only mends the parameters
+# share of the errors as recorded: after a slip that corrects them, or the parameters only
 MENDED, NO_WORSE = 0.3, 1.1
-GROSS = 6.0  # a factor that no data sheet is off by
+GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
 JUDGING_STEPS = 12  # of a fit
-EXACT, RUNAWAY = 0.01, 1e6  # errors, as shares of the motion, are held within these
-LEAST_NOISES = 5.0  # the least motion, in noises
+EXACT, RUNAWAY = 0.01, 1e6  # bounds of errors, as shares of the motion
+LEAST_NOISES = 5.0  # smallest motion, in noises
 # what a recording that suits its rig leaves at most: share of the motion of a channel, and distance
 # of the data sheet, in prior spreads
 USUAL_ERROR, USUAL_BEND = 0.2, 4.0
 # of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
-FAR = 0.3  # distance to the data sheet's run from which slips are looked for
-NEARER = 0.4  # by which the log distance to the data sheet's run falls: worth a fit
-NEAR_SIZE = 6.0  # times the data sheet's: an output whose unit is set right
-MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips that are fitted at once; that one recording has
-MOST_PAIRED = 2  # slips of which each is tried with every other one
+FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
+NEARER = 0.4  # smallest decrease of the log distance to the data sheet's run for a fit
+NEAR_SIZE = 6.0  # largest ratio to the data sheet's size after a correction of the unit
+MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips per round of fits; slips per recording
+MOST_PAIRED = 2  # slips that are combined with every other one
 MOST_NAMED_SLIPS = 3  # columns and parameters named in one finding
-LEAST_CLOCKED_SAMPLES = 50  # of a stepped rig, to doubt the clock
+LEAST_CLOCKED_SAMPLES = 50  # samples of a stepped rig for a test of the clock
 # samples of a run; of a stepped rig, a sample of which costs many times as much
 MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
 
 
 @dataclass(frozen=True)
 class Slip:
-    """One thing that a recording, or the data sheet of its rig, may have wrong.
+    """One possible fault of a recording, or of the data sheet of its rig.
 
     kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "offset" and "gain":
                     those of an output against the other outputs; "scale": a factor of the table
-                    that is no unit of the column; "parameter"
+                    that is not a unit of the column; "parameter"
     names           columns as recorded, or one parameter
-    factor, offset  what sets it right: factor * value + offset, SI
-    meaning         the unit in which the values look to be, or how a motion is measured
+    factor, offset  correction: factor * value + offset, SI
+    meaning         apparent unit of the values, or the way a motion is measured
     """
 
     kind: str
@@ -145,18 +147,18 @@ class Slip:
 
     @property
     def gross(self) -> bool:
-        """Is it more than a data sheet could be off by?"""
+        """True if it is larger than a plausible error of a data sheet."""
         size = abs(math.log(abs(self.factor)))
         return self.kind in ("sign", "exchanged") or bool(self.offset) or size >= math.log(GROSS)
 
     @property
     def shifts_zero(self) -> bool:
-        """Does it exchange kelvin and degrees Celsius?"""
+        """True if it exchanges kelvin and degrees Celsius."""
         return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
 
     @property
     def readable(self) -> bool:
-        """May a column be named in this unit?"""
+        """True if a column may be named in this unit."""
         return is_unit(self.meaning)
 
     @property
@@ -166,7 +168,7 @@ class Slip:
 
     @property
     def factor_words(self) -> str:
-        """The factor, and the units that have this ratio."""
+        """Factor, and the units that have this ratio."""
         text, ratio = f"{self.factor:g}", max(abs(self.factor), 1.0 / abs(self.factor))
         if self.meaning:
             return f"{text} ({self.meaning_words})"
@@ -178,7 +180,7 @@ class Slip:
 
     @property
     def cause_words(self) -> str:
-        """A usual cause of a free gain, as a question after a space; empty where none is near."""
+        """Usual cause of a free gain, as a question after a space; "" if none is near."""
         ratio = max(self.factor, 1.0 / self.factor)
         counted = quantity_of(split_column(self.names[0])[1]) in COUNTED
         for edges in QUADRATURE if counted else ():
@@ -191,7 +193,7 @@ class Slip:
         return self.meaning if " " in self.meaning else f"as if written in {self.meaning}"
 
     def corrected(self, recording: Recording) -> Recording:
-        """The recording with it set right; one of the data sheet leaves it as it is."""
+        """Recording after the correction; a slip of the data sheet leaves it unchanged."""
         if self.kind == "parameter":
             return recording
         if self.kind == "clock":
@@ -202,8 +204,8 @@ class Slip:
             )
         columns = dict(recording.columns)
         if self.kind == "exchanged":
-            one, other = self.names
-            columns[one], columns[other] = columns[other], columns[one]
+            first, other = self.names
+            columns[first], columns[other] = columns[other], columns[first]
         else:
             for name in self.names:
                 symbol = split_column(name)[1]
@@ -212,7 +214,7 @@ class Slip:
         return replace(recording, columns=columns)
 
     def compared(self, e: SheetComparison, recording: Recording) -> SheetComparison | None:
-        """The comparison with it set right; None where the rig does not run then."""
+        """Comparison after the correction; None if the rig does not run then."""
         if self.kind == "parameter":
             p = self.sheet(e)
             model = e.simulate(e.u, p)
@@ -220,8 +222,8 @@ class Slip:
         if self.kind == "clock":
             n = len(e.u)
             if isinstance(e.assembly.rig, StepRig):
-                # no more time is simulated than was recorded: a sample of an hour would be a
-                # million steps
+                # simulated time is limited to the recorded one, because a sample of an hour would
+                # be a million steps
                 n = n if self.factor < 1.0 else int(n / self.factor)
             model = e.simulate(e.u[:n], clock=self.factor) if n >= LEAST_CLOCKED_SAMPLES else None
             return None if model is None else replace(e, y=e.y[:n], u=e.u[:n], model=model)
@@ -231,7 +233,7 @@ class Slip:
         return None if model is None else replace(e, y=y, u=u, model=model)
 
     def sheet(self, e: SheetComparison) -> Array:
-        """The data sheet's values with it set right."""
+        """Values of the data sheet after the correction."""
         p = e.p.copy()
         if self.kind == "parameter":
             p[[b.full_name for b in e.assembly.parameters].index(self.names[0])] *= self.factor
@@ -240,8 +242,10 @@ class Slip:
 
 @dataclass(frozen=True)
 class Judgement:
-    """How well a rig explains a recording: error over motion by channel, and the sum of squares of
-    the parameters' distances from the data sheet in prior spreads. problem: of the fit."""
+    """Quality of a short fit: error over motion by channel, and the distance to the data sheet.
+
+    The distance is the sum of squares in prior spreads. problem: of the fit.
+    """
 
     errors: dict[str, float]
     strain: float
@@ -257,13 +261,13 @@ class Judgement:
     def suspicious(self) -> bool:
         return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > USUAL_BEND**2
 
-    def least(self, columns: Sequence[str]) -> float:
-        """The least error of these outputs, or of any where none is named."""
+    def smallest_error(self, columns: Sequence[str]) -> float:
+        """Smallest error of these outputs, or of any if none is named."""
         errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
         return min(errors, default=RUNAWAY)
 
-    def over(self, other: Judgement) -> float:
-        """The errors over those of another judgement, all channels together."""
+    def error_ratio(self, other: Judgement) -> float:
+        """Errors over those of another judgement, all channels together."""
         logs = [
             math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
         ]
@@ -272,7 +276,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A slip, judged: as recorded, and set right; others explain the recording as well."""
+    """A slip with its fits as recorded and corrected; others: slips that explain as much."""
 
     slip: Slip
     before: Judgement
@@ -285,16 +289,16 @@ class Explanation:
         return self.before.score - self.after.score
 
     @property
-    def unlikely(self) -> float:
-        """Rank among slips that explain a recording alike: the distance to the data sheet's
+    def implausibility(self) -> float:
+        """Rank among slips that explain a recording equally well: the distance to the data sheet's
         run."""
         return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
 
     @property
     def wrong(self) -> bool:
-        """Can the recording not be as it is?"""
+        """True if the recording cannot be right."""
         # 273 K are beyond any fault of a machine, and in either direction: below absolute zero the
-        # error is endless, but far above the room a fit bends its losses
+        # error is infinite, but far above room temperature a fit adapts its losses
         sure = CLEAR_GAIN if self.slip.shifts_zero else SURE_GAIN
         return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= sure
 
@@ -315,21 +319,32 @@ class Explanation:
 # ---- judging -------------------------------------------------------------------------------------
 
 
-def judged(
+def judge(
     recording: Recording,
     e: SheetComparison,
     p: Array | None = None,
     like: ShortFit | None = None,
 ) -> Judgement:
-    """The recording as the rig explains it after a short fit; where there is none, as the data
-    sheet's run does. p: other values than the data sheet's; like: a fit of the rig to another
-    version of the recording, whose model serves where the inputs are the same."""
+    """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
+
+    Parameters
+    ----------
+    recording
+        Recording to fit.
+    e
+        Its comparison with the data sheet's run.
+    p
+        Values (SI) in place of the data sheet's.
+    like
+        Fit of the rig to another version of the recording, whose model is reused if the inputs are
+        the same.
+    """
     rig = e.assembly.rig
     try:
         data = fit_data_of(recording, rig, WINDOW_TIMESCALES)
         if data is not None:
             data = data if p is None else replace(data, track=replace(data.track, p=p))
-            problem = like if like and like.suits(data) else None
+            problem = like if like and like.matches_data(data) else None
             fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
             errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
             errors = np.where(np.isfinite(errors), errors, RUNAWAY)
@@ -341,8 +356,10 @@ def judged(
 
 
 def _moves(data: FitData) -> Array:
-    """Per channel: root mean square of the motion within the windows, without level and trend: a
-    start state of its own makes both; at least what noise could be taken for."""
+    """Per channel: root mean square of the motion within the windows, at least the noise.
+
+    Level and trend are left out, because a separate start state produces both.
+    """
     y, length = data.track.y, data.windows[0].stop - data.windows[0].start
     parts = np.concatenate([y[w.start : w.stop] for w in data.windows])
     return np.maximum(
@@ -353,16 +370,18 @@ def _moves(data: FitData) -> Array:
 
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
     moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
-    away = np.exp(distances(e).mean(axis=0))
+    away = np.exp(sheet_distances(e).mean(axis=0))
     return Judgement({e.names[k]: float(away[k]) for k in moves}, 0.0, fitted=False)
 
 
-def distances(e: SheetComparison) -> Array:
-    """Logarithms of distances to the data sheet's run over the smaller of the two motions: of
-    shapes and of values; per output, then per pair of like outputs."""
+def sheet_distances(e: SheetComparison) -> Array:
+    """Log ratio of the distance to the data sheet's run and the smaller of the two motions.
+
+    It covers shapes and values; per output, then per pair of similar outputs.
+    """
     if not e.ran:
         return np.full((2, len(e.names) + len(e.pairs)), math.log(RUNAWAY))
-    way = blind_sides(e.y, e.model)
+    way = magnitude_sensor_signs(e.y, e.model)
     shown = np.where(way == 0.0, e.model, way * np.abs(e.model))
     ours, theirs = shapes(e.y), shapes(shown)
     pairs = e.pairs
@@ -385,16 +404,16 @@ def _apart(a: Array, b: Array) -> float:
 
 
 def slips_of_sheet(e: SheetComparison) -> Iterator[Slip]:
-    """Every number of the data sheet, off by a factor of the table."""
+    """Numbers of the data sheet, each off by a factor of the table."""
     for b, value in zip(e.assembly.parameters, e.p, strict=True):
         factors = (*FACTORS, -1.0) if b.low < 0.0 else FACTORS
         yield from (Slip("parameter", (b.full_name,), f) for f in factors if value)
 
 
 def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Slip]:
-    """Every slip of a column or of the clock that is tried."""
+    """Candidate slips of the columns and of the clock."""
     gears = _gears(e)
-    outputs, inputs = recorded_as(e.names, recording), recorded_as(e.inputs, recording)
+    outputs, inputs = recorded_columns(e.names, recording), recorded_columns(e.inputs, recording)
     inputs = tuple(c for c in inputs if c in recording.columns and motion(recording.columns[c]))
     sizes = [math.sqrt(float((a * a).sum())) for a in shapes(e.y)]
     modelled = [math.sqrt(float((a * a).sum())) for a in shapes(e.model)]
@@ -417,8 +436,7 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
 
 
 def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
-    """Other units of a column, and the motor's side of a gear; then factors that are none of
-    these."""
+    """Other units of a column, and the motor's side of a gear; then factors of another kind."""
     symbol = split_column(column)[1]
     named = list(_units_of_column(column, symbol))
     if quantity_of(symbol) in GEARED:
@@ -434,17 +452,19 @@ def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
 
 
 def _units_of_column(column: str, symbol: str) -> Iterator[Slip]:
-    here, quantity = unit(symbol), quantity_of(symbol)
-    found = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
+    column_unit, quantity = unit(symbol), quantity_of(symbol)
+    conversions = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
     if symbol in PREFIXED:
-        found |= {f"{prefix}{symbol}": (by * here.factor, 0.0) for prefix, by in PREFIXES.items()}
+        conversions |= {
+            f"{prefix}{symbol}": (by * column_unit.factor, 0.0) for prefix, by in PREFIXES.items()
+        }
     if quantity == "angle" or quantity == "angular velocity":
-        found["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
+        conversions["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
     if quantity == "velocity":
-        found["km/h"] = (1.0 / 3.6, 0.0)
-    for name, (factor, offset) in found.items():
-        factor /= here.factor
-        yield Slip("unit", (column,), factor, offset - here.offset * factor, name)
+        conversions["km/h"] = (1.0 / 3.6, 0.0)
+    for name, (factor, offset) in conversions.items():
+        factor /= column_unit.factor
+        yield Slip("unit", (column,), factor, offset - column_unit.offset * factor, name)
     if quantity == "pressure":
         yield Slip("absolute-pressure", (column,), 1.0, -ATMOSPHERE_PA)
 
@@ -465,8 +485,11 @@ def _gears(e: SheetComparison) -> dict[str, float]:
 def _signs(
     e: SheetComparison, recording: Recording, outputs: Sequence[str], inputs: Sequence[str]
 ) -> Iterator[Slip]:
-    """Signs that may be turned; inputs come first, since one of them explains what else would take
-    several outputs. What shows one side of zero alone, as its model does, has none."""
+    """Sign changes to try.
+
+    Inputs come first, because one of them explains several outputs at once. A column that stays on
+    one side of zero, as its model does, has none.
+    """
     for column in inputs:
         values = recording.columns[column]
         if values.min() < 0.0 < values.max():
@@ -477,9 +500,9 @@ def _signs(
 
 
 def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
-    """Like columns, and an input with any other column."""
+    """Pairs of similar columns, and of an input with any other column."""
     for columns in (inputs, outputs):
-        for i, j in like_columns(columns):
+        for i, j in same_quantity_columns(columns):
             yield Slip("exchanged", (columns[i], columns[j]))
     every = [*inputs, *outputs]
     for i, j in itertools.combinations(range(len(every)), 2):
@@ -491,47 +514,66 @@ def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
 # ---- which one it is -----------------------------------------------------------------------------
 
 
-def explained(
+def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """The slips that a recording has, one after the other; the recording and its comparison with
-    these set right, and how well the rig explains it then."""
-    found: list[Explanation] = []
-    if float(distances(e).max()) < math.log(FAR):
-        return found, recording, e, _judged_by_sheet(e)
-    before = judged(recording, e)
-    while before.suspicious and len(found) < MOST_SET_RIGHT:
+    """Find the slips of a recording, one after the other.
+
+    Parameters
+    ----------
+    recording
+        Recording to check.
+    e
+        Its comparison with the data sheet's run.
+    thorough
+        Also try slips of the data sheet.
+
+    Returns
+    -------
+    list, Recording, SheetComparison, Judgement
+        Slips, the corrected recording, its comparison with the data sheet, and the quality of the
+        fit.
+    """
+    explanations: list[Explanation] = []
+    if float(sheet_distances(e).max()) < math.log(FAR):
+        return explanations, recording, e, _judged_by_sheet(e)
+    before = judge(recording, e)
+    while before.suspicious and len(explanations) < MOST_SET_RIGHT:
         slips = _next(recording, e, before, thorough)
-        for one in slips:
-            found.append(one)
-            after = one.slip.compared(e, recording)
-            if one.slip.kind in UNNAMED or after is None:
-                return found, recording, e, before
-            recording, e, before = one.slip.corrected(recording), after, one.after
+        for explanation in slips:
+            explanations.append(explanation)
+            after = explanation.slip.compared(e, recording)
+            if explanation.slip.kind in UNNAMED or after is None:
+                return explanations, recording, e, before
+            recording, e, before = explanation.slip.corrected(recording), after, explanation.after
         if not slips:
             break
-    return found, recording, e, before
+    return explanations, recording, e, before
 
 
 def _next(
     recording: Recording, e: SheetComparison, before: Judgement, thorough: bool
 ) -> list[Explanation]:
-    """The slip that explains the recording best; where none does, two that do together; none of a
-    recording that is as it should be."""
-    ranked = _best(recording, before, _nearer(recording, e, slips_of_recording(e, recording)))
+    """Slip that explains the recording best, or two that do together.
+
+    Empty for a recording without a fault.
+    """
+    ranked = _best(
+        recording, before, _nearest_slips(recording, e, slips_of_recording(e, recording))
+    )
     first = _first(ranked)
     if first is None or first.slip.kind in UNNAMED:
         ranked = _best(recording, before, _predicted_slips(recording, e, before), ranked)
         first = _first(ranked)
     if first is not None and first.slip.kind not in UNNAMED:
         return [first]
-    if float(distances(e).min(axis=0).max()) <= 0.0:
+    if float(sheet_distances(e).min(axis=0).max()) <= 0.0:
         return [] if first is None else [first]
     pairs = [] if first else [*_pairs(recording, e, before)]
     if pairs:
         return max(pairs, key=lambda pair: pair[1].gain)
     if thorough:
-        sheet = _nearer(recording, e, slips_of_sheet(e))
+        sheet = _nearest_slips(recording, e, slips_of_sheet(e))
         first = _first(_best(recording, before, sheet, ranked))
     return [] if first is None else [first]
 
@@ -539,13 +581,13 @@ def _next(
 def _pairs(
     recording: Recording, e: SheetComparison, before: Judgement
 ) -> Iterator[list[Explanation]]:
-    """Two slips of which neither explains the recording without the other."""
-    tried = _nearer(recording, e, slips_of_recording(e, recording))
+    """Pairs of slips of which neither explains the recording alone."""
+    tried = _nearest_slips(recording, e, slips_of_recording(e, recording))
     named = [slip for slip, _ in tried if slip.kind not in UNNAMED][:MOST_PAIRED]
     for slip in named:
         fixed, after = slip.corrected(recording), slip.compared(e, recording)
         if after is not None:
-            further = _nearer(fixed, after, slips_of_recording(after, fixed))
+            further = _nearest_slips(fixed, after, slips_of_recording(after, fixed))
             second = _first(_best(fixed, before, further))
             if second is not None and second.slip.kind not in UNNAMED:
                 yield [replace(second, slip=slip, others=()), second]
@@ -557,43 +599,45 @@ def _best(
     slips: Sequence[tuple[Slip, SheetComparison]],
     rivals: Sequence[Explanation] = (),
 ) -> list[Explanation]:
-    """The slips that explain the recording clearly, best first, with those that do already.
-    slips: each with the comparison with it set right."""
+    """Slips that explain the recording clearly, best first, including earlier ones.
+
+    slips: each with the comparison after its correction.
+    """
     scored = list(rivals)
     for slip, after in slips:
-        judgement = judged(slip.corrected(recording), after, after.p, before.problem)
+        judgement = judge(slip.corrected(recording), after, after.p, before.problem)
         if judgement.errors.keys() != before.errors.keys():
             continue
-        recorded = zip(after.names, recorded_as(after.names, recording), strict=True)
-        named, left = [n for n, c in recorded if c in slip.names], judgement.over(before)
+        recorded = zip(after.names, recorded_columns(after.names, recording), strict=True)
+        named, left = [n for n, c in recorded if c in slip.names], judgement.error_ratio(before)
         least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
-        if left <= NO_WORSE and judgement.least(named) <= least:
-            away = float(distances(after).mean())
+        if left <= NO_WORSE and judgement.smallest_error(named) <= least:
+            away = float(sheet_distances(after).mean())
             scored.append(Explanation(slip, before, judgement, away))
-    return sorted((one for one in scored if one.gain >= CLEAR_GAIN), key=lambda one: -one.gain)
+    return sorted((e for e in scored if e.gain >= CLEAR_GAIN), key=lambda e: -e.gain)
 
 
 def _first(ranked: Sequence[Explanation]) -> Explanation | None:
-    """Of those that tie with the best one the likeliest, with the others."""
-    ties = [one for one in ranked if one.gain >= ranked[0].gain - TIED_GAIN]
+    """Most plausible of the explanations that tie with the best one, with the others."""
+    ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None
-    first = min(ties, key=lambda one: (round(one.unlikely, 1), ORDER.index(one.slip.kind)))
-    others = sorted((one for one in ties if one is not first), key=lambda one: one.unlikely)
-    return replace(first, others=tuple(one.slip for one in others))
+    first = min(ties, key=lambda tie: (round(tie.implausibility, 1), ORDER.index(tie.slip.kind)))
+    others = sorted((tie for tie in ties if tie is not first), key=lambda tie: tie.implausibility)
+    return replace(first, others=tuple(other.slip for other in others))
 
 
 def _predicted_slips(
     recording: Recording, e: SheetComparison, before: Judgement
 ) -> list[tuple[Slip, SheetComparison]]:
-    """Offset, opposite sign and factor of every output, as the other outputs predict it.
+    """Offset, opposite sign and factor of every output, predicted by the other outputs.
 
     The rig is fitted without the channel, which is then regressed on its prediction,
 
         y = gain * model + offset
 
-    the gain by what moves within the windows, the offset by the median of their levels. A table of
-    factors knows neither the counts of an encoder nor the place where a gauge was zeroed.
+    the gain from the motion within the windows, the offset from the median of their levels. A table
+    of factors contains neither the counts of an encoder nor the zero of a gauge.
     """
     slips = []
     try:
@@ -601,12 +645,12 @@ def _predicted_slips(
         if data is None:
             return []
         like = before.problem
-        problem = like if like and like.suits(data) else ShortFit.of(data, data.rig)
+        problem = like if like and like.matches_data(data) else ShortFit.of(data, data.rig)
         for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
             y, model = _prediction(data, k, problem)
-            (column,) = recorded_as((name,), recording)
+            (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))
-            # of a lone output the data sheet alone predicts the size: the table of factors serves
+            # only the data sheet predicts the size of a lone output: use the table of factors
             slips += [slip for slip in of_column if slip.kind != "gain" or len(data.names) > 1]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
@@ -615,7 +659,7 @@ def _predicted_slips(
 
 
 def _prediction(data: FitData, k: int, problem: ShortFit) -> tuple[Array, Array]:
-    """Channel k as measured, and as the other channels predict it: windows x samples."""
+    """Channel k as measured, and as predicted from the other channels: windows x samples."""
     weight = data.weight.copy()
     weight[k] *= UNSEEN_WEIGHT
     fit = replace(data, weight=weight).fitted(data.rig, problem=problem, steps=JUDGING_STEPS)
@@ -632,7 +676,7 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
     ours, theirs = (a - a.mean(axis=1, keepdims=True) for a in (y, model))
     common, power = float((ours * theirs).sum()), float((theirs * theirs).sum())
     if common**2 < LEAST_SHARED * power * float((ours * ours).sum()):
-        return  # a dead channel follows no prediction, whatever its scale
+        return  # a dead channel does not follow any prediction, whatever its scale
     gain = common / max(power, 1e-300)
     for sign in (1.0, -1.0):
         offset = float(np.median((model - sign * y).mean(axis=1)))
@@ -643,18 +687,18 @@ def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Sl
         yield Slip("gain", (column,), 1.0 / gain)
 
 
-def _nearer(
+def _nearest_slips(
     recording: Recording, e: SheetComparison, slips: Iterable[Slip]
 ) -> list[tuple[Slip, SheetComparison]]:
-    """The slips that bring the recording nearest to the data sheet's run, nearest first."""
+    """Slips that bring the recording nearest to the data sheet's run, nearest first."""
     stepped = isinstance(e.assembly.rig, StepRig)
     most = MOST_STEPPED_SAMPLES if stepped else MOST_TRIED_SAMPLES
     e = replace(e, y=e.y[:most], u=e.u[:most], model=e.model[:most])
-    away, nearer = float(distances(e).sum()), []
+    away, nearer = float(sheet_distances(e).sum()), []
     for slip in slips:
         after = slip.compared(e, recording)
-        by = 0.0 if after is None else away - float(distances(after).sum())
+        by = 0.0 if after is None else away - float(sheet_distances(after).sum())
         if after is not None and by > NEARER:
             nearer.append((by, slip, after))
-    nearer.sort(key=lambda one: -one[0])
+    nearer.sort(key=lambda item: -item[0])
     return [(slip, after) for _, slip, after in nearer[:MOST_FITTED]]

@@ -9,17 +9,17 @@ import numpy as np
 from pamid.base.metrics import runs_of
 from pamid.checks.channel_quality import CheckedSignal, QualityIssue, share_words
 
-#: of a recording: a shorter standstill, before an experiment or after a step, is usual
+#: share of a recording: a shorter standstill is usual before an experiment or after a step
 LONG_STANDSTILL = 0.4
 
 
 def standstill(
     measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
 ) -> list[QualityIssue]:
-    """The longest stretch in which every measured channel repeats its value, where it is long.
+    """Longest stretch in which every measured channel repeats its value, if it is long.
 
-    Repeats carry no information: they are fitted and held out like motion, and a model that rests
-    as well is exact there. A channel that is constant throughout is another finding.
+    Repeats carry no information. They are fitted and held out like motion, and a model at rest is
+    exact there. A channel that is constant throughout is another finding.
     """
     moving = [s for s in measured if s.span > 0.0]
     if not moving:
@@ -38,7 +38,7 @@ def standstill(
         f"{' and '.join(resting)} {'stands' if len(resting) == 1 else 'stand'} still"
         f"{f' while {driven[0]} moves' if driven else ''} {share_words(share)}"
     )
-    look = "Look at the sensor and the logger there, and cut" if driven else "Cut"
+    look = "Check the sensor and the logger there, and cut" if driven else "Cut"
     return [
         QualityIssue(
             "standstill",

@@ -1,1 +1,1 @@
-"""Identified models out: C, FMU, ONNX, MATLAB."""
+"""Export of identified models: C, FMU, ONNX, MATLAB, MJCF, URDF."""

@@ -1,5 +1,7 @@
-"""A step as C99: one header, one source, no allocation, no globals, the whole state in one
-struct."""
+"""A sample step as C99: one header and one source, without allocation or globals.
+
+The whole state is in one struct.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from pamid.symbolic.operators import OPERATORS
 
 
 def asset(name: str) -> str:
-    """The text of a file in pamid/export/assets."""
+    """Text of a file in pamid/export/assets."""
     return (files("pamid.export") / "assets" / name).read_text(encoding="utf-8")
 
 
@@ -26,17 +28,17 @@ def model_name(step: SampleStep) -> str:
 
 
 def file_names(step: SampleStep) -> tuple[str, str, str]:
-    """Of the header, the source and an example of a host."""
+    """Names of the header, the source and an example host."""
     return f"{model_name(step)}.h", f"{model_name(step)}.c", "main.c"
 
 
 def c_files(step: SampleStep) -> dict[str, str]:
-    """Name -> text of each."""
+    """Name -> text of each file."""
     return dict(zip(file_names(step), (header(step), source(step), example(step)), strict=True))
 
 
 def comment(text: str) -> str:
-    """`text` as it may stand in a C comment."""
+    """`text` in a form that is safe inside a C comment."""
     plain = text.encode("ascii", "replace").decode()
     return (
         re.sub(r"\s+", " ", plain)
@@ -69,7 +71,7 @@ def header(step: SampleStep) -> str:
 
 
 def _places(step: SampleStep, kind: str, variables: tuple[Variable, ...]) -> str:
-    """An enum of the places of inputs, outputs or parameters, each with its unit."""
+    """Enum of the indices of inputs, outputs or parameters, each with its unit."""
     if not variables:
         return ""
     words = identifiers(v.name.upper() for v in variables)
@@ -138,8 +140,10 @@ def source(step: SampleStep) -> str:
 
 
 def helpers(body: str) -> list[str]:
-    """Sources of the functions that a text calls and C has not: those of operators whose file lies
-    among the assets, and the delay line."""
+    """Sources of the functions that a text calls and C lacks.
+
+    They are the operators with a file among the assets, and the delay line.
+    """
     folder = files("pamid.export") / "assets"
     names = {o.c: o.c for o in OPERATORS.values() if o.c} | {"delayed": "delay"}
     return [
@@ -150,7 +154,7 @@ def helpers(body: str) -> list[str]:
 
 
 class _CFunctions:
-    """The functions that hold a model's equations."""
+    """Functions with the model's equations."""
 
     def __init__(self, step: SampleStep) -> None:
         self.step = step
@@ -164,7 +168,7 @@ class _CFunctions:
         self.writer = Writer(C, places)
 
     def update(self) -> str:
-        """The cells, one after the other."""
+        """Cells, one after the other."""
         cells, words = self.step.updates, self.writer.words
         first = list(accumulate(self.step.lines, initial=0))
 
@@ -235,8 +239,7 @@ def _numbered(array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
 
 
 def _function(head: str, lines: list[str]) -> str:
-    """A function; the state is the model's own where none is given, and what is not used is said
-    so."""
+    """A function; without a given state it has the model's, and unused arguments are marked."""
     text = "\n".join(lines)
     if " x[]" not in head and re.search(r"= x\[", text):
         lines = ["const double *const x = m->x;", *lines]
@@ -263,7 +266,7 @@ def _init(step: SampleStep) -> str:
 
 
 def example(step: SampleStep) -> str:
-    """A host that reads and writes CSV."""
+    """Host program that reads and writes CSV."""
 
     def listed(names: Iterable[str]) -> str:
         return ", ".join(f'"{n}"' for n in names)

@@ -1,4 +1,4 @@
-"""Write an identified model in the form that a user asks for."""
+"""Export of an identified model in a chosen form."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ from pamid.export.step import step_of
 
 @dataclass(frozen=True)
 class Exported:
-    """Result of an export; binary: the platform that an FMU was built for, "" for none; notes: what
-    the user has to know; check: of a model file, its errors in the simulator that reads it."""
+    """Result of an export.
+
+    binary: platform of an FMU's binary, "" for none; notes: remarks for the user; check: for a
+    model file, its errors in its simulator.
+    """
 
     files: tuple[Path, ...]
     binary: str = ""
@@ -36,17 +39,28 @@ def export_model(
     anyway: bool = False,
     randomise: Path | None = None,
 ) -> Exported:
-    """Write `model` to `path` (default: the model's name with the ending of the form, here).
+    """Write an identified model.
 
-    anyway: write a model file, too, that is worse than the one it was made of; randomise: a further
-    file, for the ranges of the parameters.
+    Parameters
+    ----------
+    path
+        File or folder; by default the model's name with the ending of the form, in the working
+        folder.
+    anyway
+        Write a model file even if it is worse than its original.
+    randomise
+        Further file for the ranges of the parameters.
 
-    FileError where a file exists and `overwrite` is not given, and for a model file that got worse;
-    UsageError for an unknown form; and what the form refuses.
+    Raises
+    ------
+    FileError
+        A file exists and `overwrite` is not given, or a model file got worse.
+    UsageError
+        The form is unknown, or it refuses the model.
     """
     forms = known_forms()
     if form not in forms:
-        raise UsageError(f"{form!r} is no form of export.", nearest(form, forms))
+        raise UsageError(f"{form!r} is not an export format.", nearest(form, forms))
     tell("translating")
     chosen = forms[form]
     step = step_of(model) if chosen.sampled else None
@@ -59,7 +73,7 @@ def export_model(
     if written.check is not None and written.check.is_worse and not anyway:
         raise FileError(
             f"{files[0]} was not written: {written.check.worst_words}.",
-            "Its notes (--anyway prints them and writes it) say which part of the finding the "
+            "Its notes (--anyway prints them and writes it) list the parts of the finding that the "
             "file cannot hold.",
             code="worse",
         )

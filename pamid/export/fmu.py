@@ -1,7 +1,7 @@
-"""A step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation: C99 sources, and a binary
-for this machine.
+"""A sample step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation.
 
-What happens between two communication points is described in assets/fmu.h.
+It has C99 sources, and a binary for this machine. assets/fmu.h describes the work between two
+communication points.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _HOW_TO_BUILD = (
 
 @dataclass(frozen=True)
 class Fmu:
-    """The file, and the folder of its binary or why it has none."""
+    """The file, and the folder of its binary or the reason why it has none."""
 
     data: bytes
     binary: str
@@ -48,15 +48,24 @@ class Fmu:
 def write_fmu(
     model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
 ) -> Written:
-    """Build the content of an FMU, in the interface that forms of export share."""
+    """Build the content of an FMU, for the common interface of export forms."""
     fmu = make_fmu(step, version)
     notes = (f"{fmu.why}; {_HOW_TO_BUILD}",) if fmu.why else ()
     return Written({files[0]: fmu.data}, fmu.binary, notes)
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:
-    """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang;
-    "": none)."""
+    """Build an FMU.
+
+    Parameters
+    ----------
+    step
+        Sample step of the model.
+    version
+        FMI 2 or 3.
+    compiler
+        C compiler; by default the first of cc, gcc, clang; "" for none.
+    """
     sources = _sources(step, version)
     cc = (
         next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "")
@@ -65,7 +74,7 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     )
     folder, ending = _place(version)
     why = "no C compiler (cc, gcc or clang) was found" if not cc else ""
-    why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
+    why = why or ("" if folder else f"FMI {version}.0 does not define binaries for this machine")
     binary = b""
     if not why:
         tell("compiling")
@@ -81,7 +90,7 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
 
 
 def _zipped(content: dict[str, bytes]) -> bytes:
-    """The same content gives the same bytes."""
+    """Archive whose bytes only depend on the content."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in content.items():
@@ -112,8 +121,7 @@ def _sources(step: SampleStep, version: int) -> dict[str, str]:
 
 
 def not_offered(version: int, shim: str) -> str:
-    """Definitions of all functions of the standard that the shim leaves out: they return an
-    error."""
+    """Definitions of the standard's functions that the shim leaves out; they return an error."""
     lines = []
     header = (standard_headers() / f"fmi{version}FunctionTypes.h").read_text(encoding="utf-8")
     types = re.sub(r"/\*.*?\*/", "", header, flags=re.DOTALL)
@@ -136,12 +144,12 @@ def not_offered(version: int, shim: str) -> str:
 
 
 def standard_headers() -> Path:
-    """Folder of the standard's C headers, which come with FMPy; FileError where it is absent."""
+    """Folder of the standard's C headers, which come with FMPy. FileError if it is absent."""
     return Path(fmpy_package().__file__).parent / "c-code"
 
 
 def _place(version: int) -> tuple[str, str]:
-    """Folder and ending of a binary for this machine; no folder where the standard knows none."""
+    """Folder and ending of a binary for this machine; no folder if the standard has none."""
     system, machine = platform.system().lower(), platform.machine().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
         machine, machine
@@ -155,7 +163,7 @@ def _place(version: int) -> tuple[str, str]:
 
 
 def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[bytes, str]:
-    """The binary, or why there is none."""
+    """The binary, or the reason why there is none."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in sources.items():
@@ -228,7 +236,7 @@ def _units(root: ElementTree.Element, step: SampleStep) -> None:
 
 
 def _variables(step: SampleStep) -> list[tuple[dict[str, str], dict[str, str]]]:
-    """Of every variable, in the order of value references: what it is, and its unit and start."""
+    """Kind, unit and start of every variable, in the order of value references."""
     kinds = {"input": step.inputs, "output": step.outputs, "parameter": step.parameters}
     entries: list[tuple[dict[str, str], dict[str, str]]] = []
     for causality, variables in kinds.items():
@@ -324,7 +332,7 @@ def _description_3(step: SampleStep, sources: dict[str, str]) -> ElementTree.Ele
 
 
 def _structure(step: SampleStep) -> list[tuple[int, list[int]]]:
-    """Place of every output, and of the inputs it depends on directly."""
+    """Index of every output, and of the inputs that it directly depends on."""
     places = {v.name: i for i, v in enumerate(step.inputs)}
     return [
         (len(step.inputs) + i, [places[name] for name in needs])

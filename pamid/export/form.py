@@ -1,4 +1,4 @@
-"""Interface of a form of export, and the forms found by scanning `pamid.export.forms`."""
+"""Interface of an export form, and the registry of `pamid.export.forms`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from pamid.export.plain_check import PlainCheck
 
 @dataclass(frozen=True)
 class Written:
-    """Content of the exported files. binary: the platform that an FMU was built for, "" for none;
-    notes: what the user has to know; check: of a model file, its errors in the simulator that reads
-    it."""
+    """Content of the exported files.
+
+    binary: platform of an FMU's binary, "" for none; notes: remarks for the user; check: for a
+    model file, its errors in its simulator.
+    """
 
     files: dict[Path, bytes]
     binary: str = ""
@@ -31,11 +33,14 @@ def _one_file(step: Any, path: Path) -> tuple[Path, ...]:
 
 @dataclass(frozen=True)
 class Form:
-    """A form in which a model is handed on. ending: of its file, "" where it is a folder; write:
-    the contents for the model, what one of its samples does (`SampleStep`), and the files that are
-    to be written; files: these, where they are others than the path that was asked for; sampled:
-    whether it is made of that; a form that is not gets None for it, and can take a model that is
-    stepped."""
+    """An export form.
+
+    ending   of its file, "" for a folder
+    write    contents from the model, its sample step (`SampleStep`) and the files to be written
+    files    these files, if they differ from the requested path
+    sampled  True if it needs the sample step; any other form gets None for it, and accepts a
+             stepped model
+    """
 
     ending: str
     write: Callable[[Identified, Any, tuple[Path, ...]], Written]
@@ -46,9 +51,11 @@ class Form:
 @lru_cache
 def known_forms() -> dict[str, Form]:
     """Every form by its names: that of its file in `pamid.export.forms`, and those in its `ALSO`.
-    Each file holds a `FORM`; the first line of its docstring is the form's line in the help."""
+
+    Each file holds a `FORM`; the first line of its docstring is the form's line in the help.
+    """
     return {
         name: module.FORM
-        for own, module in modules_of("pamid.export.forms").items()
-        for name in (own, *getattr(module, "ALSO", ()))
+        for form_module, module in modules_of("pamid.export.forms").items()
+        for name in (form_module, *getattr(module, "ALSO", ()))
     }

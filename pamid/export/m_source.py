@@ -1,4 +1,7 @@
-"""A step as one MATLAB function file, for MATLAB, Simulink's code generation and GNU Octave."""
+"""A sample step as one MATLAB function file.
+
+It suits MATLAB, Simulink's code generation and GNU Octave.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from pamid.symbolic.expression import Expr
 
 
 def m_file(step: SampleStep, name: str) -> str:
-    """The text of <name>.m."""
+    """Text of <name>.m."""
     work = _MatlabFunctions(step)
     parts = [work.update()] if step.updates else []
     parts += [
@@ -46,7 +49,7 @@ def m_file(step: SampleStep, name: str) -> str:
 
 
 class _MatlabFunctions:
-    """The functions that hold a model's equations."""
+    """Functions with the model's equations."""
 
     def __init__(self, step: SampleStep) -> None:
         self.step = step
@@ -62,7 +65,7 @@ class _MatlabFunctions:
         self.writer = Writer(MATLAB, places)
 
     def update(self) -> str:
-        """The cells, one after the other."""
+        """Cells, one after the other."""
         step, cells, words = self.step, self.step.updates, self.writer.words
         ends = list(accumulate(step.lines, initial=0))
 
@@ -118,7 +121,7 @@ class _MatlabFunctions:
         )
 
     def derive(self) -> str:
-        """Quantities that depend on the parameters alone."""
+        """Quantities that only depend on the parameters."""
         return _function(
             "d = derive(s)",
             [

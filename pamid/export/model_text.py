@@ -1,4 +1,4 @@
-"""The model file of a rig, MJCF or URDF, with what a run found."""
+"""Model file of a rig, MJCF or URDF, with the result of a run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pamid.export.form import Written
 from pamid.export.plain_check import plain_check
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import mjcf_of
-from pamid.simulators.mujoco_forms import FoundEffect
+from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 
@@ -19,12 +19,28 @@ LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 
 
 def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
-    """The text for the file, with its errors in MuJoCo; of a URDF also as MJCF, which holds more.
-    FileError for a rig that is not made of a model file, or for an MJCF as URDF."""
+    """Text for the file, with its errors in MuJoCo.
+
+    A URDF is also written as MJCF, which holds more.
+
+    Parameters
+    ----------
+    model
+        Identified model.
+    language
+        "mjcf" or "urdf".
+    files
+        Files to be written.
+
+    Raises
+    ------
+    FileError
+        The rig does not come from a model file, or an MJCF should become a URDF.
+    """
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise FileError(
-            f"The rig {model.name!r} was not made of a model file, so there is none to write into.",
+            f"The rig {model.name!r} does not come from a model file: there is none to change.",
             "fmu, c, onnx and matlab write any model.",
         )
     path = Path(mechanism.path)
@@ -40,22 +56,22 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     check = plain_check(model, mechanism, written.file, written.mechanism)
     notes = [*written.notes, *written.left]
     if model.network is not None:
-        notes.append("the network is not in the file: no model file can hold one")
+        notes.append("the network is not in the file: model files have no networks")
     if check is None:
-        notes.append("it was not run: the run holds nothing out")
+        notes.append("it was not run, because the run has no held-out data")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
     return Written({files[0]: written.text}, notes=tuple(notes), check=check)
 
 
 def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
-    """The file of a mechanism with the model's parameters and effects."""
+    """File of a mechanism with the model's parameters and effects."""
     keys, values = model.assembly.keys, model.values
     parameters = {
         p.name: float(values[keys[p.name]]) for p in model.assembly.rig.parameters if p.name in keys
     }
     effects = [
-        FoundEffect(
+        IdentifiedEffect(
             a.label,
             a.effect.name,
             {p.name: float(values[keys[f"{a.label}:{p.name}"]]) for p in a.effect.parameters},
@@ -67,7 +83,7 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
 
 
 def _rivals_note(model: Identified) -> str:
-    """The effects that the recordings cannot tell from the one that is written."""
+    """Note on the effects that the recordings cannot separate from the written one."""
     written = model.effects[0].label if model.effects else ""
     others = {k: v for k, v in model.rivals.items() if k != written}
     if not others:

@@ -1,8 +1,8 @@
-"""ONNX graphs node by node: names, constants, subgraphs, and equations as nodes. Everything is
-float64.
+"""ONNX graphs node by node: names, constants, subgraphs, and equations as nodes.
 
-A number is a tensor of shape (1,), so that numbers split from a vector need no reshaping and can be
-joined to one. Subgraphs see the names around them; constants lie in the outermost graph, each once.
+Everything is float64. A number is a tensor of shape (1,), so that numbers split from a vector, or
+joined to one, need no reshaping. Subgraphs see the names around them. Each constant is in the
+outermost graph, once.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class Graph:
         return f"{stem}_{self.count[0]}"
 
     def add(self, op: str, *inputs: str, **attributes: Any) -> str:
-        """A node with one output; its name."""
+        """Add a node with one output and return its name."""
         (output,) = self.several(op, 1, *inputs, **attributes)
         return output
 
     def several(self, op: str, outputs: int, *inputs: str, **attributes: Any) -> list[str]:
-        """A node with several outputs; their names."""
+        """Add a node with several outputs and return their names."""
         from onnx import helper
 
         names = [self.fresh(op.lower()) for _ in range(outputs)]
@@ -53,14 +53,14 @@ class Graph:
         return names
 
     def named(self, name: str, value: str) -> str:
-        """The value under this name."""
+        """Give a value this name."""
         from onnx import helper
 
         self.nodes.append(helper.make_node("Identity", [value], [name]))
         return name
 
     def array(self, values: ArrayLike, dtype: Any = np.float64) -> str:
-        """A constant tensor."""
+        """Constant tensor."""
         from onnx import numpy_helper
 
         content = np.array(values, dtype, order="C")
@@ -83,7 +83,7 @@ class Graph:
         return names[0] if len(names) == 1 else self.add("Concat", *names, axis=0)
 
     def parts(self, vector: str, sizes: Iterable[int]) -> list[str]:
-        """A vector cut into vectors of these sizes, in order; none of them empty."""
+        """Split a vector into vectors of these sizes, in order; none of them empty."""
         lengths = list(sizes)
         if len(lengths) == 1:
             return [vector]
@@ -109,8 +109,21 @@ def graph_of(
     *,
     outermost: bool = False,
 ) -> Any:
-    """A finished GraphProto with the shapes of its inputs and outputs, double where `types` does
-    not say otherwise. The outermost one holds the constants that are used."""
+    """Finished GraphProto with the shapes of its inputs and outputs.
+
+    Parameters
+    ----------
+    body
+        Nodes of the graph.
+    name
+        Name of the graph.
+    inputs, outputs
+        Shape by name.
+    types
+        Element types other than double, by name.
+    outermost
+        True for the outermost graph, which holds the used constants.
+    """
     from onnx import TensorProto, helper
 
     kinds = types or {}
@@ -132,7 +145,7 @@ def graph_of(
 
 
 def _used(nodes: Iterable[Any]) -> set[str]:
-    """Every name that nodes and their subgraphs take in."""
+    """All inputs of nodes and their subgraphs."""
     names: set[str] = set()
     for node in nodes:
         names.update(node.input)
@@ -142,7 +155,7 @@ def _used(nodes: Iterable[Any]) -> set[str]:
 
 
 def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:
-    """The whole model, checked, with `about` as its metadata."""
+    """Checked model, with `about` as its metadata."""
     from importlib.metadata import version
 
     from onnx import checker, helper
@@ -160,10 +173,10 @@ def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:
 
 
 class Values:
-    """Equations as nodes of a graph, every shared part once.
+    """Equations as nodes of a graph; every shared part occurs once.
 
-    symbols: the tensor of every symbol; around: values whose parts may be used where no changed
-    symbol is below them.
+    symbols: the tensor of every symbol; around: enclosing values, whose parts are reused if they
+    contain no changed symbol.
     """
 
     def __init__(
@@ -175,18 +188,18 @@ class Values:
         self._changed: dict[Expr, bool] = {}
 
     def know(self, symbol: Symbol, tensor: str) -> None:
-        """A symbol that nothing was asked of yet."""
+        """Define a symbol, before its first use."""
         self.symbols[symbol] = tensor
 
     def __call__(self, root: Expr) -> str:
-        """The tensor of an expression."""
+        """Tensor of an expression."""
         for node in walk([root]):
             if node not in self._own and not is_comparison(node.op) and self._is_own(node):
                 self._own[node] = self._made(node)
         return self._at(root)
 
     def _is_own(self, node: Expr) -> bool:
-        """Does it belong here, and not to the values around?"""
+        """True if it belongs to this graph, not to the enclosing values."""
         if self.around is None:
             return True
         if node not in self._changed:
@@ -200,7 +213,7 @@ class Values:
     def _at(self, node: Expr) -> str:
         if self.around is not None and not self._is_own(node):
             return self.around(node)
-        if node not in self._own:  # a comparison that is counted with
+        if node not in self._own:  # a comparison used as a number
             self._own[node] = self.graph.add("Cast", self._truth(node), to=11)  # double
         return self._own[node]
 
@@ -216,7 +229,7 @@ class Values:
         return self.graph.add(OPERATORS[node.op].onnx, *(self._at(a) for a in node.args))
 
     def _truth(self, node: Expr) -> str:
-        """A comparison, or any number but 0, as true or false."""
+        """Boolean of a comparison, or of any number (true unless 0)."""
         if self.around is not None and not self._is_own(node):
             return self.around._truth(node)
         if node not in self._truths:

@@ -1,12 +1,13 @@
-"""An identified model, or a network by itself, as ONNX in float64: one sample, and a whole run as a
-Scan over it.
+"""An identified model, or a network alone, as ONNX in float64.
+
+There is one sample, and a whole run as a Scan over it.
 
     <stem>-cell.onnx   inputs (nu,), state (n,) -> outputs (ny,), next_state (n,)
     <stem>.onnx        inputs (T, nu), state (n,) -> outputs (T, ny), last_state (n,)
 
-Inputs and outputs are in the units of their columns and in the order that the metadata tell; there
-is the state of the beginning, too ("start"). A run may be cut anywhere: the last state of one part
-is the first of the next.
+Inputs and outputs are in the units of their columns, in the order of the metadata. The metadata
+also hold the initial state ("start"). A run may be cut anywhere: the last state of one part is the
+first of the next.
 """
 
 from __future__ import annotations
@@ -34,8 +35,10 @@ ONNX_SCHEMA = "pamid.onnx/1"
 
 
 def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
-    """A model's run and cell. UsageError where its network needs the control loop; FileError where
-    onnx is not installed."""
+    """Run and cell of a model.
+
+    UsageError if its network needs the control loop; FileError if onnx is not installed.
+    """
     _require_onnx()
     network = None if model.network is None else model.network.trained
     in_matrices = network is not None and network.network.in_matrices
@@ -56,7 +59,7 @@ def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
 
 
 def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
-    """A network's run and cell."""
+    """Run and cell of a network."""
     network = trained.network
     memory = network.memory_size
     low, high = (np.array(ends) for ends in (trained.input_scaling.low, trained.input_scaling.high))

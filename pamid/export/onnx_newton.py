@@ -1,5 +1,7 @@
-"""The implicit step of `pamid.engine.integrator` as ONNX nodes: two SDIRK2 stages, each solved by
-damped Newton."""
+"""Implicit step of `pamid.engine.integrator` as ONNX nodes.
+
+It has two SDIRK2 stages, each solved by damped Newton.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,14 @@ class Implicit:
     slopes: Rates
 
     def step(self, g: Graph, state: str, h: float) -> str:
-        """The state (nx,) after a step of h; NaN where Newton does not converge."""
+        """State (nx,) after a step of h; NaN if Newton does not converge."""
         gh = g.number(GAMMA * h)
-        first = self._solved(g, state, state, gh)
+        first = self._newton(g, state, state, gh)
         slope = g.add("Div", g.add("Sub", first, state), gh)
         base = g.add("Add", state, g.add("Mul", g.number((1.0 - GAMMA) * h), slope))
-        return self._solved(g, base, first, gh)
+        return self._newton(g, base, first, gh)
 
-    def _solved(self, g: Graph, base: str, guess: str, gh: str) -> str:
+    def _newton(self, g: Graph, base: str, guess: str, gh: str) -> str:
         """Newton from a guess, to round-off."""
         from onnx import TensorProto
 
@@ -43,15 +45,15 @@ class Implicit:
         matrix = b.add("Sub", b.array(np.eye(self.nx)), b.add("Mul", gh, self.slopes(b, x)))
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
-        accepted = self._taken(b, base, gh, x, matrix, change, worst)
+        accepted = self._damped_step(b, base, gh, x, matrix, change, worst)
         done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
-        again = b.add("Not", done)
-        boolean = {name: TensorProto.BOOL for name in (going, again, settled, done)}
+        unfinished = b.add("Not", done)
+        boolean = {name: TensorProto.BOOL for name in (going, unfinished, settled, done)}
         body = graph_of(
             b,
             "newton",
             {count: (), going: (), x: (self.nx,), settled: ()},
-            {again: (), accepted: (self.nx,), done: ()},
+            {unfinished: (), accepted: (self.nx,), done: ()},
             types={count: TensorProto.INT64, **boolean},
         )
         solution, fine = g.several(
@@ -68,14 +70,16 @@ class Implicit:
     def _residual(self, g: Graph, base: str, gh: str, x: str) -> str:
         return g.add("Sub", g.add("Add", base, g.add("Mul", gh, self.rates(g, x))), x)
 
-    def _taken(
+    def _damped_step(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
     ) -> str:
-        """x + change, shortened where it is large and Newton's next one would not become
-        smaller."""
+        """x + change.
+
+        A large change is shortened if Newton's next one would not become smaller.
+        """
         full, shorter = g.inside(), g.inside()
         after = full.add("Add", x, change)
-        accepted = self._shortened(shorter, base, gh, x, matrix, change, worst)
+        accepted = self._backtracked(shorter, base, gh, x, matrix, change, worst)
         large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
         return g.add(
             "If",
@@ -84,7 +88,7 @@ class Implicit:
             else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
         )
 
-    def _shortened(
+    def _backtracked(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
     ) -> str:
         from onnx import TensorProto
@@ -102,14 +106,14 @@ class Implicit:
         allowed = b.add(
             "Mul", b.add("Sub", b.number(1.0), b.add("Mul", b.number(0.25), reach)), worst
         )
-        again = b.add("Not", b.add("Squeeze", b.add("LessOrEqual", left, allowed)))
+        too_large = b.add("Not", b.add("Squeeze", b.add("LessOrEqual", left, allowed)))
         halved = b.add("Mul", reach, b.number(0.5))
         body = graph_of(
             b,
             "halving",
             {count: (), going: (), trial: (self.nx,), reach: (1,)},
-            {again: (), there: (self.nx,), halved: (1,)},
-            types={count: TensorProto.INT64, going: TensorProto.BOOL, again: TensorProto.BOOL},
+            {too_large: (), there: (self.nx,), halved: (1,)},
+            types={count: TensorProto.INT64, going: TensorProto.BOOL, too_large: TensorProto.BOOL},
         )
         return g.several(
             "Loop",
@@ -142,6 +146,6 @@ def _quotient(g: Graph, matrix: str, right: str, n: int) -> str:
         row = g.add("Gather", augmented, g.index(k), axis=0)
         row = g.add("Div", row, g.add("Gather", row, g.index(k), axis=1))
         factor = g.add("Gather", augmented, g.index(k), axis=1)
-        own = g.array((rows == k)[:, None], np.bool_)
-        augmented = g.choose(own, row, g.add("Sub", augmented, g.add("Mul", factor, row)))
+        row_mask = g.array((rows == k)[:, None], np.bool_)
+        augmented = g.choose(row_mask, row, g.add("Sub", augmented, g.add("Mul", factor, row)))
     return g.add("Gather", augmented, g.array(n, np.int64), axis=1)

@@ -21,19 +21,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A model's sample, with the network whose cells the step has, if any; not one that is to be
-    written by its equations, as the rest.
+    """A model's sample step, with its network if that is written as a network.
 
-    The state that a host carries is one vector: the model's states (SI), what its cells and its
-    network remember, its delay lines, and last the number of samples so far.
+    The state that a host carries is one vector: the model's states (SI), the memory of its cells
+    and its network, its delay lines, and last the number of samples so far.
     """
 
     step: SampleStep
     network: TrainedNetwork | None
 
     @cached_property
-    def remembered(self) -> tuple[str, ...]:
-        """Cells whose value at the last step is asked for, those of the network left out."""
+    def memory_cells(self) -> tuple[str, ...]:
+        """Cells whose last value is needed, without those of the network."""
         s = self.step
         used = symbols(
             [*(e for u in s.updates for e in (u.value, u.seconds)), *s.rates, *s.readings]
@@ -51,7 +50,7 @@ class Sampled:
         memory = 0 if self.network is None else self.network.network.memory_size
         parts = {
             "states": len(self.step.states),
-            "cells": len(self.remembered),
+            "cells": len(self.memory_cells),
             "memory": memory,
             **{f"line {i}": size for i, size in enumerate(self.step.lines)},
             "samples": 1,
@@ -59,8 +58,8 @@ class Sampled:
         return {name: size for name, size in parts.items() if size}
 
     @cached_property
-    def known(self) -> dict[Symbol, float]:
-        """Parameters, and what is derived from them."""
+    def parameter_values(self) -> dict[Symbol, float]:
+        """Parameters, and quantities derived from them."""
         values: dict[Symbol, float] = {("parameter", v.name): v.start for v in self.step.parameters}
         for i, root in enumerate(self.step.derived):
             values["derived", str(i)] = _number(root, values)
@@ -68,15 +67,15 @@ class Sampled:
 
     @property
     def start(self) -> Array:
-        """The state vector before the first sample."""
-        begin = [_number(e, self.known) for e in self.step.start]
+        """State vector before the first sample."""
+        begin = [_number(e, self.parameter_values) for e in self.step.start]
         return np.array(begin + [0.0] * (sum(self.sizes.values()) - len(begin)))
 
     def nodes(self, g: Graph, inputs: str, state: str) -> tuple[str, str]:
         """Outputs (ny,) and next state, both vectors, for inputs (nu,) and state."""
         s = self.step
         part = dict(zip(self.sizes, g.parts(state, self.sizes.values()), strict=True))
-        fixed = {key: g.number(value) for key, value in self.known.items()}
+        fixed = {key: g.number(value) for key, value in self.parameter_values.items()}
         given = dict(
             zip(
                 (("input", v.name) for v in s.inputs), g.numbers(inputs, len(s.inputs)), strict=True
@@ -86,8 +85,8 @@ class Sampled:
         since = g.add("Mul", part["samples"], g.number(s.period_s))
         now = dict(
             zip(
-                self.remembered,
-                g.numbers(part["cells"], len(self.remembered)) if self.remembered else (),
+                self.memory_cells,
+                g.numbers(part["cells"], len(self.memory_cells)) if self.memory_cells else (),
                 strict=True,
             )
         )
@@ -101,14 +100,14 @@ class Sampled:
             }
             past = {("past", n): t for n, t in now.items()}
             held = Values(g, {**fixed, **given, **ticks, **past})
-            here = Values(g, self._states(g, part["states"]), held)
-            now = self._updated(g, here, part, now, first, sub)
+            values = Values(g, self._states(g, part["states"]), held)
+            now = self._updated(g, values, part, now, first, sub)
             if sub == 0:
-                outputs = g.joined([here(e) for e in s.readings])
-            part["states"] = self._moved(g, here, held, part["states"])
+                outputs = g.joined([values(e) for e in s.readings])
+            part["states"] = self._moved(g, values, held, part["states"])
         part["samples"] = g.add("Add", part["samples"], g.number(1.0))
-        if self.remembered:
-            part["cells"] = g.joined([now[n] for n in self.remembered])
+        if self.memory_cells:
+            part["cells"] = g.joined([now[n] for n in self.memory_cells])
         return outputs, g.joined(list(part.values()))
 
     def _states(self, g: Graph, vector: str) -> dict[Symbol, str]:
@@ -118,20 +117,22 @@ class Sampled:
     def _updated(
         self,
         g: Graph,
-        here: Values,
+        values: Values,
         part: dict[str, str],
         before: dict[str, str],
         first: str,
         sub: int,
     ) -> dict[str, str]:
-        """All cells at the beginning of a substep, by name; the network's memory and the delay
-        lines move on."""
+        """Update all cells at the beginning of a substep, by name.
+
+        The network's memory and the delay lines advance, too.
+        """
         after: dict[str, str] = {}
         for update in self.step.updates:
             if not self._of_network(update):
-                value = here(update.value)
+                value = values(update.value)
                 if update.line >= 0:
-                    value = self._delayed(g, here, part, update, value, first if sub == 0 else "")
+                    value = self._delayed(g, values, part, update, value, first if sub == 0 else "")
             elif update.name != VALUE:
                 continue
             elif sub == 0:
@@ -139,8 +140,8 @@ class Sampled:
             else:
                 value = before[VALUE]
             after[update.name] = value
-            assert here.around is not None
-            here.around.know(("cell", update.name), value)
+            assert values.around is not None
+            values.around.know(("cell", update.name), value)
         return after
 
     def _network(self, g: Graph, cells: dict[str, str], part: dict[str, str], first: str) -> str:
@@ -156,17 +157,19 @@ class Sampled:
         return value
 
     def _delayed(
-        self, g: Graph, here: Values, part: dict[str, str], update: Update, value: str, first: str
+        self, g: Graph, values: Values, part: dict[str, str], update: Update, value: str, first: str
     ) -> str:
-        """Put a value into its delay line, newest first; the one `seconds` ago, linear between
-        steps."""
+        """Put a value into its delay line, newest first.
+
+        The result is the value `seconds` ago, linear between steps.
+        """
         name, size = f"line {update.line}", self.step.lines[update.line]
         older = g.parts(part[name], [size - 1, 1])[0]
         line = g.joined([value, older])
         if first:
             line = g.choose(first, value, line)
         part[name] = line
-        steps = g.add("Div", here(update.seconds), g.number(self.step.step_s))
+        steps = g.add("Div", values(update.seconds), g.number(self.step.step_s))
         place = g.add("Min", g.add("Max", steps, g.number(0.0)), g.number(size - 2.0))
         steps_back = g.add("Floor", place)
         at = g.add("Cast", steps_back, to=7)
@@ -177,11 +180,11 @@ class Sampled:
 
     # ---- states ---------------------------------------------------------------------------------
 
-    def _moved(self, g: Graph, here: Values, held: Values, state: str) -> str:
-        """The states after a substep; `here` are values at its beginning."""
+    def _moved(self, g: Graph, symbols: Values, held: Values, state: str) -> str:
+        """States after a substep; `symbols` are values at its beginning."""
         s, h, nx = self.step, self.step.step_s, len(self.step.states)
         if not s.implicit:
-            return self._runge_kutta(g, here, held, state)
+            return self._runge_kutta(g, symbols, held, state)
 
         def rates(inner: Graph, x: str) -> str:
             values = Values(inner, self._states(inner, x), held)
@@ -196,8 +199,8 @@ class Sampled:
 
         return Implicit(nx, rates, slopes).step(g, state, h)
 
-    def _runge_kutta(self, g: Graph, here: Values, held: Values, state: str) -> str:
-        h, moved, values = self.step.step_s, "", here
+    def _runge_kutta(self, g: Graph, symbols: Values, held: Values, state: str) -> str:
+        h, moved, values = self.step.step_s, "", symbols
         for stage in range(4):
             slope = g.joined([values(e) for e in self.step.rates])
             part = g.add("Mul", slope, g.number(h / 6.0 if stage in (0, 3) else h / 3.0))
@@ -211,8 +214,7 @@ class Sampled:
 
 
 def _number(root: Expr, known: dict[Symbol, float]) -> float:
-    """The value of an expression whose symbols are known; not finite where a division or a
-    logarithm is."""
+    """Value of an expression with known symbols; it may be infinite or NaN."""
     values: dict[Expr, float] = {}
     with np.errstate(all="ignore"):
         for node in walk([root]):

@@ -1,5 +1,7 @@
-"""The errors of a written model file in the simulator that reads it, next to those of the file that
-it was made of, on what the run held out."""
+"""Check of a written model file in its simulator, against the file that it was made of.
+
+Both are run on the held-out data of the run.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,9 @@ from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, Simulator
 Array = NDArray[np.float64]
 
 DIAGNOSIS_FILE = "diagnosis.json"
-#: error over the stated one up to which a file holds what pamid states
+#: largest ratio to the stated error for an acceptable file
 REACHED = 1.2
-#: integrators and parts of the file's step that are tried where the file's own miss that, the
+#: integrators and divisors of the file's step that are tried if the file's settings miss that,
 #: cheapest first
 TRIED_SETTINGS = (
     ("implicitfast", 1),
@@ -39,14 +41,17 @@ TRIED_SETTINGS = (
     ("implicitfast", 8),
     ("RK4", 8),
 )
-NEARLY = 1.1  # errors up to which settings come about as near as the best
+NEARLY = 1.1  # ratio to the smallest error up to which settings tie with the best
 MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays
 
 
 @dataclass(frozen=True)
 class PlainErrors:
-    """Mean absolute errors of a channel in its unit: of the old and of the new file in the
-    simulator, and as pamid states it (None where it states none); spread: of what was measured."""
+    """Mean absolute errors of a channel in its unit.
+
+    They are given for the old and the new file in the simulator, and as pamid states it (None if it
+    states none). spread: of the measurement.
+    """
 
     before: float
     now: float
@@ -56,9 +61,13 @@ class PlainErrors:
 
 @dataclass(frozen=True)
 class PlainCheck:
-    """Errors on held-out data by channel; settings: the new file's own step and integrator; best:
-    the first that reach the stated error, else the best of those that were tried, with the errors
-    by channel in its unit; reached: whether these reach it, None where the run states none."""
+    """Errors on held-out data by channel.
+
+    settings  step and integrator of the new file
+    best      the first settings that reach the stated error, else the best tried ones, with the
+              errors by channel in its unit
+    reached   True if these reach it, None if the run states none
+    """
 
     channels: Mapping[str, PlainErrors]
     settings: SimulatorSettings
@@ -68,7 +77,7 @@ class PlainCheck:
 
     @property
     def is_worse(self) -> bool:
-        """Is the new file further off than the old one, over all channels?"""
+        """True if the new file has larger errors than the old one, over all channels."""
         before, now = (
             sum(getattr(c, name) / c.spread for c in self.channels.values())
             for name in ("before", "now")
@@ -77,11 +86,11 @@ class PlainCheck:
 
     @property
     def worst_words(self) -> str:
-        """The channel that got worst, in words."""
+        """Text on the channel with the largest increase."""
         name, c = max(self.channels.items(), key=lambda item: _ratio(item[1].now, item[1].before))
         return (
-            f"in MuJoCo ({self.settings}) it is further off on held-out data than the file it was "
-            f"made of: {name} by {c.now:.4g}, not {c.before:.4g}"
+            f"in MuJoCo ({self.settings}) its errors on held-out data are larger than those of the "
+            f"original file: {name} by {c.now:.4g}, not {c.before:.4g}"
         )
 
 
@@ -92,8 +101,23 @@ def _ratio(new: float, old: float) -> float:
 def plain_check(
     model: Identified, mechanism: Mechanism, new: MujocoFile, new_mechanism: Mechanism
 ) -> PlainCheck | None:
-    """Run the old file and the new one on the held-out part of the model's run; None where the run
-    holds nothing out, or no residual.csv, or the model was not read from a run."""
+    """Run the old file and the new one on the held-out part of the model's run.
+
+    Parameters
+    ----------
+    model
+        Identified model.
+    mechanism
+        Mechanism of the old file.
+    new, new_mechanism
+        The new file and its mechanism.
+
+    Returns
+    -------
+    PlainCheck or None
+        None if the run holds nothing out or has no residual.csv, or if the model was not read from
+        a run.
+    """
     if model.folder is None or not (model.folder / RESIDUAL_FILE).exists():
         return None
     fit = need_result(model.folder / FIT_FILE, FitFile)
@@ -113,16 +137,16 @@ def plain_check(
         return PlainModel(file, m, settings=settings, linear=linear).errors(stretches, noise)
 
     before = errors(open_mujoco(mechanism.path), mechanism)
-    own = PlainModel(new, new_mechanism).settings
+    model_settings = PlainModel(new, new_mechanism).settings
     now = errors(new, new_mechanism)
     wanted = {c: size_to_si(stated[c], units[c]) for c in units if c in stated}
-    tried = [(own, now)]
+    tried = [(model_settings, now)]
     while not _reached(tried[-1][1], wanted) and len(tried) <= len(TRIED_SETTINGS):
         integrator, part = TRIED_SETTINGS[len(tried) - 1]
-        settings = SimulatorSettings(own.timestep_s / part, integrator)
+        settings = SimulatorSettings(model_settings.timestep_s / part, integrator)
         tried.append((settings, errors(new, new_mechanism, settings)))
     reached = _reached(tried[-1][1], wanted)
-    # of several that come about as near the cheapest
+    # the cheapest of several that tie
     least = NEARLY * min(_total(errors_there, spread) for _, errors_there in tried)
     best, nearest = next(
         (settings, errors_there)
@@ -140,7 +164,7 @@ def plain_check(
         for c in shown
     }
     best_errors = {c: size_from_si(nearest[c], units[c]) for c in shown}
-    return PlainCheck(channels, own, best, best_errors, reached if wanted else None)
+    return PlainCheck(channels, model_settings, best, best_errors, reached if wanted else None)
 
 
 def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:
@@ -161,8 +185,10 @@ def _spread(stretches: Sequence[RecordedStretch], column: str) -> float:
 
 
 def _stated(model: Identified, fit: FitFile) -> tuple[float, dict[str, float]]:
-    """The time that the model predicts from one estimated state (0: one window), and its errors on
-    held-out data by channel, in the channel's unit."""
+    """Prediction horizon from one estimated state (0: one window), and the stated errors.
+
+    The errors are those on held-out data by channel, in the channel's unit.
+    """
     assert model.folder is not None
     path = model.folder / DIAGNOSIS_FILE
     if not path.exists():
@@ -183,7 +209,7 @@ def _stated(model: Identified, fit: FitFile) -> tuple[float, dict[str, float]]:
 def _stretches(
     folder: Path, fit: FitFile, mechanism: Mechanism, horizon_s: float
 ) -> Iterator[RecordedStretch]:
-    """The runs over held-out data: as many windows each as the horizon has."""
+    """Runs over held-out data, with as many windows each as the horizon has."""
     columns = read_columns(folder / RESIDUAL_FILE)
     inputs = {c: u for c, u in mechanism.inputs.items() if c in columns}
     if lacking := [c for c in mechanism.inputs if c not in columns and fit.inputs is not None
@@ -216,7 +242,7 @@ def _stretches(
 
 
 def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
-    """Held-out rows of one recording in succession."""
+    """Consecutive held-out rows of one recording."""
     change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0)
     change |= np.diff(columns["time_s"]) <= 0
     edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
@@ -228,8 +254,11 @@ def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
 def _groups(
     window: Array, period_s: float, horizon_s: float
 ) -> Iterator[tuple[int, int, int, int]]:
-    """(first sample, samples for the start, samples that are not scored, end) of every run. A
-    window's start is estimated on its unscored samples; that of several on the whole first one."""
+    """(first sample, samples for the start, unscored samples, end) of every run.
+
+    A window's start is estimated on its unscored samples; that of several windows on the whole
+    first one.
+    """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
     pieces = [(int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     windows: list[tuple[int, int, int]] = []  # first sample, first scored sample, end
@@ -249,7 +278,7 @@ def _groups(
 
 
 def _contiguous(time: Array, recording: Array, at: int) -> int:
-    """The first row from which time goes on without a gap up to a row, in the same recording."""
+    """First row from which time continues without a gap up to a row, in the same recording."""
     step = np.diff(time[: at + 1])
     period = np.median(np.diff(time[at : at + 3]))
     broken = (np.abs(step - period) > 0.5 * period) | (np.diff(recording[: at + 1]) != 0)

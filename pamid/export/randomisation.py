@@ -1,5 +1,8 @@
-"""Ranges for domain randomisation: nominal values of what a run has fitted, their standard
-deviations and their covariance, as YAML."""
+"""Ranges for domain randomisation, as YAML.
+
+They are the nominal values of the fitted parameters, their standard deviations and their
+covariance.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +33,11 @@ DIFFERENCE = 1e-6  # of a parameter's size, for derivatives of combinations
 
 
 def randomisation_yaml(model: Identified) -> bytes:
-    """Every fitted parameter, SI, with the standard deviation that its 95 % interval states, and
-    the covariance of all of them, linear about the nominal values.
+    """All fitted parameters, SI, with standard deviations and covariance.
 
-    FileError for a model that was not read from a run, or whose run holds no posterior.
+    The standard deviation follows from the 95 % interval. The covariance is linear about the
+    nominal values. FileError for a model that was not read from a run, or whose run has no
+    posterior.
     """
     posterior = _posterior(model)
     values = dict(zip(model.assembly.keys, model.values.tolist(), strict=True))
@@ -45,7 +49,7 @@ def randomisation_yaml(model: Identified) -> bytes:
     covariance = (rows + np.tril(rows, -1).T) * np.outer(scale, scale)
     deviation = np.sqrt(np.diag(covariance))
     stated = dict(_stated_deviations(model))
-    # correlations are those of the posterior, sizes those of the intervals
+    # correlations from the posterior, standard deviations from the intervals
     wanted = np.array([stated.get(k, s) for k, s in zip(posterior.keys, deviation, strict=True)])
     ratio = wanted / np.maximum(deviation, 1e-300)
     covariance *= np.outer(ratio, ratio)
@@ -69,14 +73,17 @@ def randomisation_yaml(model: Identified) -> bytes:
 def _reported(
     model: Identified, keys: Sequence[str]
 ) -> tuple[Array, dict[str, float], dict[str, str]]:
-    """Derivatives of what is reported by the parameters of these keys, and its values and units by
-    name, SI: the parameters, with the rig's combinations in the place of inner ones."""
+    """Derivatives of the reported quantities by the parameters of these keys.
+
+    Also their values and units by name, SI. The reported quantities are the parameters, with the
+    rig's combinations in place of inner ones.
+    """
     a, p, places = model.assembly, model.values, [model.assembly.keys[k] for k in keys]
     inner = [k for k, i in enumerate(places) if a.parameters[i].inner]
-    kept = [k for k in range(len(keys)) if k not in inner]
-    rows = list(np.eye(len(keys))[kept])
-    values = {keys[k]: float(p[places[k]]) for k in kept}
-    units = {keys[k]: a.parameters[places[k]].unit for k in kept}
+    outer = [k for k in range(len(keys)) if k not in inner]
+    rows = list(np.eye(len(keys))[outer])
+    values = {keys[k]: float(p[places[k]]) for k in outer}
+    units = {keys[k]: a.parameters[places[k]].unit for k in outer}
     for name, measure in declared(a).items() if inner else ():
         row = np.zeros(len(keys))
         for k, i in enumerate(places):
@@ -92,21 +99,21 @@ def _reported(
 
 
 def _number(value: float) -> str:
-    """A number that YAML 1.1 reads as one: with a point, also before an exponent."""
+    """A number in the form of YAML 1.1: with a point, also before an exponent."""
     text = f"{value:.9g}"
     mantissa, mark, exponent = text.partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
 
 
 def _posterior(model: Identified) -> Posterior:
-    """The posterior of the model: of a diagnosis, of the one with the causes."""
+    """Posterior of the model; of a diagnosis, of the model with the causes."""
     fit = _fit(model)
     saved = fit.cause if model.effects else None
     if model.rivals and fit.rivals:
         saved = fit.rivals[model.chosen].model
     posterior = saved.posterior if saved else fit.posterior
     if posterior is None:
-        raise FileError("The run holds no posterior of this model.", REFIT_REMEDY, code="missing")
+        raise FileError("The run has no posterior of this model.", REFIT_REMEDY, code="missing")
     return posterior
 
 
@@ -124,7 +131,7 @@ def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
     if path.exists():
         diagnosis = need_result(path, DiagnosisFile)
         named = {a.label for a in model.effects}
-        # intervals of the rig's parameters are those next to the causes
+        # intervals of the rig's parameters are those of the fit with the causes
         intervals = dict(diagnosis.parameters) if not model.rivals else {}
         for candidate in diagnosis.ranking if model.rivals else ():
             intervals |= _of_effect(candidate.effect, candidate.parameters, named)
@@ -142,12 +149,12 @@ def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
 def _of_effect(
     label: str, parameters: Mapping[str, Interval], named: Collection[str]
 ) -> dict[str, Interval]:
-    """Intervals of an effect by full name, where the model has it."""
+    """Intervals of an effect by full name, if the model has it."""
     return {f"{label}:{k}": value for k, value in parameters.items()} if label in named else {}
 
 
 def _places(model: Identified) -> Mapping[str, Mapping[str, str]]:
-    """Where a parameter stands in the model file, or the effect that it belongs to."""
+    """Place of a parameter in the model file, or its effect."""
     places = {
         b.key: {"effect": b.owner} for b in model.assembly.parameters if b.owner and not b.nuisance
     }

@@ -1,4 +1,4 @@
-"""Expressions as lines of a program: every shared part once, under a name, in C or in MATLAB."""
+"""Expressions as lines of a program in C or MATLAB; every shared part is a named local."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, O
 
 Symbol = tuple[str, str]
 
-# characters of a part that is written where it is used, not under a name of its own
+# longest part that is written in place, without a name
 _LONGEST_PART = 90
 
 
@@ -20,8 +20,9 @@ _LONGEST_PART = 90
 class Dialect:
     """Differences between the target languages.
 
-    assign, truth (of a comparison as a number), choice: format strings; choice_binds: how tightly a
-    choice binds; function: an operator's name as a function, "" where it is written with its sign.
+    assign, truth, choice   format strings; truth: of a comparison as a number
+    choice_binds            precedence of a choice
+    function                name of an operator as a function, "" if it is written with its sign
     """
 
     assign: str
@@ -36,7 +37,7 @@ C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", CHO
 MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", ATOM, lambda o: o.matlab)
 
 
-#: words of the two languages and of the exported programs that no name may be
+#: reserved words of the two languages and of the exported programs
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
@@ -65,7 +66,7 @@ def identifier(name: str, occupied: Iterable[str] = ()) -> str:
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
-    """A word of its own for each of the names."""
+    """A unique word for each of the names."""
     unique: list[str] = []
     for name in names:
         unique.append(identifier(name, unique))
@@ -74,16 +75,16 @@ def identifiers(names: Iterable[str]) -> list[str]:
 
 @dataclass
 class Statements:
-    """The lines that compute some expressions.
+    """Lines that compute some expressions.
 
-    roots: all that will be asked for; words: the name of every symbol.
+    roots: all requested expressions; words: name of every symbol.
     """
 
     dialect: Dialect
     roots: list[Expr]
     words: dict[Symbol, str]
     lines: list[str] = field(default_factory=list)
-    # text and how tightly it binds
+    # text and its precedence
     _parts: dict[Expr, tuple[str, int]] = field(default_factory=dict)
     _truths: dict[Expr, str] = field(default_factory=dict)
     _uses: Counter[Expr] = field(init=False)
@@ -95,7 +96,7 @@ class Statements:
         self._uses.update(self.roots)
 
     def value(self, root: Expr) -> str:
-        """Text of an expression; what it needs is added to the lines."""
+        """Text of an expression; its prerequisites are added to the lines."""
         for node in walk([root]):
             if node not in self._parts:
                 self._parts[node] = self._part(node)
@@ -150,40 +151,42 @@ class Statements:
         return self.dialect.truth.format(text), self.dialect.choice_binds
 
     def _at(self, node: Expr, level: int) -> str:
-        """Text of an argument, in parentheses where it binds less tightly than its place asks."""
-        text, own = self._parts[node]
-        return text if own >= level else f"({text})"
+        """Text of an argument, in parentheses if its place needs a higher precedence."""
+        text, precedence = self._parts[node]
+        return text if precedence >= level else f"({text})"
 
 
 class Writer:
-    """Bodies of functions in which every symbol that is used is a local.
+    """Bodies of functions in which every used symbol is a local.
 
-    places: where each symbol's value is found; a tick or what is derived from the parameters is
+    places: source of each symbol's value; a tick, or a quantity derived from the parameters, is
     used from there.
     """
 
     def __init__(self, dialect: Dialect, places: dict[Symbol, str]) -> None:
         self.dialect, self.places = dialect, places
         named = [s for s in places if s[0] not in ("tick", "derived")]
-        own = identifiers(f"past_{name}" if space == "past" else name for space, name in named)
-        self.words = {**places, **dict(zip(named, own, strict=True))}
+        past_words = identifiers(
+            f"past_{name}" if space == "past" else name for space, name in named
+        )
+        self.words = {**places, **dict(zip(named, past_words, strict=True))}
 
     def lines(
         self, roots: list[Expr], write: Callable[[Statements], None], written: Iterable[Symbol] = ()
     ) -> list[str]:
-        """The locals, and what `write` adds; made: symbols that these lines define themselves."""
+        """The locals, and the lines of `write`; made: symbols that these lines define."""
         used = symbols(roots) - set(written)
-        own = [
+        assignments = [
             self.dialect.assign.format(self.words[s], place)
             for s, place in self.places.items()
             if s in used and self.words[s] != place
         ]
-        work = Statements(self.dialect, roots, self.words, own)
+        work = Statements(self.dialect, roots, self.words, assignments)
         write(work)
         return work.lines
 
     def values(self, *targets: tuple[str, Expr]) -> list[str]:
-        """Lines that put values where they belong."""
+        """Lines that store values at their places."""
 
         def write(work: Statements) -> None:
             for target, value in targets:

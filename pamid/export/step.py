@@ -45,18 +45,18 @@ from pamid.symbolic.expression import (
 )
 from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
 
-# the state of a model without any, which rests at 0: no language here has vectors of length 0
+# dummy state of a model without states, because no target language has vectors of length 0
 STILL = "still"
 ROOM_K = 293.15
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An input, output or parameter as the outside sees it.
+    """An external input, output or parameter.
 
     unit      symbol, "" for none
     start     in that unit; of an output NaN: it follows from the rest
-    fixed     a parameter that acts on the start only
+    fixed     a parameter that only acts on the start
     required  an input without which the model cannot run
     """
 
@@ -70,8 +70,10 @@ class Variable:
 
 @dataclass(frozen=True)
 class Update:
-    """New value of a cell; a delay line (line >= 0) takes `value` in and gives the cell the value
-    `seconds` ago."""
+    """New value of a cell.
+
+    A delay line (line >= 0) stores `value` and gives the cell the value `seconds` ago.
+    """
 
     name: str
     value: Expr
@@ -81,8 +83,11 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class SampleStep:
-    """See the module. slopes: (row, column, d rate / d state), where implicit; lines: values each
-    delay line keeps."""
+    """See the module.
+
+    slopes: (row, column, d rate / d state), if implicit; lines: number of values in each delay
+    line.
+    """
 
     name: str
     period_s: float
@@ -105,7 +110,7 @@ class SampleStep:
         return self.period_s / self.substeps
 
     def feedthrough(self) -> tuple[tuple[str, ...], ...]:
-        """For every output the inputs that it depends on at the same instant."""
+        """Inputs that each output depends on at the same instant."""
         behind: dict[str, set[str]] = {}
 
         def reached(roots: list[Expr]) -> set[str]:
@@ -121,8 +126,7 @@ class SampleStep:
 
 @dataclass(frozen=True)
 class _Owned:
-    """A parameter of the model, or of the uncorrected one beside it: its symbol, its name
-    outside."""
+    """A parameter of the model, or of its uncorrected version: its symbol and its external name."""
 
     key: str
     name: str
@@ -131,7 +135,7 @@ class _Owned:
 
     @property
     def surface(self) -> Expr:
-        """Its SI value, of the value outside."""
+        """SI value from the external value."""
         return mul(symbol("parameter", self.name), self.bound.factor)
 
     def variable(self, running: set[str]) -> Variable:
@@ -142,7 +146,7 @@ class _Owned:
 
 
 def step_of(model: Identified) -> SampleStep:
-    """Flatten a model; UsageError where its network needs the control loop."""
+    """Flatten a model. UsageError if its network needs the control loop."""
     if model.network is not None and model.network.in_loop:
         raise UsageError(
             "This network corrects the model in its own control loop, not on given commands.",
@@ -156,7 +160,7 @@ def step_of(model: Identified) -> SampleStep:
         )
     if moving := model.equations.linear:
         raise UsageError(
-            f"{', '.join(moving)} leads in a straight line from one sample to the next in this "
+            f"{', '.join(moving)} is linear between samples in this "
             "model, and an exported step is not given the next one.",
             "Run it with `pamid simulate --model`, or fit with the input held: "
             f'between = {{"{moving[0]}": "held"}} in the rig file, or [between] in the TOML.',
@@ -253,9 +257,11 @@ def _column(name: str, start: float) -> Variable:
 
 
 def _input(rig: Rig, name: str, begins: Mapping[str, float]) -> Variable:
-    """An input with the value that it has before anything is sent: its default, else what the rig
-    states as usual. A temperature that nothing states begins where one of the rig's states does;
-    begins: these by name, SI."""
+    """An input with its value before the first command.
+
+    It is the default of the input, else the usual value in the rig. A temperature without either
+    begins at the temperature of one of the rig's states; begins: these by name, SI.
+    """
     if name in rig.optional:
         return _column(name, as_column(name, rig.optional[name]))
     level = held_level(rig, name)
@@ -284,22 +290,22 @@ def _slopes(equations: StateEquations) -> list[tuple[int, int, Expr]]:
 
 
 def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
-    """The initial state as it follows from the parameters (SI); where it does not, as the number
-    that it is."""
+    """Initial state as a function of the parameters (SI), or as a number if it does not depend on
+    them."""
     rig, formulas = model.assembly.rig, dict[str, Expr]()
     for prefix in ("", BESIDE):
-        own = {
+        symbols = {
             b.key: symbol("parameter", prefix + b.key)
             for b in model.assembly.parameters
             if not b.owner
         }
         try:
-            given = rig.start(Names(own, "parameter"))
+            given = rig.start(Names(symbols, "parameter"))
             formulas |= {
                 prefix + s.name: expression(given.get(s.name, s.start)) for s in rig.states
             }
         except (PamidError, ArithmeticError, TypeError, ValueError):
-            pass  # start() may do with its numbers what cannot be done with symbols
+            pass  # start() may use operations that symbols do not support
     numbers = {symbol("parameter", o.key): const(o.value) for o in owned}
     starts = []
     for name, value in zip(model.lowered.states, model.start.tolist(), strict=True):

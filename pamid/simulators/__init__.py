@@ -1,1 +1,1 @@
-"""Models that people have already, as rigs: read with the simulator's own loader."""
+"""Rigs from existing model files, read by the loader of their simulator."""

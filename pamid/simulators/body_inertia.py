@@ -38,7 +38,7 @@ from pamid.symbolic.vocabulary import ZERO, exp, expression
 
 Array = NDArray[np.float64]
 
-THINNEST = 1e-6  # second moment over the largest: a plate without thickness has no share to change
+THINNEST = 1e-6  # smallest ratio to the largest second moment: a flat plate could not be stretched
 LENGTH_FACTOR = 10.0  # to the bounds of a length; radii of gyration to those of the centre
 SHAPE = "0: the shape of the model file"
 AXES = ("x", "y", "z")
@@ -48,9 +48,12 @@ STRETCH_NAMES, SHEAR_NAMES = ("stretch1", "stretch2", "stretch3"), ("shear12", "
 
 @dataclass(frozen=True)
 class BodyShape:
-    """The body of a file and the names of what deforms it. number: of the body; group: the name
-    under which all parameters but the mass are released; radius_m: root mean square distance of its
-    mass from the centre."""
+    """Shape of a body of the file, and the names of the parameters that deform it.
+
+    number    number of the body
+    group     name under which all parameters but the mass are released
+    radius_m  root mean square distance of its mass from the centre
+    """
 
     number: int
     body: Body
@@ -65,12 +68,12 @@ class BodyShape:
 
     @property
     def deformation_names(self) -> tuple[str, ...]:
-        """Of the stretches and shears, dimensionless."""
+        """Names of the stretches and shears, which are dimensionless."""
         return tuple(f"{self.body.name}_{word}" for word in (*STRETCH_NAMES, *SHEAR_NAMES))
 
     @property
     def inertia_names(self) -> tuple[str, ...]:
-        """Of the inertia about the centre along the body's axes: xx, yy, zz, xy, xz, yz."""
+        """Names of the inertia about the centre along the body's axes: xx, yy, zz, xy, xz, yz."""
         return tuple(f"{self.group}_{AXES[i]}{AXES[k]}" for i, k in PAIRS)
 
     @property
@@ -78,18 +81,23 @@ class BodyShape:
         return math.sqrt(sum(second_moments(self.body)[1]))
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Centre, stretches and shears. Their spreads are those of a body whose second moments are
-        known within 100 %, and whose centre within its radius."""
+        """Centre, stretches and shears.
+
+        Their spreads correspond to second moments known within 100 %, and to a centre known within
+        the body's radius.
+        """
         radius, far = self.radius_m, LENGTH_FACTOR * self.radius_m
         size = f"the model file; the radius of gyration is {radius:.3g} m"
-        found = [
+        parameters = [
             Parameter(name, at, at - far, at + far, "m", radius, source=size)
             for name, at in zip(self.centre_names, self.body.centre, strict=True)
         ]
         for name in self.deformation_names:
             limit = LENGTH_FACTOR if "_shear" in name else math.log(LENGTH_FACTOR)
-            found.append(Parameter(name, 0.0, -limit, limit, spread=0.5, inner=True, source=SHAPE))
-        return tuple(found)
+            parameters.append(
+                Parameter(name, 0.0, -limit, limit, spread=0.5, inner=True, source=SHAPE)
+            )
+        return tuple(parameters)
 
     def second_moment(self, p: Any) -> Mat:
         """P about the centre along the body's axes, m2; p: parameters by name, numbers or
@@ -102,16 +110,16 @@ class BodyShape:
         return product((wide[0], wide[1], wide[2]), transposed(turned))
 
     def centre(self, p: Any) -> Vec:
-        """In the body's frame, m; p as of `second_moment`."""
+        """Centre of mass in the body's frame, m; p as in `second_moment`."""
         return vec([getattr(p, name) for name in self.centre_names])
 
     def inertia(self, p: Any, mass: Any) -> tuple[Any, ...]:
-        """About the centre along the body's axes in the order of `inertia_names`, kg m2."""
+        """Inertia about the centre along the body's axes in the order of `inertia_names`, kg m2."""
         about = inertia_per_mass(self.second_moment(p))
         return tuple(mass * about[i][k] for i, k in PAIRS)
 
     def deformed(self, values: Mapping[str, float], mass: float) -> Body:
-        """The body with these values by parameter name, SI."""
+        """Return the body with these parameter values, by name, SI."""
         p = _Values(values)
         full = _symmetric([float(v) for v in self.inertia(p, mass)])
         centre = tuple(float(v) for v in self.centre(p))
@@ -119,15 +127,15 @@ class BodyShape:
 
 
 def shapes_of(mechanism: Mechanism) -> tuple[BodyShape, ...]:
-    """Of every body that a joint moves and that has an inertia."""
+    """Shapes of all bodies that a joint moves and that have an inertia."""
     moving = {joint.body for joint in mechanism.joints}
-    found = []
+    shapes = []
     for number, body in enumerate(mechanism.bodies):
         if body.parent in moving:
             moving.add(number)
         if number in moving and body.mass_kg > 0.0 and max(body.inertia) > 0.0:
-            found.append(BodyShape(number, body))
-    return tuple(found)
+            shapes.append(BodyShape(number, body))
+    return tuple(shapes)
 
 
 class _Values:
@@ -139,8 +147,10 @@ class _Values:
 
 
 def second_moments(body: Body) -> tuple[Array, list[float]]:
-    """Principal axes as columns (3, 3), and the second moments of mass along them over the mass
-    (m2), the largest last."""
+    """Principal axes as columns (3, 3), and the second moments of mass along them.
+
+    The moments are divided by the mass (m2), the largest last.
+    """
     inertia = np.array(body.inertia)
     moments = (0.5 * inertia.sum() - inertia) / body.mass_kg
     order = np.argsort(moments, kind="stable")
@@ -157,7 +167,7 @@ def inertia_per_mass(second: Mat) -> Mat:
 
 
 def full_inertia(body: Body) -> Array:
-    """About the centre along the body's axes (3, 3), kg m2."""
+    """Inertia about the centre along the body's axes (3, 3), kg m2."""
     axes = rotation(body.inertia_quaternion)
     return axes @ np.diag(body.inertia) @ axes.T
 
@@ -170,7 +180,10 @@ def _symmetric(values: list[float]) -> Array:
 
 
 def with_full_inertia(body: Body, full: Array) -> Body:
-    """The body with this inertia about its centre, along its own axes: principal, largest first."""
+    """Return the body with this inertia about its centre, along the body's axes.
+
+    It is stored as principal inertias, largest first.
+    """
     principal, axes = np.linalg.eigh(full)
     axes = axes[:, ::-1] * [1.0, 1.0, np.linalg.det(axes[:, ::-1])]
     quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)

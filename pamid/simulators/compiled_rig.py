@@ -1,13 +1,12 @@
-"""A mechanism as a rig of equations: no simulator takes part in running it.
+"""A mechanism as a rig of equations, which runs without a simulator.
 
     M(q) q'' + c(q, q') = drive + tendons - damping(q') - stiffness(q - relaxed) + friction
                           + couplings + gravity compensation
 
-with the couplings of `pamid.simulators.soft_constraints`, and the friction there at joints whose
-file states a loss; elsewhere, where a fit frees it, it grows with the velocity (`friction_slope`)
-until the loss is reached.
-Joint, tendon and actuator laws are those of MuJoCo (documentation, Computation), the motion is in
-`pamid.simulators.forward_dynamics`.
+The couplings are those of `pamid.simulators.soft_constraints`, as is the friction at joints whose
+file states a loss. If a fit frees the loss of another joint, its friction grows with the velocity
+(`friction_slope`) up to the loss. Joint, tendon and actuator laws are those of MuJoCo
+(documentation, Computation). The motion is computed in `pamid.simulators.forward_dynamics`.
 """
 
 from __future__ import annotations
@@ -54,17 +53,20 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
-RETURN_RATE = 200.0  # 1/s, at which a spring yields that is stretched further than it can be
+RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest one
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
-#: an angle (or way) and its rate
+#: an angle (or length) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
 
 
 @dataclass(frozen=True)
 class Load:
-    """Load of a joint while all other joints give way: torque that accelerates it, its inertia,
-    that of it without the motor's (carried), the acceleration of this part with no spring at its
-    joint, and its usual inertia, a number (kg m2 or kg; N m or N)."""
+    """Load of a joint while all other joints give way; SI.
+
+    It has the torque that accelerates the joint, its inertia, its inertia without the motor's
+    (carried), the acceleration of this part with no spring at its joint, and its usual inertia, a
+    number.
+    """
 
     torque: Expr
     inertia: Expr
@@ -73,34 +75,36 @@ class Load:
     usual: float
 
     def under(self, more: Expr) -> Load:
-        """With more torque."""
+        """Add torque."""
         return replace(self, torque=self.torque + more)
 
 
 class CompiledMechanism(Rig):
-    """A rig made of a `Mechanism`; its tables are the mechanism's own."""
+    """Rig made of a `Mechanism`, with the mechanism's inputs, outputs and parameters."""
 
     name = "mechanism"
 
     def __init__(self, mechanism: Mechanism) -> None:
-        own: Any = self  # tables that a class usually holds
+        untyped: Any = self  # these tables usually are class attributes
         m = mechanism
         self.mechanism = m
-        own.name = m.name
-        own.inputs, own.outputs = m.inputs, m.outputs
-        own.optional = {a.column: 0.0 for a in m.actuators if a.is_bare}
-        own.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
-        own.centre = {column: 0.5 * sum(ends) for column, ends in own.ranges.items() if sum(ends)}
-        own.excited = {a.column: _amplitude(m, a) for a in m.actuators if a.column}
-        own.ports = {
+        untyped.name = m.name
+        untyped.inputs, untyped.outputs = m.inputs, m.outputs
+        untyped.optional = {a.column: 0.0 for a in m.actuators if a.is_bare}
+        untyped.ranges = {a.column: a.command_range for a in m.actuators if a.command_range}
+        untyped.centre = {
+            column: 0.5 * sum(ends) for column, ends in untyped.ranges.items() if sum(ends)
+        }
+        untyped.excited = {a.column: _amplitude(m, a) for a in m.actuators if a.column}
+        untyped.ports = {
             p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
         }
-        own.parameters = tuple(p.parameter for p in m.parameters)
-        own.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
-        own.states = tuple(_states(m))
-        own.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
-        own.remarks = _remarks(m)
-        own.log_names, own.vector_sizes = log_names_of(m), vector_sizes_of(m)
+        untyped.parameters = tuple(p.parameter for p in m.parameters)
+        untyped.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
+        untyped.states = tuple(_states(m))
+        untyped.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
+        untyped.remarks = _remarks(m)
+        untyped.log_names, untyped.vector_sizes = log_names_of(m), vector_sizes_of(m)
         self._names = {(p.element, p.number, p.attribute): p.parameter.name for p in m.parameters}
         self._ports = {(p.element, p.number, p.kind): p.name for p in m.ports}
 
@@ -122,25 +126,25 @@ class CompiledMechanism(Rig):
 
     def combinations(self, p: Any) -> dict[str, Number]:
         """Inertias of these bodies about their centres, kg m2."""
-        found: dict[str, Number] = {}
+        inertias: dict[str, Number] = {}
         for shape in self.shapes:
             names = (with_unit(name, "kg m2") for name in shape.inertia_names)
             mass = self.value(p, "body", shape.number, "mass", shape.body.mass_kg)
-            found |= zip(names, shape.inertia(p, mass), strict=True)
-        return found
+            inertias |= zip(names, shape.inertia(p, mass), strict=True)
+        return inertias
 
     def value(self, p: Any, element: str, number: int, attribute: str, stated: float) -> Expr:
-        """A parameter of an element, or the number that the file states where it is none."""
+        """Parameter of an element; the number in the file if it is not a parameter."""
         name = self._names.get((element, number, attribute))
         return expression(stated if name is None else getattr(p, name))
 
     def port_of(self, element: str, number: int, kind: str) -> str:
-        """The name of an element's port of a kind; "" where it has none."""
+        """Name of an element's port of a kind; "" if it has none."""
         return self._ports.get((element, number, kind), "")
 
 
 def _remarks(m: Mechanism) -> tuple[str, ...]:
-    """How the model goes, and what is left out."""
+    """Remarks on the form of the model, and on its omissions."""
     kinds = {"joint": m.joints, "tendon": m.tendons, "actuator": m.actuators, "sensor": m.sensors}
     counted = ", ".join(f"{len(v)} {k}{'' if len(v) == 1 else 's'}" for k, v in kinds.items() if v)
     fitted = sum(p.parameter.fitted for p in m.parameters)
@@ -161,14 +165,18 @@ def _states(m: Mechanism) -> Iterator[State]:
     for joint in m.joints:
         if joint.spring_state:
             low, high = (joint.reference + s * joint.spring_yield for s in (-1.0, 1.0))
-            relaxed = min(max(joint.spring_reference, low), high)  # it yields at once
+            relaxed = min(
+                max(joint.spring_reference, low), high
+            )  # a larger deflection yields at once
             yield State(joint.spring_state, joint.unit, relaxed)
 
 
 def _amplitude(m: Mechanism, actuator: Actuator) -> float:
-    """How far a command usually swings: half its range; where it has none, a position by half a
-    radian or a tenth of a metre, a velocity by twice that, a force by what gives its joint 10
-    rad/s2."""
+    """Usual amplitude of a command: half its range.
+
+    Without a range it is half a radian or a tenth of a metre for a position, twice that for a
+    velocity, and for a force the one that accelerates its joint by 10 rad/s2.
+    """
     if actuator.command_range is not None:
         low, high = actuator.command_range
         return 0.25 * (high - low)
@@ -180,7 +188,7 @@ def _amplitude(m: Mechanism, actuator: Actuator) -> float:
 
 
 def _gain(actuator: Actuator) -> float:
-    """Force per command."""
+    """Force per unit of the command."""
     motor = actuator.motor
     if motor is None:
         return actuator.gain[0]
@@ -195,7 +203,7 @@ def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
 
 
 class MechanismEquations:
-    """One run through the equations of a mechanism, on symbols."""
+    """Equations of a mechanism on symbols, for one evaluation."""
 
     def __init__(self, rig: CompiledMechanism, x: Any, u: Any, p: Any, port: Any) -> None:
         self.rig, self.m, self.x, self.u, self.p, self.port = rig, rig.mechanism, x, u, p, port
@@ -220,24 +228,24 @@ class MechanismEquations:
         return self._commands[i]
 
     def actuator_rates(self, i: int) -> dict[str, Expr]:
-        """Rates of an actuator's own states."""
+        """Rates of the states of an actuator."""
         a = self.m.actuators[i]
         if a.motor is not None:
             return self.motor(i).rates
         if not a.states:
             return {}
-        told, state = self.command(i), getattr(self.x, a.states[0][0])
+        rate, state = self.command(i), getattr(self.x, a.states[0][0])
         if a.dynamics == "filter":
             constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
-            told = (told - state) / maximum(constant, 1e-12)
+            rate = (rate - state) / maximum(constant, 1e-12)
         if a.activation_range is not None:
             low, high = a.activation_range
-            told = where(state >= high, minimum(told, 0.0), told)
-            told = where(state <= low, maximum(told, 0.0), told)
-        return {a.states[0][0]: told}
+            rate = where(state >= high, minimum(rate, 0.0), rate)
+            rate = where(state <= low, maximum(rate, 0.0), rate)
+        return {a.states[0][0]: rate}
 
     def motor(self, i: int) -> MotorEquations:
-        """Of an actuator with a winding."""
+        """Equations of an actuator with a winding."""
         a = self.m.actuators[i]
         assert a.motor is not None
         return MotorEquations(
@@ -269,9 +277,9 @@ class MechanismEquations:
         if a.motor is not None:
             return self.motor(i).torque
         length, rate = self.travel(i)
-        told = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
+        activation = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
         gain, bias = self._law(i, a)
-        force = _affine(gain, length, rate) * told + _affine(bias, length, rate)
+        force = _affine(gain, length, rate) * activation + _affine(bias, length, rate)
         return force if a.force_range is None else clip(force, *a.force_range)
 
     def _law(self, i: int, a: Actuator) -> tuple[list[Expr], list[Expr]]:
@@ -315,15 +323,15 @@ class MechanismEquations:
 
     def dampers(self, velocity: Expr, *, joint: int = -1, tendon: int = -1) -> Expr:
         """Forces of the dampers of the actuators of a joint or a tendon against its velocity."""
-        found = ZERO
+        damping = ZERO
         for i, a in enumerate(self.m.actuators):
             if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
                 gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                found = found + gear * gear * self.polynomial(
+                damping = damping + gear * gear * self.polynomial(
                     "actuator", i, "damping", a.damping_powers, expression(a.damping), velocity,
                     odd=True,
                 )  # fmt: skip
-        return found
+        return damping
 
     def polynomial(
         self,
@@ -336,56 +344,59 @@ class MechanismEquations:
         *,
         odd: bool = False,
     ) -> Expr:
-        """linear x + b x^2 + c x^3, with x |x| in the place of x^2 where it is odd."""
-        found = linear * x
+        """linear x + b x^2 + c x^3; an odd polynomial has x |x| instead of x^2."""
+        total = linear * x
         for word, stated, of in (
             ("quadratic", powers[0], absolute(x) * x if odd else x * x),
             ("cubic", powers[1], x * x * x),
         ):
             if stated:
                 name = f"{attribute}_{word}"
-                found = found + self.rig.value(self.p, element, number, name, stated) * of
-        return found
+                total = total + self.rig.value(self.p, element, number, name, stated) * of
+        return total
 
     def joint_drive(self, j: int) -> Expr:
-        """Torque or force of the actuators of one joint, without those that pull at tendons."""
-        found = ZERO
+        """Torque or force of the actuators of one joint, without those on tendons."""
+        force_sum = ZERO
         for i, a in enumerate(self.m.actuators):
             if a.tendon < 0 and a.joint == j:
                 gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                found = found + gear * self.actuator_force(i)
-        return found
+                force_sum = force_sum + gear * self.actuator_force(i)
+        return force_sum
 
     def drive(self) -> list[Expr]:
         """Forces of the actuators at every joint."""
-        found = [self.joint_drive(j) for j in range(len(self.m.joints))]
+        forces = [self.joint_drive(j) for j in range(len(self.m.joints))]
         for i, a in enumerate(self.m.actuators):
             if a.mount is not None:
                 force = self.actuator_force(i)
                 for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                    found[j] = found[j] + moment * force
+                    forces[j] = forces[j] + moment * force
             if a.tendon < 0:
                 continue
             gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
             force = gear * self.actuator_force(i)
             t = self.m.tendons[a.tendon]
             for j, c in zip(t.joints, t.coefficients, strict=True):
-                found[j] = found[j] + c * force
+                forces[j] = forces[j] + c * force
         if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
             for j, joint in enumerate(self.m.joints):
                 if joint.compensated_by_actuator:
-                    found[j] = found[j] + self.rigid.lift[j]
+                    forces[j] = forces[j] + self.rigid.lift[j]
         return [
             f if joint.force_range is None else clip(f, *joint.force_range)
-            for f, joint in zip(found, self.m.joints, strict=True)
+            for f, joint in zip(forces, self.m.joints, strict=True)
         ]
 
     def _is_lifted(self) -> bool:
         return any(body.gravity_compensation for body in self.m.bodies)
 
     def passive(self, j: int) -> Expr:
-        """Spring and damper of a joint, the dampers of its actuators, gravity compensation, and
-        friction where none is stated."""
+        """Passive force at a joint.
+
+        It is the sum of spring and damper, the dampers of its actuators, gravity compensation, and
+        friction if the file states no loss.
+        """
         joint, value = self.m.joints[j], self.rig.value
         qd = self.qd[j]
         damping = value(self.p, "joint", j, "damping", joint.damping)
@@ -393,7 +404,12 @@ class MechanismEquations:
         held_back = (
             -self.polynomial("joint", j, "damping", joint.damping_powers, damping, qd, odd=True)
             - self.polynomial(
-                "joint", j, "stiffness", joint.stiffness_powers, stiffness, self.stretch(j)
+                "joint",
+                j,
+                "stiffness",
+                joint.stiffness_powers,
+                stiffness,
+                self.spring_deflection(j),
             )
             - self.dampers(qd, joint=j)
         )
@@ -404,17 +420,20 @@ class MechanismEquations:
         loss = value(self.p, "joint", j, "frictionloss", 0.0)
         return held_back - clip(joint.friction_slope * qd, -loss, loss)
 
-    def stretch(self, j: int) -> Expr:
-        """Way of a joint's spring from where it is relaxed."""
+    def spring_deflection(self, j: int) -> Expr:
+        """Deflection of a joint's spring from its relaxed position."""
         joint = self.m.joints[j]
         if not joint.spring_state:
             return self.q[j] - joint.spring_reference
         most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
         return clip(self.q[j] - getattr(self.x, joint.spring_state), -most, most)
 
-    def yielding(self, j: int) -> Expr:
-        """Rate at which a joint's spring gives way for good: with the joint, once it is stretched
-        as far as it can be. What it is stretched beyond that, by a step or by its start, goes."""
+    def plastic_rate(self, j: int) -> Expr:
+        """Plastic rate of a joint's spring.
+
+        At its largest deflection the spring moves with the joint. A deflection beyond that, after a
+        step or at the start, decays.
+        """
         joint, qd = self.m.joints[j], self.qd[j]
         most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
         way = self.q[j] - getattr(self.x, joint.spring_state)
@@ -442,7 +461,7 @@ class MechanismEquations:
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
 
     def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
-        """Slopes by joint of one end of a coupling, and its way from the reference."""
+        """Slopes by joint of one end of a coupling, and its distance from the reference."""
         if number < 0:
             return {}, ZERO
         if c.kind == "joint":
@@ -453,7 +472,7 @@ class MechanismEquations:
         return slopes, self.tendon(number)[0] - reference
 
     def friction(self, j: int) -> SoftFriction | None:
-        """Of a joint whose file states a loss."""
+        """Friction of a joint whose file states a loss."""
         joint = self.m.joints[j]
         if not joint.friction_loss:
             return None
@@ -462,11 +481,11 @@ class MechanismEquations:
 
     def applied(self) -> list[Expr]:
         """Force or torque at every joint, through its motion port."""
-        found = [f + self.passive(j) for j, f in enumerate(self.drive())]
+        forces = [f + self.passive(j) for j, f in enumerate(self.drive())]
         for i, t in enumerate(self.m.tendons):
             pull = self.tendon_force(i)
             for j, c in zip(t.joints, t.coefficients, strict=True):
-                found[j] = found[j] + c * pull
+                forces[j] = forces[j] + c * pull
         return [
             self.port(
                 self.rig.port_of("joint", j, "motion"),
@@ -474,16 +493,16 @@ class MechanismEquations:
                 position=self.q[j],
                 velocity=self.qd[j],
             )
-            for j, f in enumerate(found)
+            for j, f in enumerate(forces)
         ]
 
     @cached_property
     def rigid(self) -> Tree:
-        """The tree where every link stands as its joint does."""
+        """Tree in which every link stands as its joint does."""
         return self.tree()
 
     def tree(self, turned: Mapping[int, Turn] | None = None) -> Tree:
-        """Links and motors; turned: by how much links stand beyond the motor of their joint."""
+        """Links and motors; turned: angles of the links beyond the motor of their joint."""
         value = self.rig.value
         q, qd = list(self.q), list(self.qd)
         for j, (angle, rate) in (turned or {}).items():
@@ -503,37 +522,39 @@ class MechanismEquations:
         return Tree(self.m, q, qd, masses, armature, shapes)
 
     def rates(self) -> dict[str, Number]:
-        """Of every state."""
+        """Rates of all states."""
         applied = self.applied()
-        tree, passed = self.carried(applied)
+        tree, passed = self.flexible_loads(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         couplings = [self.coupling(c) for c in self.m.couplings]
         qdd = accelerations(tree, applied, passed, rubbing, couplings)
-        found: dict[str, Number] = {}
+        rates: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
-            found[joint.name] = qd
-            found[f"{joint.name}_velocity"] = a
+            rates[joint.name] = qd
+            rates[f"{joint.name}_velocity"] = a
         for i in range(len(self.m.actuators)):
-            found.update(self.actuator_rates(i))
+            rates.update(self.actuator_rates(i))
         for j, joint in enumerate(self.m.joints):
             if joint.spring_state:
-                found[joint.spring_state] = self.yielding(j)
-        return found
+                rates[joint.spring_state] = self.plastic_rate(j)
+        return rates
 
-    def carried(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
-        """The tree, and what reaches its joints where an effect lets what one of them carries move
-        against its motor, by an angle t: with M' the inertias without that motor's, at q + t,
+    def flexible_loads(self, applied: list[Expr]) -> tuple[Tree, list[Expr | None]]:
+        """The tree, and the forces that reach its joints behind an elastic transmission.
+
+        An effect may let the load of a joint move against its motor by an angle t. With M' the
+        inertias without that motor's, at q + t,
 
             sum_k M_ik q_k'' = force_i - c_i - M'_ij t''
 
-        None where nothing does. All other joints give way, so that the effect sees one inertia
-        behind one motor. Exact for one such joint.
+        A force is None if no such effect reaches the joint. All other joints give way, so that the
+        effect sees one inertia behind one motor. This is exact for one such joint.
         """
         turned: dict[int, Turn] = {}
         tree = rigid = self.rigid
         twisting: dict[int, Expr] = {}
-        pushed: dict[int, Expr] = {}  # where the joint itself is what the motor moves
-        moving = self.moving(rigid, applied)
+        pushed: dict[int, Expr] = {}  # if the motor moves the joint itself
+        moving = self.frictionless_accelerations(rigid, applied)
         for j in range(tree.n):
             port = self.rig.port_of("joint", j, "transmission")
             if not port:
@@ -543,14 +564,17 @@ class MechanismEquations:
             def behind(
                 torque: Expr, angle: Expr, rate: Expr, j: int = j, met: list[Load] = met
             ) -> Load:
-                if angle is ZERO:  # it stands as the joint does
+                if angle is ZERO:  # no deflection
                     return met[-1].under(torque - met[-1].torque)
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
                 beyond = self.tree(turned)
-                here, there = met[-1], self.load(beyond, applied, j, self.moving(beyond, applied))
+                near, there = (
+                    met[-1],
+                    self.load(beyond, applied, j, self.frictionless_accelerations(beyond, applied)),
+                )
                 met.append(there)
-                return there if torque is here.torque else there.under(torque - here.torque)
+                return there if torque is near.torque else there.under(torque - near.torque)
 
             reaching = self.port(
                 port,
@@ -560,7 +584,7 @@ class MechanismEquations:
                 inertia=met[0].inertia,
                 free_fall=met[0].free_fall,
                 behind=behind,
-                driven=partial(self.driven, j),
+                driven=partial(self.drive_change, j),
             )
             if reaching is not met[0].torque and j in turned:
                 twisting[j] = (met[-1].torque - reaching) / met[-1].carried
@@ -571,17 +595,17 @@ class MechanismEquations:
         passed: list[Expr | None] = [None] * tree.n
         for j, more in pushed.items():
             passed[j] = applied[j] - tree.holding[j] + more
-        for j, one in twisting.items():
+        for j, acceleration in twisting.items():
             for i in range(tree.n):
                 link = tree.link_inertia(i, j)
                 if link is not None:
                     before = passed[i]
                     before = applied[i] - tree.holding[i] if before is None else before
-                    passed[i] = before - link * one
+                    passed[i] = before - link * acceleration
         return tree, passed
 
-    def driven(self, j: int, angle: Expr, rate: Expr) -> Expr:
-        """Change of the drive of joint j where its side stands behind it by an angle."""
+    def drive_change(self, j: int, angle: Expr, rate: Expr) -> Expr:
+        """Change of the drive of joint j if the load lags behind it by an angle."""
         before = self.joint_drive(j)
         q, qd = self.q[j], self.qd[j]
         self.q[j], self.qd[j] = q - angle, qd - rate
@@ -590,13 +614,16 @@ class MechanismEquations:
         return more
 
     @staticmethod
-    def moving(tree: Tree, applied: list[Expr]) -> list[Expr]:
-        """How every joint accelerates without friction, nothing turned against its motor."""
+    def frictionless_accelerations(tree: Tree, applied: list[Expr]) -> list[Expr]:
+        """Accelerations of all joints without friction, with every load at its motor."""
         return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
-        """Load of joint j, all other joints giving way; moving: as `moving` has it."""
-        inertia = tree.felt_inertia(j)
+        """Load of joint j while all other joints give way.
+
+        moving: result of `frictionless_accelerations`.
+        """
+        inertia = tree.effective_inertia(j)
         carried = maximum(inertia - tree.armature[j], LEAST_INERTIA)
         joint = self.m.joints[j]
         usual = max(joint.typical_inertia - joint.armature, LEAST_INERTIA)
@@ -628,7 +655,7 @@ class MechanismEquations:
         return clip(read, -sensor.cutoff, sensor.cutoff) if sensor.cutoff > 0.0 else read
 
     def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
-        """Reading of a sensor of a frame."""
+        """Reading of a sensor on a frame."""
         tree, values = self.rigid, tuple[Expr, ...]()
         if sensor.kind == "framequat":
             values = tree.quaternion(mount)

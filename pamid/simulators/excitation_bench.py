@@ -1,5 +1,7 @@
-"""MuJoCo with the model of the data sheet, running an excitation and watched for what it must not
-do: leave a joint's range, exceed a speed or a force, make bodies touch."""
+"""Run of an excitation by MuJoCo, on the model of the data sheet, with a check of every limit.
+
+The limits are the ranges of joints, speeds and forces. Bodies must not touch.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,19 @@ from pamid.simulators.xml_text import tags_of
 
 Array = NDArray[np.float64]
 
-REST_S = 10.0  # of the run in which nothing is sent
+REST_S = 10.0  # length of the run with constant commands
 WILD = 1e6  # rad, m or their rates: a run beyond is unstable
-STANDING = 1e-3  # rad or m from an end of its range: a joint stands on it
-ROUNDED = 1e-6  # rad or m: an end that is met by rounding is not left
+STANDING = 1e-3  # rad or m from an end of its range: the joint is at this end
+ROUNDED = 1e-6  # rad or m: a smaller overshoot is rounding
 
 
 @dataclass(frozen=True)
-class Trouble:
-    """Fault in a run: in words, when (s), which actuators may be the cause, the joint whose range
-    it is."""
+class LimitViolation:
+    """Violation of a limit in a run.
+
+    It has a text, the time (s), the actuators that may be the cause, and the joint whose range it
+    is.
+    """
 
     text: str
     at_s: float
@@ -35,7 +40,7 @@ class Trouble:
 
 
 class ExcitationBench:
-    """MuJoCo with the model of the data sheet, and everything that it is watched for."""
+    """MuJoCo with the model of the data sheet and the limits."""
 
     def __init__(self, m: Mechanism, period_s: float, speeds: dict[str, float]) -> None:
         file = open_mujoco(m.path)
@@ -58,7 +63,7 @@ class ExcitationBench:
         for name, speed in speeds.items():
             if name not in names:
                 raise UsageError(
-                    f"--speed-limit {name}: there is no such joint.",
+                    f"--speed-limit {name}: the model has no such joint.",
                     nearest(name, names) or f"Joints: {', '.join(names)}.",
                 )
             if not speed > 0.0:
@@ -66,35 +71,35 @@ class ExcitationBench:
         self.fast = [j for j, name in enumerate(names) if name in speeds]
         self.speeds = np.array([speeds[names[j]] for j in self.fast])
         self.usual: set[tuple[int, int]] = set()
-        self.falls: dict[int, Trouble] = {}
-        # an end on which a joint stands at the start is a stop that is known
+        self.falls: dict[int, LimitViolation] = {}
+        # a joint that starts at an end of its range rests on a stop on purpose
         for k, j in enumerate(self.ranged):
             away = np.abs(self.ends[k] - m.joints[j].reference)
             self.ends[k] = np.where(away < STANDING, [-np.inf, np.inf], self.ends[k])
 
     def limits(self) -> tuple[str, ...]:
-        """Limits that were checked, in words."""
-        said = []
+        """Limits that were checked, as text."""
+        sentences = []
         stops = [
             m.name
             for k, j in enumerate(self.ranged)
             for m in [self.m.joints[j]]
             if not np.isfinite(self.ends[k]).all()
         ]
-        for what, found in (
+        for what, names in (
             ("range", [self.m.joints[j].name for j in self.ranged]),
             ("speed", [self.m.joints[j].name for j in self.fast]),
             ("force", [self.m.actuators[i].name for i in self.forces]),
             ("force", [self.m.joints[j].name for j in self.efforts]),
         ):
-            if found:
-                said.append(f"{what} of {', '.join(found)}")
+            if names:
+                sentences.append(f"{what} of {', '.join(names)}")
         if stops:
-            said.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
-        return (*said, "bodies that touch")
+            sentences.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
+        return (*sentences, "bodies that touch")
 
     def _require_start(self) -> None:
-        """DataError where the model stands outside its own ranges."""
+        """Raise DataError if the model starts outside its ranges."""
         for joint in (self.m.joints[j] for j in self.ranged):
             low, high = joint.range or (0.0, 0.0)
             if not low - ROUNDED <= joint.reference <= high + ROUNDED:
@@ -106,21 +111,23 @@ class ExcitationBench:
                     code="no-room",
                 )
 
-    def require_held(self, trouble: Trouble) -> None:
-        """DataError where a joint goes to its end by itself, so that no smaller signal holds it."""
+    def require_held(self, trouble: LimitViolation) -> None:
+        """Raise DataError if a joint moves to its end by itself.
+
+        No smaller signal could hold it.
+        """
         alone = self.falls.get(trouble.joint)
         if alone is not None:
             raise DataError(
-                f"{self.m.path}: with nothing sent {alone.text} already, at {alone.at_s:.4g} s: a "
-                "smaller signal cannot keep it.",
-                "Hold it: --offset with what it takes, or an actuator that is sent positions; or "
-                "send the signal as it is with --no-limits.",
+                f"{self.m.path}: even with a command of zero, {alone.text}, at {alone.at_s:.4g} s. "
+                "A smaller signal cannot prevent this.",
+                "Hold the joint with a suitable --offset, or with a position actuator; or send the "
+                "signal without limits (--no-limits).",
                 code="no-room",
             )
 
     def rest(self, first: Mapping[int, Array]) -> None:
-        """Learn which bodies touch at the start, and which touch the surroundings with no more sent
-        than at first."""
+        """Note contacts at the start, and those with the surroundings under the first command."""
         self._require_start()
         data = self._begin()
         self.usual = {pair for pair, _ in self._pairs(data)}
@@ -130,20 +137,21 @@ class ExcitationBench:
 
     def run(
         self, sent: Mapping[int, Array], *, learn: bool = False
-    ) -> tuple[Trouble | None, dict[str, tuple[float, float]]]:
-        """The first trouble of a run, None where there is none, and how far the joints went."""
+    ) -> tuple[LimitViolation | None, dict[str, tuple[float, float]]]:
+        """Return the first violation of a run, None without one, and the range of the joints'
+        positions."""
         data, m = self._begin(), self.m
-        own = [i for i in sent if m.actuators[i].adr >= 0]
+        driven = [i for i in sent if m.actuators[i].adr >= 0]
         bare = [i for i in sent if m.actuators[i].adr < 0]
         samples = len(next(iter(sent.values())))
-        controls = np.array([sent[i] for i in own]).reshape(len(own), samples)
+        controls = np.array([sent[i] for i in driven]).reshape(len(driven), samples)
         torques = np.array([sent[i] for i in bare]).reshape(len(bare), samples)
-        places = [m.actuators[i].adr for i in own]
+        places = [m.actuators[i].adr for i in driven]
         dofs = [m.joints[m.actuators[i].joint].dof for i in bare]
         qpos = [joint.qpos for joint in m.joints]
         low, high = data.qpos[qpos].copy(), data.qpos[qpos].copy()
         for k in range(samples):
-            data.ctrl[places] = controls[:, k] if own else []
+            data.ctrl[places] = controls[:, k] if driven else []
             data.qfrc_applied[dofs] = torques[:, k] if bare else []
             self.mujoco.mj_step(self.model, data, self.count)
             q = data.qpos[qpos]
@@ -164,108 +172,108 @@ class ExcitationBench:
         self.mujoco.mj_forward(self.model, data)
         return data
 
-    def _trouble(self, data: Any, sample: int, learn: bool) -> Trouble | None:
-        """Fault at this sample. learn: touching the surroundings is noted instead."""
+    def _trouble(self, data: Any, sample: int, learn: bool) -> LimitViolation | None:
+        """Violation at this sample. learn: note contacts with the surroundings instead."""
         m, at = self.m, sample * self.period_s
         everything = m.commanded
         wild = np.abs(data.qpos).max(initial=0.0), np.abs(data.qvel).max(initial=0.0)
         if not max(wild) < WILD:
-            return Trouble("the run becomes unstable", at, everything)
+            return LimitViolation("the run becomes unstable", at, everything)
         if data.ncon:
-            for pair, (one, other) in self._pairs(data):
+            for pair, (name, other) in self._pairs(data):
                 if learn and self._is_fixed(pair):
                     self.usual.add(pair)
                 elif pair not in self.usual:
                     guilty = self._movers(pair)
-                    return Trouble(f"{one} would touch {other}", at, guilty)
+                    return LimitViolation(f"{name} would touch {other}", at, guilty)
         q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
         for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
             :1
         ]:
             j = self.ranged[int(k)]
             low, high = m.joints[j].range or (0.0, 0.0)
-            said = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
-            return Trouble(said, at, self._drivers(j), j)
+            message = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
+            return LimitViolation(message, at, self._drivers(j), j)
         v = np.abs(data.qvel[[m.joints[j].dof for j in self.fast]])
         for k in np.flatnonzero(v > self.speeds)[:1]:
             j = self.fast[int(k)]
             unit = f"{m.joints[j].unit}/s"
-            said = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
-            return Trouble(said, at, self._drivers(j))
+            message = f"joint {m.joints[j].name} would exceed {self.speeds[k]:.4g} {unit}"
+            return LimitViolation(message, at, self._drivers(j))
         return self._overload(data, at)
 
-    def _overload(self, data: Any, at: float) -> Trouble | None:
+    def _overload(self, data: Any, at: float) -> LimitViolation | None:
         m = self.m
         f = data.actuator_force[self.forces]
         for k in np.flatnonzero((f < self.force_ends[:, 0]) | (f > self.force_ends[:, 1]))[:1]:
             i = self.forces[int(k)]
             low, high = self.force_ends[k]
-            said = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
-            return Trouble(said, at, (i,))
+            message = f"{m.actuators[i].name} would have to exert more than {low:.4g} .. {high:.4g}"
+            return LimitViolation(message, at, (i,))
         f = data.qfrc_actuator[[m.joints[j].dof for j in self.efforts]]
         for k in np.flatnonzero((f < self.effort_ends[:, 0]) | (f > self.effort_ends[:, 1]))[:1]:
             j = self.efforts[int(k)]
             low, high = self.effort_ends[k]
-            said = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
-            return Trouble(f"{said} {m.joints[j].force_unit}", at, self._drivers(j))
+            message = f"joint {m.joints[j].name} would be sent more than {low:.4g} .. {high:.4g}"
+            return LimitViolation(f"{message} {m.joints[j].force_unit}", at, self._drivers(j))
         return None
 
     # ---- who touches whom ------------------------------------------------------------------------
 
     def _pairs(self, data: Any) -> list[tuple[tuple[int, int], tuple[str, str]]]:
         """Pairs of geoms in contact, with their names."""
-        found = []
+        contacts = []
         for c in range(data.ncon):
             contact = data.contact[c]
-            one, other = sorted(int(g) for g in contact.geom)
-            if one >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
-                found.append(((one, other), (self._named(one), self._named(other))))
-        return found
+            geom, other = sorted(int(g) for g in contact.geom)
+            if geom >= 0 and contact.exclude == 0 and contact.dist <= 0.0:
+                contacts.append(((geom, other), (self._named(geom), self._named(other))))
+        return contacts
 
     def _named(self, geom: int) -> str:
-        own = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
+        name = self.mujoco.mj_id2name(self.model, self.mujoco.mjtObj.mjOBJ_GEOM, geom)
         body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
-        return str(own) if own else f"a geom of {body}"
+        return str(name) if name else f"a geom of {body}"
 
     def _is_fixed(self, pair: tuple[int, int]) -> bool:
-        """Is one of the two a part of the surroundings?"""
+        """True if one of the two is a part of the surroundings."""
         return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
 
     def _chain(self, body: int) -> list[int]:
-        """A body and those that carry it, without the world."""
-        found = []
+        """Body and those that carry it, without the world."""
+        bodies = []
         while body > 0:
-            found.append(body)
+            bodies.append(body)
             body = self.m.bodies[body].parent
-        return found
+        return bodies
 
     def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
-        """The actuators of the joints between two geoms."""
-        one, other = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
-        between = one ^ other
+        """Actuators of the joints between two geoms."""
+        first, second = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
+        between = first ^ second
         joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
         drivers = {i for j in joints for i in self._drivers(j)}
         return tuple(sorted(drivers)) or self.m.commanded
 
     def _drivers(self, joint: int) -> tuple[int, ...]:
-        """The actuators of a joint, all where it has none of its own."""
+        """Actuators of a joint; all actuators if it has none."""
         m = self.m
-        found = [
+        actuators = [
             i
             for i in m.commanded
             for a in [m.actuators[i]]
             if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
         ]
-        return tuple(found) or m.commanded
+        return tuple(actuators) or m.commanded
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
-    """Speed limits of the joints in a URDF, which MuJoCo does not read; MJCF has none."""
+    """Speed limits of the joints in a URDF, which MuJoCo ignores; MJCF has none."""
     if file.path.suffix.lower() != ".urdf":
         return {}
     tags = tags_of(file.path.read_bytes())
-    own = {file.name("joint", i): name for i, name in enumerate(joints)}
-    found = {}
+    column_names = {file.name("joint", i): name for i, name in enumerate(joints)}
+    speeds = {}
     for tag in tags:
         if tag.name != "limit" or tag.parent < 0 or "velocity" not in tag.attributes:
             continue
@@ -274,6 +282,6 @@ def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:
             speed = float(tag.attributes["velocity"])
         except ValueError:
             continue
-        if name in own and speed > 0.0:  # 0 is written by tools for "not known"
-            found[own[name]] = speed
-    return found
+        if name in column_names and speed > 0.0:  # tools write 0 for "unknown"
+            speeds[column_names[name]] = speed
+    return speeds

@@ -1,8 +1,8 @@
-"""Calls of an FMU's functions from inside compiled code: what happens at every sample.
+"""Calls of an FMU's functions from compiled code, at every sample.
 
-Every function returns a status: that of the FMU (2 and above: it failed), or one of those below,
-and leaves the place of the failing function in `told[0]`. C passes what a function does not read
-without harm, so that one call serves FMI 2.0 and 3.0 where their arguments begin alike.
+Every function returns a status: that of the FMU (2 and above: failure), or one of those below. The
+index of the failing function is in `report[0]`. C ignores surplus arguments, so that one call
+serves FMI 2.0 and 3.0 if their arguments begin alike.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ ENDED, RESTLESS, STIFF, CROWDED, NO_NUMBERS = -1, -2, -3, -4, -5
 SAID = {
     ENDED: "it ended the simulation itself",
     RESTLESS: "its events do not come to rest: it asks for one event iteration after another",
-    STIFF: "its equations want steps too short for an explicit method; export it for "
+    STIFF: "its equations need too short steps for an explicit method; export it for "
     "co-simulation, with a solver of its own",
-    NO_NUMBERS: "its derivatives are no numbers",
+    NO_NUMBERS: "its derivatives are not finite",
     CROWDED: "its events follow each other too closely",
 }
 FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, error, fatal
 
-ROUNDING = 1e-9  # of an exchange: times that are summed up differ by less
+ROUNDING = 1e-9  # of an exchange: rounding errors of summed times are smaller
 MOST_ITERATIONS = 100
 MOST_EVENTS = 1000  # in one exchange
 MOST_STEPS = 4096  # in one exchange
@@ -55,9 +55,12 @@ SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
 
 
 class FmiModel(NamedTuple):
-    """An FMU as compiled code sees it. at: addresses of the functions of NAMES; the rest: value
-    references, the number of event indicators, typical sizes of states; told: a word that comes
-    back."""
+    """An FMU for compiled code.
+
+    at: addresses of the functions of NAMES; report: words that return from compiled code. The
+    remaining fields are value references, the number of event indicators, and typical sizes of
+    states.
+    """
 
     at: NDArray[np.int64]
     version: int
@@ -67,15 +70,15 @@ class FmiModel(NamedTuple):
     rates: Places
     indicators: int
     sizes: Array
-    told: NDArray[np.int64]
+    report: NDArray[np.int64]
 
 
 @njit(cache=True)
 def _failed(m: FmiModel, status: int, place: int) -> int:
-    """0 where it went well; else the status, and what was called is noted."""
+    """0 after success; else the status, with the index of the called function noted."""
     if status < FAILED_FROM:
         return 0
-    m.told[0] = place
+    m.report[0] = place
     return status
 
 
@@ -113,9 +116,29 @@ def step_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Co-simulation: every copy moved on by h. saved: addresses of states, 0 where each copy has an
-    instance; standing: the copy at which the one instance stands, -1 for none. Those that have
-    failed (statuses) stay."""
+    """Co-simulation: advance every copy by h.
+
+    Parameters
+    ----------
+    m
+        The FMU.
+    handles
+        Instance of each copy.
+    saved
+        Addresses of saved states, 0 if each copy has an instance.
+    standing
+        Copy in the single instance, -1 for none.
+    times
+        Time of each copy, s.
+    f
+        Inputs (copies, inputs).
+    h
+        Step, s.
+    y
+        Outputs (copies, outputs), overwritten.
+    statuses
+        Status of each copy, updated. Copies with a failure stay.
+    """
     n = len(handles)
     for k in range(n):
         if statuses[k] != 0:
@@ -139,8 +162,21 @@ def step_copies(
 
 @njit(cache=True)
 def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
-    """Event iterations until nothing changes, from inside event mode or not, then continuous time.
-    due (1): time of the next event, infinite where none is known; m.told[1]: did states change?"""
+    """Iterate events until nothing changes, then enter continuous time.
+
+    m.report[1] is 1 if states changed.
+
+    Parameters
+    ----------
+    m
+        The FMU.
+    c
+        Instance.
+    inside
+        True if the instance is in event mode already.
+    due
+        (1,) time of the next event, infinite if unknown; overwritten.
+    """
     status = 0
     if not inside:
         status = _failed(m, call_foreign(m.at[EVENT], c), EVENT)
@@ -163,14 +199,14 @@ def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
             return ENDED
         if status == 0 and not flags[0]:
             due[0] = info[3] if flags[4] else np.inf
-            m.told[1] = changed
+            m.report[1] = changed
             return _failed(m, call_foreign(m.at[CONTINUOUS], c), CONTINUOUS)
     return RESTLESS
 
 
 @njit(cache=True)
 def stand(m: FmiModel, c: int, t: float, x: Array) -> int:
-    """Bring the instance to a time and states."""
+    """Set time and states of the instance."""
     status = _failed(m, call_foreign(m.at[TIME], c, t), TIME)
     if status == 0 and len(x):
         status = _failed(m, call_foreign(m.at[PUT_X], c, x, len(x)), PUT_X)
@@ -214,11 +250,14 @@ _E = np.array(
 
 
 @njit(cache=True)
-def _tried(
+def _try_step(
     m: FmiModel, c: int, t: float, x: Array, dt: float, xn: Array, err: Array, K: Array
 ) -> int:
-    """One step of dt from x, into xn; err (1): its error, in tolerances; K (7, states): scratch.
-    The instance then stands at the step's end."""
+    """Try a step of dt from x, into xn.
+
+    err (1): its error, in tolerances; K (7, states): scratch. The instance then stands at the
+    step's end.
+    """
     nx = len(x)
     for i in range(7):
         xn[:] = x
@@ -241,26 +280,28 @@ def _tried(
 
 
 @njit(cache=True)
-def _crossed(before: Array, after: Array) -> bool:
+def _crosses_event(before: Array, after: Array) -> bool:
     return bool(((before > 0.0) != (after > 0.0)).any())
 
 
 @njit(cache=True)
-def _narrowed(
+def _locate_event(
     m: FmiModel, c: int, t: float, x: Array, dt: float, z: Array, xn: Array
 ) -> tuple[int, float]:
-    """The shortest step from x after which an indicator has changed its sign, to a trillionth of
-    dt; xn is what it leads to, and where the instance stands."""
+    """Shortest step from x after which an indicator has changed its sign, to a trillionth of dt.
+
+    xn is its end, and the instance stands there.
+    """
     low, high = 0.0, dt
     err, now, K = np.zeros(1), np.zeros(len(z)), np.zeros((7, len(x)))
     for k in range(BISECTIONS + 1):
         middle = 0.5 * (low + high) if k < BISECTIONS else high
-        status = _tried(m, c, t, x, middle, xn, err, K)
+        status = _try_step(m, c, t, x, middle, xn, err, K)
         if status == 0:
             status = indicators_at(m, c, now)
         if status != 0:
             return status, high
-        if _crossed(z, now):
+        if _crosses_event(z, now):
             high = middle
         else:
             low = middle
@@ -278,14 +319,33 @@ def exchange(
     due: Array,
     grid: Array,
 ) -> int:
-    """Move x on by h seconds from `begin` under f. Steps end where grid says (ends from `begin`, up
-    to a zero; where it begins with one they are chosen, and noted there). due (1): the next event
-    in time. m.told[2]: how many events there were within."""
-    # an event that falls between two exchanges belongs to the later one, whose inputs it sees
+    """Advance x by h seconds from `begin` under f.
+
+    m.report[2] is the number of events within.
+
+    Parameters
+    ----------
+    m
+        The FMU.
+    c
+        Instance.
+    begin, h
+        Time and length, s.
+    f
+        Inputs.
+    x
+        States, overwritten.
+    due
+        (1,) time of the next event, overwritten.
+    grid
+        Ends of the steps from `begin`, up to a zero. If it begins with a zero, the steps are
+        chosen, and noted there.
+    """
+    # an event between two exchanges belongs to the later one, so that it gets the new inputs
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
-    status = put_inputs_anew(m, c, first, f, x, due)
-    m.told[2] = 0
+    status = change_inputs(m, c, first, f, x, due)
+    m.report[2] = 0
     z, after = np.zeros(m.indicators), np.zeros(m.indicators)
     xn, err, K = np.zeros(len(x)), np.zeros(1), np.zeros((7, len(x)))
     status = status or indicators_at(m, c, z)
@@ -299,16 +359,16 @@ def exchange(
         stop = max(due[0] - begin, at) if due[0] - begin < h - near else h
         dt = min(step, stop - at)
         dt = stop - at if stop - at < 1.0001 * dt else dt
-        status = _tried(m, c, begin + at, x, dt, xn, err, K)
+        status = _try_step(m, c, begin + at, x, dt, xn, err, K)
         if status == 0 and not follows and not err[0] <= 1.0:
             step = dt * max(LEAST_SHRINKAGE, SAFETY * err[0] ** -0.2) if err[0] < np.inf else dt / 8
             if step < h / MOST_STEPS:
                 return NO_NUMBERS if np.isnan(err[0]) else STIFF
             continue
         status = status or indicators_at(m, c, after)
-        crossed = status == 0 and _crossed(z, after)
+        crossed = status == 0 and _crosses_event(z, after)
         if crossed:
-            status, dt = _narrowed(m, c, begin + at, x, dt, z, xn)
+            status, dt = _locate_event(m, c, begin + at, x, dt, z, xn)
         x[:] = xn
         reached = not crossed and dt == stop - at
         at = stop if reached else at + dt
@@ -322,37 +382,37 @@ def exchange(
 
 
 @njit(cache=True)
-def put_inputs_anew(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
-    """At the start of an exchange what goes in jumps: an event."""
+def change_inputs(m: FmiModel, c: int, t: float, f: Array, x: Array, due: Array) -> int:
+    """Set the inputs at the start of an exchange. A jump of the inputs is an event."""
     status = stand(m, c, t, x)
     status = status or _failed(m, call_foreign(m.at[EVENT], c), EVENT)
     status = status or put_inputs(m, c, f)
     status = status or settle(m, c, True, due)
-    return status or _reread(m, c, x)
+    return status or _read_states(m, c, x)
 
 
 @njit(cache=True)
-def _reread(m: FmiModel, c: int, x: Array) -> int:
-    """States that an event has changed."""
-    if m.told[1] == 0 or len(x) == 0:
+def _read_states(m: FmiModel, c: int, x: Array) -> int:
+    """States after an event."""
+    if m.report[1] == 0 or len(x) == 0:
         return 0
     return _failed(m, call_foreign(m.at[GET_X], c, x, len(x)), GET_X)
 
 
 @njit(cache=True)
 def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) -> int:
-    """After a step: is there an event?"""
+    """Complete a step; returns whether an event is due."""
     flags = np.zeros(2, np.int64)
     status = call_foreign(m.at[COMPLETED], c, 1, flags[0:1], flags[1:2])
     status = _failed(m, status, COMPLETED)
     if status == 0 and flags[1]:
         return ENDED
     if status == 0 and (event or flags[0]):
-        m.told[2] += 1
-        if m.told[2] > MOST_EVENTS:
+        m.report[2] += 1
+        if m.report[2] > MOST_EVENTS:
             return CROWDED
         status = settle(m, c, False, due)
-        status = status or _reread(m, c, x)
+        status = status or _read_states(m, c, x)
     return status or indicators_at(m, c, z)
 
 
@@ -370,8 +430,19 @@ def exchange_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Model exchange: `step_copies`, with the states x (copies, states) and the next events due
-    (copies, 1). Steps are those of the first copy: differences between copies are smooth then."""
+    """Model exchange of copies: `step_copies` with states.
+
+    All copies take the steps of the first one, because differences between copies are smooth then.
+
+    Parameters
+    ----------
+    m, handles, saved, standing, times, f, h, y, statuses
+        As in `step_copies`.
+    x
+        States (copies, states), overwritten.
+    due
+        Times of the next events (copies, 1), overwritten.
+    """
     n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):
         if statuses[k] != 0:
@@ -392,12 +463,15 @@ _FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
-    """All that an exchange works on, views of one array of words: version, states, inputs,
-    outputs, indicators; the status of the first failure; as floats the next event, whether the
-    steps within are chosen (LEADS), the length of an exchange (s); then the arrays below.
+    """Memory of an exchange, views of one array of words.
 
-    x, f, y: states, inputs and outputs (SI); own_x, own_f: in the FMU's units; each scale and
-    offset leads from its units to SI; grid: ends of the steps within.
+    The words are version, states, inputs, outputs, indicators; the status of the first failure; as
+    floats the next event, whether the steps within are chosen (LEADS), the length of an exchange
+    (s); then the arrays below.
+
+    x, f, y        states, inputs and outputs (SI)
+    own_x, own_f   the same in the FMU's units; each scale and offset converts its units to SI
+    grid           ends of the steps within
     """
 
     model: FmiModel
@@ -417,13 +491,13 @@ class ExchangeTable(NamedTuple):
 
 @njit(cache=True)
 def _length(nx: int, nf: int, ny: int) -> int:
-    """Words of a table with so many states, inputs and outputs."""
+    """Number of words of a table with so many states, inputs and outputs."""
     return _TABLE_HEAD + _FUNCTION_COUNT + 4 + 7 * nx + 5 * nf + 4 * ny + MOST_STEPS + 2
 
 
 @njit(cache=True)
 def table_in(words: NDArray[np.int64]) -> ExchangeTable:
-    """The table whose words these are; the counts at their beginning are set."""
+    """Table in an array of words, whose leading counts are set."""
     nx, nf, ny = words[1], words[2], words[3]
     numbers = words.view(np.float64)
     a = _TABLE_HEAD + _FUNCTION_COUNT
@@ -481,8 +555,10 @@ def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
 
 @cfunc(types.void(types.CPointer(types.int64), types.CPointer(types.int64)), cache=True)
 def exchange_of(handle, data):  # type: ignore[no-untyped-def]
-    """An exchange of the instance whose handle stands at an address, over the table at another
-    one. States and outputs are no numbers after a failure."""
+    """Exchange of the instance with its handle at an address, over the table at another one.
+
+    States and outputs are NaN after a failure.
+    """
     head = carray(data, _TABLE_HEAD)
     words = carray(data, _length(head[1], head[2], head[3]))
     t, numbers = table_in(words), words.view(np.float64)
@@ -508,5 +584,5 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
 
 
 def first_failure(words: NDArray[np.int64]) -> int:
-    """Status of the first exchange over a table that failed, 0 where none did."""
+    """Status of the first exchange over a table that failed, 0 if none did."""
     return int(words[_STATUS])

@@ -1,7 +1,7 @@
 """Choices of a user on an FMU, in a table next to it, `drive.fmu.toml` for `drive.fmu`:
 
 kind = "model-exchange"   # or "co-simulation", where it offers both
-seen = false              # its states are not all that it knows
+seen = false              # its states are not its whole memory
 free = ["inertia_kg_m2"]  # parameters to fit, where not all are
 
 [ports.torque_n_m]        # an input that is a force or a torque: a motion port
@@ -25,8 +25,10 @@ _MOTION = ("position", "velocity")
 
 @dataclass(frozen=True)
 class FmuChoices:
-    """The table; without a file everything is as the FMU has it. kind: "" where none is said; seen:
-    None where nothing is said; motion: as in `FmuRig`."""
+    """Content of the table; without a file the FMU's defaults hold.
+
+    kind is "" and seen is None if the table does not state them; motion: as in `FmuRig`.
+    """
 
     path: Path
     kind: str = ""
@@ -36,27 +38,29 @@ class FmuChoices:
 
 
 def choices_path(fmu: Path) -> Path:
-    """Where the table of an FMU lies."""
+    """Path of the table of an FMU."""
     return fmu.with_name(f"{fmu.name}.toml")
 
 
 def read_choices(fmu: Path) -> FmuChoices:
-    """The table beside an FMU, if there is one. FileError: it holds something else; whether the
-    names are the FMU's is not looked at here."""
+    """Read the table next to an FMU, if there is one.
+
+    FileError for unknown content. The names are not compared with those of the FMU here.
+    """
     path = choices_path(fmu)
     if not path.exists():
         return FmuChoices(path)
-    said = read_toml(path)
-    for key, value in said.items():
+    table = read_toml(path)
+    for key, value in table.items():
         if key not in _KNOWN:
             raise FileError(
-                f"{path}: {key!r} is nothing that can be said of an FMU",
+                f"{path}: {key!r} is not a setting of an FMU",
                 nearest(key, list(_KNOWN)) or f"there are {', '.join(_KNOWN)}",
                 code="toml",
             )
         if not isinstance(value, _KNOWN[key]):
             raise _wrong(path, key, value)
-    kind, free = said.get("kind", ""), said.get("free", [])
+    kind, free = table.get("kind", ""), table.get("free", [])
     if kind not in ("", EXCHANGE, CO_SIMULATION):
         raise FileError(
             f"{path}: kind = {kind!r} is none",
@@ -65,16 +69,16 @@ def read_choices(fmu: Path) -> FmuChoices:
         )
     if not all(isinstance(name, str) for name in free):
         raise _wrong(path, "free", free)
-    ports = said.get("ports", {})
+    ports = table.get("ports", {})
     motion = {name: _signals(path, name, port) for name, port in ports.items()}
-    return FmuChoices(path, kind, said.get("seen"), tuple(free), motion)
+    return FmuChoices(path, kind, table.get("seen"), tuple(free), motion)
 
 
 def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:
     where = f"{path}: [ports.{name}]"
     if not isinstance(port, dict):
         raise FileError(
-            f"{where} is no table",
+            f"{where} must be a table",
             f'write [ports.{name}] and under it position = "..." and velocity = "..."',
             code="toml",
         )

@@ -37,8 +37,13 @@ _DESCRIPTION = "modelDescription.xml"
 
 @dataclass(frozen=True)
 class FmuVariable:
-    """A real variable. name: as a column or parameter, with its unit; called: in the FMU; unit: the
-    FMU's, "" where it has none that is known here; start: in this unit."""
+    """A real variable.
+
+    name    as a column or parameter, with its unit
+    called  name in the FMU
+    unit    unit in the FMU, "" if it has none or an unknown one
+    start   start value in this unit
+    """
 
     name: str
     called: str
@@ -55,7 +60,7 @@ class FmuVariable:
 
 @dataclass(frozen=True)
 class FmuVariables:
-    """Variables in a row, whose values are (n, variables)."""
+    """Sequence of variables, whose values are (n, variables)."""
 
     variables: tuple[FmuVariable, ...]
     scale: Array = field(init=False, compare=False)
@@ -73,13 +78,21 @@ class FmuVariables:
 
 @dataclass(frozen=True)
 class FmuFile:
-    """An FMU as it is used. exchange: for model exchange, else co-simulation; states, rates:
-    continuous states and references of their derivatives, of model exchange; nominals: typical
-    sizes of states; indicators: how many signs say that an event came; seen: are its states all
-    that it knows?; saves: it can save its state; alone: one instance a process; period_s: the step
-    that it proposes, 0 where none; any_step: it takes steps of any length; motion: inputs that are
-    forces -> position and velocity there; free: parameters to fit, where not all; remarks: how it
-    goes, and what is left out."""
+    """An FMU with the options of its use.
+
+    exchange    True for model exchange, False for co-simulation
+    states, rates   continuous states and references of their derivatives, for model exchange
+    nominals    typical sizes of states
+    indicators  number of event indicators
+    seen        True if the states are its whole memory
+    saves       True if it can save its state
+    alone       True for one instance per process
+    period_s    proposed step, 0 if it proposes none
+    any_step    True if it takes steps of any length
+    motion      inputs that are forces -> position and velocity there
+    free        parameters to fit, if not all of them
+    remarks     remarks on its use and on omissions
+    """
 
     path: str
     name: str
@@ -105,7 +118,7 @@ class FmuFile:
 
     @property
     def units(self) -> FmuUnits:
-        """Of inputs, outputs, parameters and states."""
+        """Units of inputs, outputs, parameters and states."""
         every = self.inputs, self.outputs, self.parameters, self.states
         return FmuUnits(*(UnitScale(v.scale, v.offset) for v in every))
 
@@ -136,7 +149,7 @@ class FmuFile:
 
 
 def fmpy_package() -> Any:
-    """FMPy; FileError with what to install where it is absent."""
+    """Return FMPy. FileError with the package to install if it is absent."""
     try:
         import fmpy
     except ModuleNotFoundError as error:
@@ -151,8 +164,14 @@ def fmpy_package() -> Any:
 
 
 def read_fmu(path: PathLike) -> FmuFile:
-    """Read the description. FileError: it is absent or damaged, it offers neither kind, no binary
-    for this machine, no input or output that is a real number, or the extra is not installed."""
+    """Read the description of an FMU.
+
+    Raises
+    ------
+    FileError
+        The file is absent or damaged. It offers neither kind, or no binary for this machine. It has
+        no real input or no real output. The extra is not installed.
+    """
     file = Path(path)
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of an .fmu file")
@@ -163,10 +182,10 @@ def read_fmu(path: PathLike) -> FmuFile:
         platforms = fmpy.supported_platforms(str(file))
     except FileError:
         raise
-    except Exception as error:  # FMPy passes on whatever zip and XML raise
-        said = " ".join(str(error).split())[:300]
+    except Exception as error:  # FMPy passes on any error of zip and XML
+        reason = " ".join(str(error).split())[:300]
         raise FileError(
-            f"{file} cannot be read as an FMU: {said or type(error).__name__}",
+            f"{file} cannot be read as an FMU: {reason or type(error).__name__}",
             "Check it with `fmpy validate`, and export it again.",
             code="model",
         ) from error
@@ -178,8 +197,8 @@ def read_fmu(path: PathLike) -> FmuFile:
             "Export it for one of them, FMI 2.0 or 3.0.",
             code="model",
         )
-    here = {fmpy.platform, fmpy.platform_tuple}
-    if not here & set(platforms):
+    own_platforms = {fmpy.platform, fmpy.platform_tuple}
+    if not own_platforms & set(platforms):
         none = "no machine" + (": it holds sources" if platforms else " that is known here")
         there = ", ".join(p for p in platforms if p != "c-code") or none
         raise FileError(
@@ -195,14 +214,16 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     offers = described.modelExchange if exchange else described.coSimulation
     variables = described.modelVariables
     reals = [v for v in variables if v.type in ("Real", "Float64") and not v.shape]
-    taken: dict[str, int] = {}
+    used_names: dict[str, int] = {}
 
     def of(causality: str) -> FmuVariables:
-        return FmuVariables(tuple(_variable(v, taken) for v in reals if v.causality == causality))
+        return FmuVariables(
+            tuple(_variable(v, used_names) for v in reals if v.causality == causality)
+        )
 
     inputs, outputs, parameters = of("input"), of("output"), of("parameter")
-    for what, found in (("input", inputs), ("output", outputs)):
-        if not found.variables:
+    for what, group in (("input", inputs), ("output", outputs)):
+        if not group.variables:
             raise FileError(
                 f"{file} has no {what} that is a real number.",
                 f"Declare what is {'sent to' if what == 'input' else 'measured of'} it as {what}.",
@@ -211,12 +232,16 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     require_few(file, "inputs and outputs", len(inputs.variables) + len(outputs.variables))
     rates = [d.variable for d in described.derivatives] if exchange else []
     known = {v.reference: v for v in outputs.variables}
-    own = [r.derivative for r in rates]
+    derivatives = [r.derivative for r in rates]
     states = FmuVariables(
-        tuple(known.get(v.valueReference) or _variable(v, taken) for v in own if v is not None)
+        tuple(
+            known.get(v.valueReference) or _variable(v, used_names)
+            for v in derivatives
+            if v is not None
+        )
     )
     saves = bool(offers.canGetAndSetFMUstate)
-    seen = exchange and _is_seen(described, own, chosen)
+    seen = exchange and _is_seen(described, derivatives, chosen)
     events = described.numberOfEventIndicators if version == 2 else len(described.eventIndicators)
     proposed = described.defaultExperiment and described.defaultExperiment.stepSize
     return FmuFile(
@@ -229,7 +254,7 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
         parameters,
         states,
         tuple(int(v.valueReference) for v in rates),
-        tuple(abs(float(v.nominal or 1.0)) for v in own if v is not None),
+        tuple(abs(float(v.nominal or 1.0)) for v in derivatives if v is not None),
         int(events or 0) if exchange else 0,
         seen,
         saves,
@@ -245,33 +270,35 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
 
 
 def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[str]]:
-    """Is it used for model exchange, and why, where it offers both?"""
-    other, own = described.coSimulation, described.modelExchange
+    """True for model exchange, with the reason if it offers both kinds."""
+    other, has_exchange = described.coSimulation, described.modelExchange
     if chosen.kind:
-        if not (own if chosen.kind == EXCHANGE else other):
+        if not (has_exchange if chosen.kind == EXCHANGE else other):
             raise FileError(
                 f"{chosen.path}: kind = {chosen.kind!r}, which {file} does not offer",
-                f'it offers kind = "{EXCHANGE if own else CO_SIMULATION}"',
+                f'it offers kind = "{EXCHANGE if has_exchange else CO_SIMULATION}"',
                 code="model",
             )
         return chosen.kind == EXCHANGE, [f"used for {chosen.kind}, as {chosen.path.name} says"]
-    if not (other and own):
-        return own is not None, []
+    if not (other and has_exchange):
+        return has_exchange is not None, []
     if other.canGetAndSetFMUstate:
         exchange, reason = False, "it saves its state there, and brings its own solver"
     else:
         exchange, reason = True, "for co-simulation it saves no state"
     kind, rest = (EXCHANGE, CO_SIMULATION) if exchange else (CO_SIMULATION, EXCHANGE)
-    beside = choices_path(file).name
+    choices_file = choices_path(file).name
     return exchange, [
         f"it offers both kinds, and is used for {kind}: {reason} "
-        f'(kind = "{rest}" in {beside} takes the other)'
+        f'(kind = "{rest}" in {choices_file} takes the other)'
     ]
 
 
 def _is_seen(described: Any, states: list[Any], chosen: FmuChoices) -> bool:
-    """Are the continuous states all that it remembers? Numbers that events alone change are more;
-    what is true or false follows from the states anew."""
+    """True if the continuous states are the whole memory.
+
+    Numbers that only events change are further memory. Booleans follow from the states.
+    """
     if not states or None in states or chosen.seen is False:
         return False
     return not any(
@@ -289,7 +316,7 @@ def _remarks(
     seen: bool,
     saves: bool,
 ) -> list[str]:
-    """How it goes, in sentences."""
+    """Remarks on the use of the FMU."""
     known = set(map(id, reals))  # variables compare by all their attributes
     others = sorted(
         v.name
@@ -298,33 +325,33 @@ def _remarks(
     )
     lost = "" if seen or saves else "; it saves no states, so that a window is replayed from the "
     lost += "start" if lost else ""
-    found = [
+    remarks = [
         f"{'integrated by pamid' if exchange else 'stepped by its own binary'}, "
-        f"in a process of its own{lost}"
+        f"in a separate process{lost}"
     ]
     if exchange:
-        found += [
+        remarks += [
             "state, time and step events are waited for, and handled in its event mode; clocks, "
             "and equations that want an implicit method, are not supported"
         ]
     if seen:
-        found += ["its states are seen; their sensitivities are differences between copies"]
+        remarks += ["its states are seen; their sensitivities are differences between copies"]
     else:
-        found += [
+        remarks += [
             "its states are not seen: a fit runs it from the start of each recording, and which "
             "ports sensors can tell apart is not known"
         ]
     if len(others) > MOST_NAMED_VARIABLES:
         others = [*others[:MOST_NAMED_VARIABLES], f"and {len(others) - MOST_NAMED_VARIABLES} more"]
-    return [*found, *([f"left out, as no real numbers: {', '.join(others)}"] if others else [])]
+    return [*remarks, *([f"left out, as no real numbers: {', '.join(others)}"] if others else [])]
 
 
-def _variable(v: Any, taken: dict[str, int]) -> FmuVariable:
+def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
     declared = v.unit or (v.declaredType.unit if v.declaredType else None) or ""
     symbol = declared.replace(".", " ")
     symbol = symbol if is_unit(symbol) and unit(symbol).symbol != NONE else ""
     name = named_with(_word(v.name), symbol) if symbol else _word(v.name)
-    name = _fresh_name(name, taken)
+    name = _fresh_name(name, used_names)
     start = v.start[0] if isinstance(v.start, list | tuple) else v.start
     return FmuVariable(
         name,
@@ -337,16 +364,16 @@ def _variable(v: Any, taken: dict[str, int]) -> FmuVariable:
     )
 
 
-def _fresh_name(name: str, taken: dict[str, int]) -> str:
-    """The name, or one like it that is not taken yet: "x", "x_", "x_3", "x_4" ...
+def _fresh_name(name: str, used_names: dict[str, int]) -> str:
+    """Unused name that resembles the given one: "x", "x_", "x_3", "x_4" ...
 
-    taken: names, with how many variables wanted each.
+    used_names: names, with the number of variables that requested each.
     """
     fresh = name
-    while fresh in taken:
-        taken[name] += 1
-        fresh = f"{name}_{taken[name]}" if taken[name] > 2 else f"{name}_"
-    taken[fresh] = 1
+    while fresh in used_names:
+        used_names[name] += 1
+        fresh = f"{name}_{used_names[name]}" if used_names[name] > 2 else f"{name}_"
+    used_names[fresh] = 1
     return fresh
 
 
@@ -356,8 +383,10 @@ def _word(name: str) -> str:
 
 
 def _require_size(path: Path) -> None:
-    """FileError where an FMU is no regular file, or holds more than it may: nothing is unpacked to
-    tell. A member that is longer than its entry says is cut off there."""
+    """Raise FileError if an FMU is not a regular file, or larger than allowed.
+
+    Nothing is unpacked for this test. A member beyond the length in its entry is cut off there.
+    """
     limits = foreign_limits()
     with open_data(path, LOG) as file, zipfile.ZipFile(file) as packed:
         members = packed.infolist()
@@ -377,7 +406,7 @@ def _require_size(path: Path) -> None:
 
 
 def extracted(path: str, folder: str) -> None:
-    """The FMU unpacked into a folder."""
+    """Unpack the FMU into a folder."""
     try:
         _require_size(Path(path))
         fmpy_package().extract(path, folder)

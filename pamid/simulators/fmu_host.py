@@ -1,5 +1,7 @@
-"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`. What
-happens at every sample is compiled (`pamid.simulators.fmi_kernels`)."""
+"""Copies of an FMU in the process that holds it, served by `pamid.simulators.fmu_runs`.
+
+The work at every sample is compiled (`pamid.simulators.fmi_kernels`).
+"""
 
 from __future__ import annotations
 
@@ -33,19 +35,21 @@ from pamid.simulators.fmu_link import FmuUnits
 Array = NDArray[np.float64]
 
 SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
-MOST_INSTANCES = 64  # with parameters of their own, where states are seen
-LATER_S = 1.2345  # when a model that does not know the time behaves as at 0
+MOST_INSTANCES = 64  # with different parameters, for seen states
+LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
     "its equations depend on the time itself, which a state does not show; write seen = false into "
-    "the table beside it"
+    "the table next to it"
 )
 
 
 @dataclass
 class _Copy:
-    """A copy of the FMU between runs: its time, its parameters, and where it stands: a state that
-    the FMU has saved (its address), or where it cannot save one, the inputs of all steps from the
-    start (the last one first, each with what was before it)."""
+    """Copy of the FMU between runs: its time, its parameters and its state.
+
+    The state is the address of one that the FMU has saved. If the FMU cannot save a state, the copy
+    has the inputs of all steps from the start, the last one first, each with its predecessors.
+    """
 
     time_s: float
     p: Array
@@ -56,9 +60,9 @@ class _Copy:
 
 
 class FmuHost:
-    """Copies of one FMU. about: `FmuFile.request`, and the folder where it is unpacked.
+    """Copies of one FMU. about: `FmuFile.request`, and the folder of the unpacked FMU.
 
-    Of an FMU that saves states one instance serves all copies, else each has its own.
+    If an FMU saves states, one instance serves all copies. Otherwise each copy has an instance.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
@@ -66,16 +70,18 @@ class FmuHost:
         self.instances: list[FmuInstance] = []
         self.m = self.instance(0).model()
         self.copies: list[_Copy] = []
-        self.standing = -1  # the copy at which the one instance stands
+        self.standing = -1  # copy whose state the single instance has
         self.statuses = np.zeros(0, np.int64)
         self.kept: dict[int, _Copy] = {}
         self.count = 0
-        self.went = False  # through a whole run: then a failure is that of a trial
+        self.went = (
+            False  # True after a complete run: a later failure is due to the trial parameters
+        )
         self.of_values: dict[bytes, FmuInstance] = {}
-        self.programs: dict[int, Any] = {}  # that were sent here (`pamid.simulators.fmu_runs`)
+        self.programs: dict[int, Any] = {}  # received programs (`pamid.simulators.fmu_runs`)
 
     def instance(self, number: int) -> FmuInstance:
-        """The instance of a copy."""
+        """Instance of a copy."""
         number = 0 if self.saves else number
         while len(self.instances) <= number:
             self.instances.append(FmuInstance(self.about, len(self.instances)))
@@ -84,32 +90,36 @@ class FmuHost:
     # ---- copies that keep their states to themselves ---------------------------------------------
 
     def begin(self, p: Array) -> Array:
-        self.let_go(self.copies)
-        self.copies, found = [], []
+        self.release(self.copies)
+        self.copies, readings = [], []
         for k, row in enumerate(p):
-            one = self.instance(k)
-            one.started(self.m, row)
-            self.copies.append(_Copy(0.0, row.copy(), 0, None, one.x.copy(), one.due.copy()))
-            found.append(self._left(k, one))
-        return self._run_begins(found)
+            instance = self.instance(k)
+            instance.restart(self.m, row)
+            self.copies.append(
+                _Copy(0.0, row.copy(), 0, None, instance.x.copy(), instance.due.copy())
+            )
+            readings.append(self._store_readings(k, instance))
+        return self._run_begins(readings)
 
-    def resume(self, kept: list[int], p: Array) -> Array:
-        self.let_go(self.copies)
-        self.copies, found = [], []
-        for k, (number, row) in enumerate(zip(kept, p, strict=True)):
+    def resume(self, numbers: list[int], p: Array) -> Array:
+        self.release(self.copies)
+        self.copies, readings = [], []
+        for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
             before = self.kept[number]
-            one = self._entered(k, before)
-            one.x, one.due = before.x.copy(), before.due.copy()
+            instance = self._restored_instance(k, before)
+            instance.x, instance.due = before.x.copy(), before.due.copy()
             changed = np.flatnonzero(before.p != row).tolist()
             if not all(self.about["tunable"][i] for i in changed):
                 raise ValueError("a parameter that is fixed from the start was to be changed")
             if changed:
-                one.retuned(self.m, changed, row)
-            self.copies.append(_Copy(before.time_s, row.copy(), 0, before.past, one.x, one.due))
-            found.append(self._left(k, one))
-        return self._run_begins(found)
+                instance.change_parameters(self.m, changed, row)
+            self.copies.append(
+                _Copy(before.time_s, row.copy(), 0, before.past, instance.x, instance.due)
+            )
+            readings.append(self._store_readings(k, instance))
+        return self._run_begins(readings)
 
-    def _run_begins(self, found: list[Array]) -> Array:
+    def _run_begins(self, readings: list[Array]) -> Array:
         n = len(self.copies)
         self.standing = 0 if self.saves and n == 1 else -1
         self.statuses = np.zeros(n, np.int64)
@@ -118,7 +128,7 @@ class FmuHost:
         self.times = np.array([c.time_s for c in self.copies])
         self.x = np.array([c.x for c in self.copies]).reshape(n, -1)
         self.due = np.array([c.due for c in self.copies]).reshape(n, 1)
-        self.y = np.array(found)
+        self.y = np.array(readings)
         return self.y
 
     def step(self, f: Array, h: float) -> Array:
@@ -136,7 +146,7 @@ class FmuHost:
         return self.y
 
     def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
-        """Turn failures into NaN; before a run has gone through, into an error."""
+        """Turn failures into NaN; before the first successful run, into an error."""
         if not statuses.any() and np.isfinite(y).all():
             return
         for status in statuses[statuses != 0]:
@@ -148,40 +158,40 @@ class FmuHost:
             name = self.about["called"][column]
             raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
-    def _left(self, k: int, one: FmuInstance) -> Array:
+    def _store_readings(self, k: int, instance: FmuInstance) -> Array:
         """Readings of the instance, for a copy in the same state."""
         if self.saves:
-            self.copies[k].state = one.save(self.m)
+            self.copies[k].state = instance.save(self.m)
         else:
-            one.past = self.copies[k].past
-        return one.outputs(self.m)
+            instance.past = self.copies[k].past
+        return instance.outputs(self.m)
 
-    def _entered(self, k: int, copy: _Copy) -> FmuInstance:
-        """An instance where the copy stands."""
-        one = self.instance(k)
+    def _restored_instance(self, k: int, copy: _Copy) -> FmuInstance:
+        """Instance in the state of the copy."""
+        instance = self.instance(k)
         if self.saves:
-            one.restore(self.m, copy.state)
-            return one
-        if not one.fresh and one.past is copy.past and copy.past is not None:
-            return one
-        one.started(self.m, copy.p)
+            instance.restore(self.m, copy.state)
+            return instance
+        if not instance.fresh and instance.past is copy.past and copy.past is not None:
+            return instance
+        instance.restart(self.m, copy.p)
         rows, past, time_s = [], copy.past, 0.0
         while past is not None:
             past, f, h = past
             rows.append((f, h))
-        state = one.x.copy(), one.due.copy()
+        state = instance.x.copy(), instance.due.copy()
         y = np.zeros((1, len(self.m.outputs)))
         none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
         for f, h in reversed(rows):
             if self.exchanges:
                 grid = np.zeros(MOST_STEPS + 1)
-                status[0] = exchange(self.m, one.handle, time_s, h, f, *state, grid)
+                status[0] = exchange(self.m, instance.handle, time_s, h, f, *state, grid)
             else:
-                handles, at = np.array([one.handle]), np.array([time_s])
+                handles, at = np.array([instance.handle]), np.array([time_s])
                 step_copies(self.m, handles, none, -1, at, f[None], h, y, status)
-            one.check(self.m, int(status[0]), time_s)
+            instance.check(self.m, int(status[0]), time_s)
             time_s += h
-        return one
+        return instance
 
     def keep(self) -> Array:
         first = self.count + 1
@@ -199,13 +209,13 @@ class FmuHost:
         return np.arange(first, self.count + 1, dtype=float)[None]
 
     def drop(self, numbers: list[int]) -> Array:
-        """States that were kept, and programs, whose numbers come as negative ones."""
-        self.let_go([self.kept.pop(number) for number in numbers if number > 0])
+        """Drop saved states and programs; the numbers of programs are negative."""
+        self.release([self.kept.pop(number) for number in numbers if number > 0])
         for number in numbers:
             self.programs.pop(-number, None)
         return np.zeros((0, 0))
 
-    def let_go(self, copies: list[_Copy]) -> None:
+    def release(self, copies: list[_Copy]) -> None:
         for copy in copies:
             if copy.state:
                 self.instance(0).free(copy.state)
@@ -213,34 +223,39 @@ class FmuHost:
     # ---- states that are seen: model exchange ----------------------------------------------------
 
     def with_values(self, p: Array) -> FmuInstance:
-        """An instance with these parameters."""
+        """Instance with these parameters."""
         key = p.tobytes()
-        one = self.of_values.pop(key, None)  # put back as the last: the first is started anew
-        if one is None:
-            if len(self.of_values) >= self.most:
-                one = self.of_values.pop(next(iter(self.of_values)))
+        instance = self.of_values.pop(
+            key, None
+        )  # moved to the end: the least recently used is restarted
+        if instance is None:
+            if len(self.of_values) >= self.instance_limit:
+                instance = self.of_values.pop(next(iter(self.of_values)))
             elif not self.of_values:
-                one = self.instance(0)
+                instance = self.instance(0)
             else:
-                one = FmuInstance(self.about, len(self.of_values))
-            one.started(self.m, p)
+                instance = FmuInstance(self.about, len(self.of_values))
+            instance.restart(self.m, p)
             if not self.went:
-                self._refuse_clocks(one)
-        self.of_values[key] = one
-        return one
+                self._refuse_clocks(instance)
+        self.of_values[key] = instance
+        return instance
 
     @property
-    def most(self) -> int:
-        """Instances with parameters of their own."""
+    def instance_limit(self) -> int:
+        """Largest number of instances with different parameters."""
         return 1 if self.about["alone"] else MOST_INSTANCES
 
     @contextmanager
     def in_c(
         self, units: FmuUnits, p: Array, h: float, places: NDArray[np.intp]
     ) -> Iterator[LibraryStep | None]:
-        """See `pamid.engine.simulator.Simulator`; p: SI; places: of the readings among the
-        outputs. None of more copies than there may be instances."""
-        if len(p) > self.most:
+        """See `pamid.engine.simulator.Simulator`.
+
+        p: SI; places: indices of the readings among the outputs. None for more copies than
+        instances.
+        """
+        if len(p) > self.instance_limit:
             yield None
             return
         rows = units.parameters.outside(p)
@@ -270,56 +285,55 @@ class FmuHost:
             raise RuntimeError(why(table.model, status, h))
         self.went = self.went or not status
 
-    def _refuse_clocks(self, one: FmuInstance) -> None:
+    def _refuse_clocks(self, instance: FmuInstance) -> None:
         rows = []
         for at_s in (0.0, LATER_S):
-            rates = np.zeros(len(one.x))
-            one.check(self.m, rates_at(self.m, one.handle, at_s, one.x, rates), at_s)
-            rows.append([*rates, *one.outputs(self.m)])
-        if np.isfinite(one.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
+            rates = np.zeros(len(instance.x))
+            instance.check(self.m, rates_at(self.m, instance.handle, at_s, instance.x, rates), at_s)
+            rows.append([*rates, *instance.outputs(self.m)])
+        if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
             raise RuntimeError(TIMED)
 
-    def moved(self, rows: Array, h: float) -> Array:
-        """States and outputs h later, of rows of states, inputs and parameters."""
+    def step_states(self, rows: Array, h: float) -> Array:
+        """States and outputs after h, from rows of states, inputs and parameters."""
         nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
-        found, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
+        values, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
         grid, due = np.zeros(MOST_STEPS + 1), np.zeros(1)
         for k, row in enumerate(rows):
             c = self.with_values(row[nx + nf :]).handle
-            f, x = row[nx : nx + nf].copy(), found[k, ny:]
+            f, x = row[nx : nx + nf].copy(), values[k, ny:]
             x[:] = row[:nx]
             statuses[k] = exchange(self.m, c, 0.0, h, f, x, due, grid)
-            statuses[k] = statuses[k] or get_outputs(self.m, c, found[k, :ny])
-        self._judge(statuses, found, h)
+            statuses[k] = statuses[k] or get_outputs(self.m, c, values[k, :ny])
+        self._judge(statuses, values, h)
         self.went = True
-        return found
+        return values
 
-    def shown(self, rows: Array) -> Array:
-        """Outputs of rows of states and parameters."""
+    def read_outputs(self, rows: Array) -> Array:
+        """Outputs from rows of states and parameters."""
         nx = len(self.m.states)
         return np.array([self.with_values(r[nx:]).outputs_at(self.m, r[:nx]) for r in rows])
 
     # ---- requests --------------------------------------------------------------------------------
 
     def answer(self, request: bytes) -> Array:
-        """To one request: its word, a time step and the shape of a table, the table, and what it
-        says besides (JSON)."""
+        """Answer one request: a word, a time step and the shape of a table, the table, and JSON."""
         word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
         begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
         table = np.frombuffer(request[begin:end]).reshape(n, m)
-        return self.told(word, table, h, json.loads(request[end:] or b"[]"))
+        return self.dispatch(word, table, h, json.loads(request[end:] or b"[]"))
 
-    def told(self, word: bytes, table: Array, h: float, kept: list[int]) -> Array:
-        """The same, taken apart."""
-        table = np.array(table)  # compiled code has another version for what must not be written
+    def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
+        """Answer a decoded request."""
+        table = np.array(table)  # writable, because read-only arrays would compile another version
         if word == b"s":
             return self.step(table, h)
         if word == b"x":
-            return self.moved(table, h)
+            return self.step_states(table, h)
         if word == b"o":
-            return self.shown(table)
+            return self.read_outputs(table)
         if word == b"b":
             return self.begin(table)
         if word == b"r":
-            return self.resume(kept, table)
-        return self.keep() if word == b"k" else self.drop(kept)
+            return self.resume(numbers, table)
+        return self.keep() if word == b"k" else self.drop(numbers)

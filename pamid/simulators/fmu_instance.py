@@ -1,4 +1,4 @@
-"""One instance of an FMU in the process that holds it, and what compiled code needs to call it."""
+"""Instance of an FMU in the process that holds it, with the data for calls from compiled code."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from pamid.simulators.fmi_kernels import (
     SAID,
     SAVE,
     FmiModel,
+    change_inputs,
     get_outputs,
-    put_inputs_anew,
     settle,
 )
 
@@ -28,8 +28,7 @@ FATAL = 4
 
 
 class FmuInstance:
-    """An instance. description: the entries of `FmuFile.request`, and the folder in which the FMU
-    is unpacked."""
+    """An instance. description: entries of `FmuFile.request`, and the unpacked FMU's folder."""
 
     def __init__(self, description: dict[str, Any], number: int) -> None:
         from fmpy import fmi2, fmi3
@@ -45,12 +44,12 @@ class FmuInstance:
         )
         self.fmu.instantiate()
         self.fresh = True
-        self.past: Any = None  # where it stands, of an FMU that saves no states
+        self.past: Any = None  # steps up to its state, for an FMU that saves no states
         self.handle = int(getattr(self.fmu.component, "value", self.fmu.component))
         self.x, self.due = np.zeros(len(description["states"])), np.full(1, np.inf)
 
     def model(self) -> FmiModel:
-        """The FMU as compiled code calls it; the same for all instances of it."""
+        """The FMU for compiled code; the same for all of its instances."""
         about, dll = self.about, self.fmu.dll
         places = []
         for name in NAMES[self.version].split():
@@ -79,8 +78,8 @@ class FmuInstance:
                 references, values.tolist()
             )
 
-    def started(self, m: FmiModel, p: Array) -> None:
-        """At time 0 with these parameters."""
+    def restart(self, m: FmiModel, p: Array) -> None:
+        """Restart at time 0 with these parameters."""
         fmu = self.fmu
         if not self.fresh:
             fmu.reset()
@@ -94,8 +93,8 @@ class FmuInstance:
             self.check(m, settle(m, self.handle, True, self.due))
             self.x = self.states_of(m)
 
-    def retuned(self, m: FmiModel, places: list[int], p: Array) -> None:
-        """These parameters changed, which the FMU allows while it runs."""
+    def change_parameters(self, m: FmiModel, places: list[int], p: Array) -> None:
+        """Change these parameters, which the FMU allows while it runs."""
         references = [self.about["parameters"][i] for i in places]
         if self.about["exchange"]:
             self.fmu.enterEventMode()
@@ -104,27 +103,27 @@ class FmuInstance:
             self.check(m, settle(m, self.handle, False, self.due))
 
     def states_of(self, m: FmiModel) -> Array:
-        found = np.zeros(len(m.states))
-        if len(found):
-            pointer = found.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-            self._call(m, GET_X, pointer, ctypes.c_size_t(len(found)))
-        return found
+        states = np.zeros(len(m.states))
+        if len(states):
+            pointer = states.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+            self._call(m, GET_X, pointer, ctypes.c_size_t(len(states)))
+        return states
 
     def outputs(self, m: FmiModel) -> Array:
-        found = np.zeros(len(m.outputs))
-        self.check(m, get_outputs(m, self.handle, found))
-        return found
+        outputs = np.zeros(len(m.outputs))
+        self.check(m, get_outputs(m, self.handle, outputs))
+        return outputs
 
     def outputs_at(self, m: FmiModel, x: Array) -> Array:
-        """With states x and nothing going in."""
+        """Outputs at the states x with all inputs zero."""
         none = np.zeros(len(m.inputs))
-        self.check(m, put_inputs_anew(m, self.handle, 0.0, none, x.copy(), self.due))
+        self.check(m, change_inputs(m, self.handle, 0.0, none, x.copy(), self.due))
         return self.outputs(m)
 
     # ---- states ----------------------------------------------------------------------------------
 
     def save(self, m: FmiModel, address: int = 0) -> int:
-        """Address of its state; memory of an earlier one is used again."""
+        """Save the state and return its address; the memory of an earlier one is reused."""
         state = ctypes.c_void_p(address or None)
         self._call(m, SAVE, ctypes.byref(state))
         return int(state.value or 0)
@@ -143,7 +142,7 @@ class FmuInstance:
         kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, *map(type_of, given))
         status = kind(int(m.at[place]))(self.handle, *given)
         if status >= 2:
-            m.told[0] = place
+            m.report[0] = place
             self.check(m, status)
 
     def check(self, m: FmiModel, status: int, at_s: float | None = None) -> None:
@@ -152,15 +151,15 @@ class FmuInstance:
 
 
 def type_of(given: Any) -> Any:
-    """As ctypes is to pass it on."""
+    """Type for ctypes."""
     return type(given) if isinstance(given, ctypes.c_size_t) else ctypes.c_void_p
 
 
 def why(m: FmiModel, status: int, at_s: float | None = None) -> str:
-    """A status in words."""
+    """Text of a status."""
     when = "" if at_s is None else f", at {at_s:.4g} s"
     if status <= ENDED:
         return SAID[status] + when
-    name = f"fmi{m.version}{NAMES[m.version].split()[m.told[0]]}"
+    name = f"fmi{m.version}{NAMES[m.version].split()[m.report[0]]}"
     word = _STATUSES[status] if status < len(_STATUSES) else str(status)
     return f"{name} returned fmi{m.version}{word}{when}"

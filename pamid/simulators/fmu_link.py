@@ -1,5 +1,4 @@
-"""An FMU that somebody holds, as the engine drives it: units, and the words of its requests
-(`pamid.simulators.fmu_host`)."""
+"""Interface of the engine to an FMU: units, and requests to its host."""
 
 from __future__ import annotations
 
@@ -19,26 +18,26 @@ Array = NDArray[np.float64]
 _EMPTY = np.zeros((0, 0))
 
 
-class Kept:
-    """A saved state, by its number where the FMU is held."""
+class SavedState:
+    """A saved state, by its number in the host."""
 
     def __init__(self, number: int) -> None:
         self.number = number
 
 
 class UnitScale(NamedTuple):
-    """From an FMU's units to SI: value * scale + offset."""
+    """Conversion from an FMU's units to SI: value * scale + offset."""
 
     scale: Array
     offset: Array
 
     def outside(self, values: Array) -> Array:
-        found: Array = (values - self.offset) / self.scale
-        return found
+        scaled: Array = (values - self.offset) / self.scale
+        return scaled
 
     def inside(self, values: Array) -> Array:
-        found: Array = values * self.scale + self.offset
-        return found
+        scaled: Array = values * self.scale + self.offset
+        return scaled
 
 
 class FmuUnits(NamedTuple):
@@ -49,15 +48,17 @@ class FmuUnits(NamedTuple):
 
 
 class FmuLink(Carrier):
-    """Copies of an FMU, a `pamid.engine.shadow_simulators.Carrier`; where its states are seen,
-    `SeenFmu` drives it."""
+    """Copies of an FMU, as a `pamid.engine.shadow_simulators.Carrier`.
+
+    If its states are seen, `SeenFmu` drives it.
+    """
 
     units: FmuUnits
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        """The answer to a request."""
+        """Answer to a request."""
         raise NotImplementedError
 
     # ---- as a carrier ----------------------------------------------------------------------------
@@ -66,22 +67,22 @@ class FmuLink(Carrier):
         return self._readings(b"b", self.units.parameters.outside(p))
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
-        kept = [one.number for one in saved]
-        return self._readings(b"r", self.units.parameters.outside(p), kept=kept)
+        numbers = [state.number for state in saved]
+        return self._readings(b"r", self.units.parameters.outside(p), numbers=numbers)
 
     def step(self, f: Array, h: float) -> Array:
         return self._readings(b"s", self.units.inputs.outside(f), h)
 
-    def save(self) -> tuple[Kept, ...]:
-        return tuple(Kept(int(number)) for number in self._request(b"k", _EMPTY)[0])
+    def save(self) -> tuple[SavedState, ...]:
+        return tuple(SavedState(int(number)) for number in self._request(b"k", _EMPTY)[0])
 
     # ---- where its states are seen ---------------------------------------------------------------
 
-    def moved(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """States and outputs h later, of n copies; all SI."""
-        return self._parted(self._request(b"x", self._rows(x, f, p), h))
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States and outputs after h, of n copies; all SI."""
+        return self._split_columns(self._request(b"x", self._rows(x, f, p), h))
 
-    def shown(self, x: Array, p: Array) -> Array:
+    def read_outputs(self, x: Array, p: Array) -> Array:
         """Outputs at these states; all SI."""
         rows = np.concatenate([self.units.states.outside(x), self.units.parameters.outside(p)], 1)
         return self._readings(b"o", rows)
@@ -89,8 +90,11 @@ class FmuLink(Carrier):
     def in_c(
         self, p: Array, h: float, places: NDArray[np.intp]
     ) -> AbstractContextManager[LibraryStep | None]:
-        """See `pamid.engine.simulator.Simulator`; places: of the readings among the outputs. None
-        where the FMU is held by another process, which makes whole runs."""
+        """See `pamid.engine.simulator.Simulator`; places: indices of the readings among the
+        outputs.
+
+        None if another process holds the FMU, because it makes whole runs.
+        """
         return nullcontext()
 
     def _rows(self, x: Array, f: Array, p: Array) -> Array:
@@ -98,20 +102,22 @@ class FmuLink(Carrier):
         given = file.states.outside(x), file.inputs.outside(f), file.parameters.outside(p)
         return np.concatenate(given, axis=1)
 
-    def _parted(self, rows: Array) -> tuple[Array, Array]:
+    def _split_columns(self, rows: Array) -> tuple[Array, Array]:
         seen = len(self.units.outputs.scale)
         return self.units.states.inside(rows[:, seen:]), self.units.outputs.inside(rows[:, :seen])
 
     def _readings(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        return self.units.outputs.inside(self._request(word, table, h, kept))
+        return self.units.outputs.inside(self._request(word, table, h, numbers))
 
 
 @dataclass
 class SeenFmu:
-    """An FMU whose states are seen, a `pamid.engine.simulator.Simulator`. places: of the readings
-    among the outputs."""
+    """FMU whose states are seen, as a `pamid.engine.simulator.Simulator`.
+
+    places: indices of the readings among the outputs.
+    """
 
     link: FmuLink
     places: NDArray[np.intp]
@@ -119,13 +125,13 @@ class SeenFmu:
     longest_s: float = field(default=float("inf"))
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        after, outputs = self.link.moved(x, f, p, h)
+        after, outputs = self.link.step_states(x, f, p, h)
         return after, outputs[:, self.places]
 
     def reads(self, x: Array, p: Array) -> Array:
         if not len(self.places):
             return np.empty((len(x), 0))
-        return self.link.shown(x, p)[:, self.places]
+        return self.link.read_outputs(x, p)[:, self.places]
 
     def in_c(self, p: Array, h: float) -> AbstractContextManager[LibraryStep | None]:
         return self.link.in_c(p, h, self.places)

@@ -20,28 +20,30 @@ from pamid.base.errors import FileError
 from pamid.engine.program import Memory
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
-from pamid.simulators.fmu_link import FmuLink, Kept
+from pamid.simulators.fmu_link import FmuLink, SavedState
 
 Array = NDArray[np.float64]
 
-PATIENCE_S = 120.0  # that one answer may take
-COMPILING = 5.0  # times as long until a run was answered: the first one may compile what it needs
+PATIENCE_S = 120.0  # longest wait for an answer
+COMPILING = 5.0  # factor on the first wait, because the first run may compile code
 FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
 _LENGTH = struct.Struct("<q")
-PATIENT_SAMPLES = 10000.0  # for which a run is given as much time again
+PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
 _EMPTY = np.zeros((0, 0))
 
 
-def _lengthy(about: dict[str, Any]) -> bytes:
-    """As JSON, led by its length and filled up to whole numbers."""
-    said = json.dumps(about).encode()
-    said += b" " * (-len(said) % 8)
-    return _LENGTH.pack(len(said)) + said
+def _length_prefixed(about: dict[str, Any]) -> bytes:
+    """JSON behind its length, padded to whole numbers."""
+    header = json.dumps(about).encode()
+    header += b" " * (-len(header) % 8)
+    return _LENGTH.pack(len(header)) + header
 
 
 class FmuProcess(FmuLink):
-    """Copies of an FMU, held by another process; it is started, and the FMU's binary loaded, when
-    the first of them begins."""
+    """Copies of an FMU, held by another process.
+
+    The process starts with the first copy, and loads the FMU's binary then.
+    """
 
     def __init__(self, file: FmuFile) -> None:
         self.file, self.units = file, file.units
@@ -67,8 +69,8 @@ class FmuProcess(FmuLink):
         )
         inlet.close()
         outlet.close()
-        self.told = select.poll()
-        self.told.register(self.from_child, select.POLLIN | select.POLLHUP)
+        self.poller = select.poll()
+        self.poller.register(self.from_child, select.POLLIN | select.POLLHUP)
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
         self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
 
@@ -84,31 +86,39 @@ class FmuProcess(FmuLink):
         request = run_request(memory, Course(*course))
         saved = memory.saved and [
             memory.saved[0].number,
-            *(sorted((c, one.number) for c, one in memory.saved[1].items())),
+            *(sorted((c, state.number) for c, state in memory.saved[1].items())),
         ]
         about = {**request.about, "program": number, "saved": saved}
         patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
-        answer = self._told(b"u" + _lengthy(about) + request.numbers.tobytes(), patience_s)
+        answer = self._exchange(
+            b"u" + _length_prefixed(about) + request.numbers.tobytes(), patience_s
+        )
         self.compiled = True
         size = _LENGTH.unpack_from(answer)[0]
-        told = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
-        parcel = Parcel(told, np.frombuffer(answer, offset=_LENGTH.size + size))
-        found = take_answer(memory, parcel)
-        kept = [Kept(int(k)) for k in told["kept"]]
-        for one in kept:
-            weakref.finalize(one, self.dropped.append, one.number)
-        if kept:
-            memory.saved = kept[0], dict(zip(map(int, told["columns"]), kept[1:], strict=True))
-        return found
+        header = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
+        parcel = Parcel(header, np.frombuffer(answer, offset=_LENGTH.size + size))
+        result = take_answer(memory, parcel)
+        states = [SavedState(int(k)) for k in header["kept"]]
+        for saved_state in states:
+            weakref.finalize(saved_state, self.dropped.append, saved_state.number)
+        if states:
+            memory.saved = (
+                states[0],
+                dict(zip(map(int, header["columns"]), states[1:], strict=True)),
+            )
+        return result
 
     def _number(self, program: SteppedProgram) -> int:
-        """Of a program there, which is sent where it is not known; what nobody knows any more is
-        dropped there."""
+        """Number of a program in the other process.
+
+        An unknown program is sent first. States and programs that are no longer in use are dropped
+        there.
+        """
         from pamid.engine.remote_program import program_data
 
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request(b"d", _EMPTY, kept=gone)
+            self._request(b"d", _EMPTY, numbers=gone)
         number = self.programs.get(program)
         if number is None:
             simulator: Any = program.simulator
@@ -117,7 +127,7 @@ class FmuProcess(FmuLink):
             data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
             data["places"] = self.places
             number = self.programs[program] = int(
-                self._answer(b"p" + _lengthy(data), PATIENCE_S)[0, 0]
+                self._answer(b"p" + _length_prefixed(data), PATIENCE_S)[0, 0]
             )
             weakref.finalize(program, self.dropped.append, -number)
         return number
@@ -125,29 +135,29 @@ class FmuProcess(FmuLink):
     # ---- what is sent ----------------------------------------------------------------------------
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        said = b"" if kept is None else json.dumps(kept).encode()
-        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + said)
+        tail = b"" if numbers is None else json.dumps(numbers).encode()
+        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + tail)
 
     def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
-        answer = self._told(message, patience_s)
+        answer = self._exchange(message, patience_s)
         _, rows, columns = SHAPE_HEAD.unpack_from(answer)
         return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
 
-    def _told(self, message: bytes, patience_s: float | None = None) -> bytes:
+    def _exchange(self, message: bytes, patience_s: float | None = None) -> bytes:
         waits_s = (patience_s or PATIENCE_S) * (1.0 if self.compiled else COMPILING)
         try:
             self.to_child.send_bytes(message)
-            if not self.told.poll(1000.0 * waits_s):
+            if not self.poller.poll(1000.0 * waits_s):
                 self.child.kill()
                 self.child.wait()
                 raise self._failed(f"it did not answer within {waits_s:.3g} s, and was ended")
             answer = self.from_child.recv_bytes()
         except (EOFError, OSError) as error:
             code = self.child.wait()
-            said = f"it crashed (signal {-code})" if code < 0 else f"it ended (exit code {code})"
-            raise self._failed(said) from error
+            reason = f"it crashed (signal {-code})" if code < 0 else f"it ended (exit code {code})"
+            raise self._failed(reason) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
         return answer[1:]
@@ -155,7 +165,7 @@ class FmuProcess(FmuLink):
     def _failed(self, what: str) -> FileError:
         return FileError(
             f"{self.file.path}: the FMU failed: {what}.",
-            "Run it on the same inputs with `fmpy simulate`, and mend it or export it again.",
+            "Run it on the same inputs with `fmpy simulate`, and repair it or export it again.",
             code="simulation",
         )
 

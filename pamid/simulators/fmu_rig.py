@@ -1,16 +1,16 @@
 """An FMU as a rig: its inputs and outputs are ports, its parameters are fitted.
 
-A table beside the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
-outputs that are the position and the velocity there (`pamid.simulators.fmu_choices`): effects of
-mechanics then act at the port. Without it there are command ports and reading ports. The same in a
-rig file:
+A table next to the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
+outputs for the position and the velocity there (`pamid.simulators.fmu_choices`). Effects of
+mechanics then act at the port. Without the table there are command ports and reading ports. A rig
+file states the same with
 
     class Drive(FmuRig):
         path = "drive.fmu"
         motion = {"torque_n_m": ("angle_rad", "speed_rad_per_s")}
 
-Its binary is run. Of an FMU for model exchange pamid sees the states and integrates their rates;
-one for co-simulation is a `Carrier`.
+The FMU's binary is executed. In model exchange pamid sees the states and integrates their rates. An
+FMU for co-simulation is a `Carrier`.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from pamid.simulators.fmu_choices import choices_path
 from pamid.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
 from pamid.simulators.fmu_link import SeenFmu
 from pamid.simulators.fmu_process import FmuProcess
-from pamid.simulators.mujoco_parameters import stated
+from pamid.simulators.mujoco_parameters import stated_parameter
 from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-MOST_FREE = 20  # parameters that are fitted without a word: of more, those in `free` alone
+MOST_FREE = 20  # of more parameters only those in `free` are fitted
 FORCES = ("N", "N m")
 
 
@@ -50,44 +50,44 @@ class FmuRig(StepRig):
 
     name = "fmu"
     carries = True
-    # beside the rig's own file, or from the folder in which it is run
+    # relative to the rig file, else to the working folder
     path: ClassVar[str] = ""
     # input that is a force or torque -> outputs: position and velocity there
     motion: ClassVar[dict[str, tuple[str, str]]] = {}
-    # parameters to fit, where not all are
+    # parameters to fit, if not all of them
     free: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, file: FmuFile | None = None) -> None:
-        own: Any = self  # tables that a class usually holds
+        untyped: Any = self  # these tables usually are class attributes
         self.file = f = file or read_fmu(_beside(type(self), self.path))
-        own.name = f.name if type(self) is FmuRig else type(self).name
-        own.carries = not f.seen
-        own.motion, own.free = self.motion or f.motion, self.free or f.free
-        own.inputs = {v.name: v.si for v in f.inputs.variables}
-        own.outputs = {v.name: v.si for v in f.outputs.variables}
+        untyped.name = f.name if type(self) is FmuRig else type(self).name
+        untyped.carries = not f.seen
+        untyped.motion, untyped.free = self.motion or f.motion, self.free or f.free
+        untyped.inputs = {v.name: v.si for v in f.inputs.variables}
+        untyped.outputs = {v.name: v.si for v in f.outputs.variables}
         if f.seen:
             starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
-            own.states = tuple(
+            untyped.states = tuple(
                 State(v.name, v.si, start)
                 for v, start in zip(f.states.variables, starts.tolist(), strict=True)
             )
             sizes = np.array(f.nominals) * f.units.states.scale
-            own.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
+            untyped.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
         shown = {s.name for s in self.states}
-        own.readings = {name: si for name, si in self.outputs.items() if name not in shown}
+        untyped.readings = {name: si for name, si in self.outputs.items() if name not in shown}
         self._check_names()
-        own.parameters = tuple(map(self._parameter, f.parameters.variables))
-        own.remarks = (*f.remarks, *self._undeclared())
-        own.period_s = f.period_s or type(self).period_s
-        own.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
+        untyped.parameters = tuple(map(self._parameter, f.parameters.variables))
+        untyped.remarks = (*f.remarks, *self._undeclared())
+        untyped.period_s = f.period_s or type(self).period_s
+        untyped.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
             f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables
         }
 
     def _parameter(self, v: FmuVariable) -> Parameter:
         count = len(self.file.parameters.variables)
         wanted = v.name in self.free if self.free else count <= MOST_FREE
-        found = stated(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
-        return found
+        parameter = stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
+        return parameter
 
     def _way_in(self, v: FmuVariable) -> Port:
         if v.name not in self.motion:
@@ -97,13 +97,17 @@ class FmuRig(StepRig):
 
     @property
     def _moving(self) -> dict[str, str]:
-        """Possible positions and velocities: outputs, and states that are seen, with units."""
+        """Candidates for positions and velocities: outputs and seen states, with units."""
         return {s.name: s.unit for s in self.states} | self.outputs
 
     def _check_names(self) -> None:
-        """Those of the user's own tables."""
-        told = choices_path(Path(self.file.path))
-        where = told if self.motion is self.file.motion and told.exists() else self.file.path
+        """Check the names in the user's tables."""
+        choices_file = choices_path(Path(self.file.path))
+        where = (
+            choices_file
+            if self.motion is self.file.motion and choices_file.exists()
+            else self.file.path
+        )
         known = [(name, list(self.inputs), "input") for name in self.motion]
         known += [
             (signal, list(self._moving), "output")
@@ -118,7 +122,7 @@ class FmuRig(StepRig):
             if name not in names:
                 table = "free" if what == "parameter" else "motion"
                 raise FileError(
-                    f"{where}: {table} names {name!r}, which is no {what} of it",
+                    f"{where}: {table} names {name!r}, but the FMU has no such {what}",
                     nearest(name, names) or f"{what}s: {', '.join(names)}",
                 )
         for name, (position, velocity) in self.motion.items():
@@ -131,12 +135,12 @@ class FmuRig(StepRig):
                 )
 
     def _undeclared(self) -> list[str]:
-        """Forces and torques that go in without a place where they act."""
+        """Inputs that are forces or torques without a declared place."""
         names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
-        beside = choices_path(Path(self.file.path)).name
+        choices_file = choices_path(Path(self.file.path)).name
         return [
             f"{name} [{self.inputs[name]}] may be a force at a moving part: for friction, springs "
-            f"and drag to act there, write into {beside}: [ports.{name}] with position and "
+            f"and drag to act there, write into {choices_file}: [ports.{name}] with position and "
             f"velocity, of {', '.join(self._moving)}"
             for name in names
         ]
@@ -183,6 +187,6 @@ class FmuRig(StepRig):
 
 
 def _beside(kind: type, path: str) -> Path:
-    """A path that is written in a rig file, from the folder of that file."""
+    """Path in a rig file, relative to the folder of that file."""
     home = getattr(sys.modules.get(kind.__module__), "__file__", None)
     return Path(os.path.dirname(home) if home else "") / path

@@ -1,9 +1,8 @@
-"""The process that holds an FMU: its binary may print, hang, or crash, and then only this process
-does.
+"""Process that holds an FMU. If its binary prints, hangs or crashes, only this process does.
 
-Requests come by a pipe from the program that started this process: a word, then numbers. Answers
-are numbers or a sentence, never objects. Whole runs are made here (`pamid.engine.remote_program`):
-the equations around the FMU are sent once, as text that is compiled.
+Requests come by a pipe from the parent process: a word, then numbers. Answers are numbers or a
+sentence, never objects. Whole runs are made here (`pamid.engine.remote_program`). The equations
+around the FMU are sent once, as text that is compiled.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from pamid.engine.remote_program import Parcel, rebuilt_program, run_answer, run
 from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
-from pamid.simulators.fmu_link import FmuLink, FmuUnits, Kept, SeenFmu, UnitScale
+from pamid.simulators.fmu_link import FmuLink, FmuUnits, SavedState, SeenFmu, UnitScale
 
 Array = NDArray[np.float64]
 
@@ -32,7 +31,7 @@ _LENGTH = struct.Struct("<q")
 
 
 class NearFmu(FmuLink):
-    """The FMU of this process."""
+    """FMU in this process."""
 
     def __init__(self, host: FmuHost) -> None:
         self.host, self.longest_s = host, float("inf")
@@ -42,9 +41,9 @@ class NearFmu(FmuLink):
         )
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, kept: list[int] | None = None
+        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
     ) -> Array:
-        return self.host.told(word, table, h, kept or [])
+        return self.host.dispatch(word, table, h, numbers or [])
 
     def in_c(
         self, p: Array, h: float, places: NDArray[np.intp]
@@ -53,15 +52,15 @@ class NearFmu(FmuLink):
 
 
 class FmuRuns:
-    """Programs that were sent here, and runs of them."""
+    """Received programs, and their runs."""
 
     def __init__(self, host: FmuHost) -> None:
         self.host, self.near = host, NearFmu(host)
         self.count = 0
 
     def add(self, message: bytes) -> Array:
-        """A program; its number."""
-        data, _ = parted(message)
+        """Add a program and return its number."""
+        data, _ = split_message(message)
         simulator: Any = self.near
         if self.host.about["seen"]:
             states, forces = map(np.array, data["typical"])
@@ -72,14 +71,14 @@ class FmuRuns:
         return np.full((1, 1), float(self.count))
 
     def run(self, message: bytes) -> bytes:
-        """A run, and what it has come to."""
-        about, numbers = parted(message)
+        """Run a program and return the encoded result."""
+        about, numbers = split_message(message)
         memory, course = run_of(Parcel(about, numbers))
         if about["saved"]:
             plain, *copies = about["saved"]
-            memory.saved = Kept(plain), {c: Kept(number) for c, number in copies}
+            memory.saved = SavedState(plain), {c: SavedState(number) for c, number in copies}
         program: SteppedProgram = self.host.programs[about["program"]]
-        found = program.run(
+        result = program.run(
             memory,
             course.u,
             course.p,
@@ -90,17 +89,17 @@ class FmuRuns:
             weights=course.weights,
             after=course.after,
         )
-        answer = run_answer(memory, found)
-        told: dict[str, Any] = {**answer.about, "kept": [], "columns": []}
+        answer = run_answer(memory, result)
+        header: dict[str, Any] = {**answer.about, "kept": [], "columns": []}
         if memory.saved and not self.host.about["seen"]:
             first, others = memory.saved
-            told["kept"] = [first.number, *(one.number for one in others.values())]
-            told["columns"] = list(others)
-        said = json.dumps(told).encode()
-        return _LENGTH.pack(len(said)) + said + answer.numbers.tobytes()
+            header["kept"] = [first.number, *(other.number for other in others.values())]
+            header["columns"] = list(others)
+        header_bytes = json.dumps(header).encode()
+        return _LENGTH.pack(len(header_bytes)) + header_bytes + answer.numbers.tobytes()
 
 
-def parted(message: bytes) -> tuple[dict[str, Any], Array]:
+def split_message(message: bytes) -> tuple[dict[str, Any], Array]:
     """Header of a message, and the numbers behind it."""
     size = _LENGTH.unpack_from(message)[0]
     end = _LENGTH.size + size
@@ -108,27 +107,27 @@ def parted(message: bytes) -> tuple[dict[str, Any], Array]:
 
 
 def serve(inlet: int, outlet: int) -> None:
-    """Answer requests until there are no more. The first one says which FMU it is."""
-    asked, told = Connection(inlet, writable=False), Connection(outlet, readable=False)
+    """Answer requests until the pipe closes. The first request describes the FMU."""
+    incoming, outgoing = Connection(inlet, writable=False), Connection(outlet, readable=False)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
     host: FmuHost | None = None
     runs: Any = None
     while True:
         try:
-            request = asked.recv_bytes()
+            request = incoming.recv_bytes()
         except EOFError:
             return
         try:
             if host is None:
-                host, found = FmuHost(json.loads(request)), np.zeros((0, 0))
+                host, reply = FmuHost(json.loads(request)), np.zeros((0, 0))
                 runs = FmuRuns(host)
             elif request[:1] == b"u":
-                told.send_bytes(NUMBERS + runs.run(request[1:]))
+                outgoing.send_bytes(NUMBERS + runs.run(request[1:]))
                 continue
             else:
-                found = runs.add(request[1:]) if request[:1] == b"p" else host.answer(request)
-            shape = SHAPE_HEAD.pack(0.0, *found.shape)
-            told.send_bytes(NUMBERS + shape + np.ascontiguousarray(found).tobytes())
+                reply = runs.add(request[1:]) if request[:1] == b"p" else host.answer(request)
+            shape = SHAPE_HEAD.pack(0.0, *reply.shape)
+            outgoing.send_bytes(NUMBERS + shape + np.ascontiguousarray(reply).tobytes())
         except Exception as error:
             kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
-            told.send_bytes(FAILED + f"{kind}{error}".encode())
+            outgoing.send_bytes(FAILED + f"{kind}{error}".encode())

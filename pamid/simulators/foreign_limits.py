@@ -16,11 +16,11 @@ from pamid.base.files import MIB
 from pamid.parallel.limited_process import ProcessLimits
 
 VARIABLE = "PAMID_MODEL_LIMITS"
-COMPILE_S = 40.0  # of processor time that MuJoCo may take to compile a model
-COMPILE_PATIENCE_S = 120.0  # that may pass meanwhile
+COMPILE_S = 40.0  # processor time for MuJoCo's compilation of a model
+COMPILE_PATIENCE_S = 120.0  # wall-clock time for it
 COMPILE_MEMORY = 1536 * MIB
 MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
-FMU_UNPACKED = 512 * MIB  # all that an FMU holds
+FMU_UNPACKED = 512 * MIB  # total size of an FMU
 FMU_FILES = 20_000  # in an FMU
 MODEL_ELEMENTS = (
     1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
@@ -33,8 +33,11 @@ RAISED = (
 
 @dataclass(frozen=True)
 class ForeignLimits:
-    """Limits for one model file: the compilation, bytes of its text, bytes and number of the files
-    that it unpacks, elements of a kind."""
+    """Limits for one model file.
+
+    They bound the compilation, the bytes of its text, bytes and number of unpacked files, and
+    elements of a kind.
+    """
 
     compilation: ProcessLimits
     text: int
@@ -44,14 +47,16 @@ class ForeignLimits:
 
 
 def foreign_limits() -> ForeignLimits:
-    """The limits that hold now. UsageError for a factor that is not a positive number."""
-    said = os.environ.get(VARIABLE, "").strip() or "1"
+    """Limits in force. UsageError for a factor that is not a positive number."""
+    setting = os.environ.get(VARIABLE, "").strip() or "1"
     try:
-        factor = float(said)
+        factor = float(setting)
     except ValueError:
         factor = math.nan
     if not (math.isfinite(factor) and factor > 0.0):
-        raise UsageError(f"{VARIABLE}={said!r} is not a positive number.", "Write a number like 4.")
+        raise UsageError(
+            f"{VARIABLE}={setting!r} is not a positive number.", "Write a number like 4."
+        )
     return ForeignLimits(
         ProcessLimits(
             factor * COMPILE_S, factor * COMPILE_PATIENCE_S, round(factor * COMPILE_MEMORY)
@@ -64,8 +69,10 @@ def foreign_limits() -> ForeignLimits:
 
 
 def require_few(path: Path, kind: str, count: int) -> None:
-    """FileError where a model has more elements of a kind than a rig can be made of: every one
-    becomes a port, at which every effect is tried."""
+    """Raise FileError if a model has too many elements of a kind for a rig.
+
+    Every element becomes a port, at which every effect is tried.
+    """
     most = foreign_limits().elements
     if count > most:
         raise FileError(

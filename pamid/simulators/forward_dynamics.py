@@ -1,21 +1,25 @@
-"""Accelerations of a tree under forces, friction and couplings, with derivatives that follow from
-the equations they solve.
+"""Accelerations of a tree under forces, friction and couplings, with implicit derivatives.
 
-What q'' depends on is not found by differentiating how it is computed. Along a solution the inverse
-dynamics ID(q, q', q'', p) = force stay true, so that
+Differentiating the algorithm would be longer than necessary. Along a solution the inverse dynamics
+ID(q, q', q'', p) = force stays true, so that
 
     dq'' = M^-1 (dforce - dID)      at q'' held
 
 and the partials of ID have a closed form in the composites (Singh, Russell and Wensing 2022, IEEE
-Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. By a mass, ID has the force on
-that body per mass.
+Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. The derivative of ID by a mass is
+the force on that body per mass.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.simulators.soft_constraints import CoupledSystem, SoftCoupling, SoftFriction, rub
+from pamid.simulators.soft_constraints import (
+    CoupledSystem,
+    SoftCoupling,
+    SoftFriction,
+    solve_joint_friction,
+)
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
@@ -29,35 +33,42 @@ def accelerations(
 ) -> list[Expr]:
     """q'' (n,) under these forces, with its exact derivatives.
 
-    force: at each joint, without c and friction. passed: where what reaches the joint is not
-    force - c but something else that was made of `force - tree.holding`, that; elsewhere None.
+    Parameters
+    ----------
+    force
+        Force at each joint, without c and friction.
+    passed
+        Force that reaches a joint, if it is not force - c but derived from `force - tree.holding`;
+        otherwise None.
     """
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
     ]
-    found = rub(CoupledSystem(tree, couplings), reaching, friction)
-    still = [held(v) for v in found.value]
+    solution = solve_joint_friction(CoupledSystem(tree, couplings), reaching, friction)
+    still = [held(v) for v in solution.value]
     moving = tree.inverse_dynamics(still)
     change = []
     for i in range(tree.n):
-        own = moving[i] + still[i] * (tree.armature[i] + found.added[i]) - found.friction[i]
+        diagonal = (
+            moving[i] + still[i] * (tree.armature[i] + solution.added[i]) - solution.friction[i]
+        )
         if passed[i] is None:
-            change.append(own - force[i])
+            change.append(diagonal - force[i])
         else:
-            change.append(own - tree.holding_change[i] - reaching[i])
+            change.append(diagonal - tree.bias_change[i] - reaching[i])
     for coupling in couplings:
         force_along = coupling.force(still)
         for j, slope in coupling.slopes.items():
             change[j] = change[j] - slope * force_along
-    inverse = [found.system.column(i) for i in range(tree.n)]
+    inverse = [solution.system.column(i) for i in range(tree.n)]
     return [
-        tangent(found.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
+        tangent(solution.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
         for i in range(tree.n)
     ]
 
 
 def _total(terms: Sequence[Expr]) -> Expr:
-    found = ZERO
-    for one in terms:
-        found = found + one
-    return found
+    total = ZERO
+    for term in terms:
+        total = total + term
+    return total

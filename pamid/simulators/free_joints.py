@@ -1,9 +1,9 @@
-"""Joints of a MuJoCo model that turn by a quaternion, before anything is made of the model.
+"""Replacement of quaternion joints of a MuJoCo model, before its mechanism is built.
 
-An object in the scene, which no actuator, tendon, coupling or sensor of a joint touches, stands
-where the file places it. A floating base gets three slides along the axes of the world and three
-hinges: the same motion, with yaw, pitch and roll in the place of the quaternion. It is singular
-where the base points straight up or down.
+An object in the scene stands where the file places it. No actuator, tendon, coupling or sensor of a
+joint may touch it. A floating base gets three slides along the axes of the world and three hinges,
+which is the same motion, with yaw, pitch and roll instead of the quaternion. It is singular if the
+base points straight up or down.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-#: joints in the place of a free one: (ending of the name, is it a hinge, axis)
+#: replacement of a free joint: (ending of the name, True for a hinge, axis)
 BASE_JOINTS = (
     ("x", False, (1.0, 0.0, 0.0)),
     ("y", False, (0.0, 1.0, 0.0)),
@@ -29,15 +29,24 @@ BASE_FREED = "a free joint: three slides and yaw, pitch and roll stand for it"
 
 @dataclass(frozen=True)
 class FreeJoints:
-    """floating: names of the joints that stand for free ones; notes: (name, line, text)."""
+    """floating: names of the joints that replace free ones; notes: (name, line, text)."""
 
     floating: tuple[str, ...] = ()
     notes: tuple[tuple[str, int, str], ...] = ()
 
 
 def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) -> FreeJoints:
-    """Change the free joints of a model that MuJoCo has read, and ball joints of objects. line_of:
-    at which an element stands in the file, 0 unknown."""
+    """Replace the free joints of a model in MuJoCo, and ball joints of objects.
+
+    Parameters
+    ----------
+    mujoco
+        MuJoCo's module.
+    spec
+        The model, changed in place.
+    line_of
+        Function that returns the line of an element in the file, 0 if unknown.
+    """
     loose = [
         joint
         for joint in spec.joints
@@ -68,16 +77,16 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) ->
 
 
 def _has_forces(model: Any, joint: int) -> bool:
-    """Has a free joint a spring, a damper, friction or an armature of its own?"""
+    """True if a free joint has a spring, a damper, friction or an armature."""
     dofs = slice(int(model.jnt_dofadr[joint]), int(model.jnt_dofadr[joint]) + 6)
     arrays = (model.dof_damping, model.dof_armature, model.dof_frictionloss)
     return bool(model.jnt_stiffness[joint]) or any(array[dofs].any() for array in arrays)
 
 
 def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
-    """Give a body the joints of a floating base; their names."""
-    taken = {joint.name for joint in spec.joints}
-    while any(f"{name}_{word}" in taken for word, _, _ in BASE_JOINTS):
+    """Give a body the joints of a floating base, and return their names."""
+    joint_names = {joint.name for joint in spec.joints}
+    while any(f"{name}_{word}" in joint_names for word, _, _ in BASE_JOINTS):
         name = f"{name}_base"
     place = np.array(body.pos)
     body.quat = [1.0, 0.0, 0.0, 0.0]
@@ -100,8 +109,10 @@ def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
 
 
 def _touched(mujoco: Any, m: Any) -> Iterator[int]:
-    """Numbers of the trees that an actuator, a tendon, an equality or a sensor of a joint touches;
-    one may come several times."""
+    """Numbers of the trees that an actuator, a tendon, an equality or a joint sensor touches.
+
+    A number may occur several times.
+    """
     kinds = mujoco.mjtObj
 
     def trees(kind: int, number: int) -> Iterator[int]:

@@ -1,9 +1,9 @@
-"""A mechanism as a simulator's file describes it: bodies, joints, tendons, actuators, sensors, and
-which of their numbers may be fitted. Plain frozen values: no simulator is needed to hold one.
+"""A mechanism as described by a simulator's file, and its fittable numbers.
 
-Everything is SI and radians, in the frames and with the names of the file: names that are no plain
-words have "_" where a sign stood, and what has no name is called by its kind and number. Body 0 is
-the world. Places and axes are (3,), quaternions (w, x, y, z).
+It has bodies, joints, tendons, actuators and sensors. All of them are plain frozen values, which
+need no simulator. Everything is SI and radians, in the frames and with the names of the file. In a
+name that is not a plain word, signs become "_". An element without a name is called by its kind and
+number. Body 0 is the world. Places and axes are (3,), quaternions (w, x, y, z).
 """
 
 from __future__ import annotations
@@ -19,10 +19,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body. position, quaternion: of its frame in its parent's; centre, inertia_quaternion:
-    of its principal axes in its own frame; inertia: kg m2 about these; line: where it stands in the
-    file, 0 unknown, as for all elements; gravity_compensation: share of its weight that an upward
-    force at its centre carries."""
+    """A rigid body.
+
+    position, quaternion        of its frame in its parent's
+    centre, inertia_quaternion  of its principal axes in the body's frame
+    inertia                     kg m2 about these axes
+    line                        line in the file, 0 if unknown; the same for all elements
+    gravity_compensation        share of its weight that an upward force at its centre carries
+    """
 
     name: str
     parent: int
@@ -44,21 +48,22 @@ class Body:
 
 @dataclass(frozen=True)
 class MechanismJoint:
-    """A hinge (rad, N m) or a slide (m, N) at `anchor` along `axis`, both in the body's frame; the
-    joints of a body follow one another.
+    """A hinge (rad, N m) or a slide (m, N) at `anchor` along `axis`, both in the body's frame.
 
-    reference        position at which the body stands as the file places it
+    The joints of a body follow one another.
+
+    reference        position of the joint in the file's pose
     spring_reference position at which the spring is relaxed
-    friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: how the friction sets in, see
+    friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: onset of the friction, see
                      `pamid.simulators.soft_constraints`
     typical_inertia  about the joint at the reference, kg m2 or kg
     range, force_range  None: without limits
     qpos, dof        places among the simulator's positions and velocities
     damping_powers   (b, c) of a damper a v + b v|v| + c v^3, whose a is `damping`
     stiffness_powers (b, c) of a spring a x + b x^2 + c x^3, whose a is `stiffness`
-    spring_yield     way beyond which the spring yields for good; 0: never
+    spring_yield     deflection beyond which the spring yields for good; 0: never
     compensated_by_actuator  gravity compensation counts as a force of its actuators
-    is_base          one of the joints that stand for a free one: nothing but the motion itself
+    is_base          one of the joints that replace a free one: nothing but the motion itself
     """
 
     name: str
@@ -88,7 +93,7 @@ class MechanismJoint:
 
     @property
     def spring_state(self) -> str:
-        """Name of the state of a spring that yields: where it is relaxed."""
+        """Name of the state of a yielding spring: its relaxed position."""
         return f"{self.name}_spring_reference" if self.spring_yield else ""
 
     @property
@@ -107,8 +112,10 @@ class MechanismJoint:
 
 @dataclass(frozen=True)
 class MechanismTendon:
-    """A fixed tendon: its length is the sum of coefficient times joint position. rest: lengths
-    between which its spring is relaxed; powers as those of a joint."""
+    """A fixed tendon, whose length is the sum of coefficient times joint position.
+
+    rest: lengths between which its spring is relaxed; powers: as those of a joint.
+    """
 
     name: str
     joints: tuple[int, ...]
@@ -125,7 +132,9 @@ class MechanismTendon:
 @dataclass(frozen=True)
 class Coupling:
     """y - y0 = polynomial(x - x0) between the positions of two joints, or the lengths of two
-    tendons. It is soft: see `pamid.simulators.soft_constraints`.
+    tendons.
+
+    It is soft: see `pamid.simulators.soft_constraints`.
 
     kind            joint or tendon
     first, second   numbers of y and x; -1: there is no x
@@ -153,19 +162,19 @@ def coupled_joints(
     couplings: Sequence[Coupling], tendons: Sequence[MechanismTendon]
 ) -> frozenset[int]:
     """Joints that couplings move."""
-    found: set[int] = set()
+    joints: set[int] = set()
     for c in couplings:
         for end in (c.first, c.second):
             if end >= 0:
-                found.update((end,) if c.kind == "joint" else tendons[end].joints)
-    return frozenset(found)
+                joints.update((end,) if c.kind == "joint" else tendons[end].joints)
+    return frozenset(joints)
 
 
 @dataclass(frozen=True)
 class WindingMotor:
     """A motor with a winding: v = R i + K w, torque = K i (MuJoCo, DC Motor Model).
 
-    input            what its command is: voltage, pos, vel or ff (torque); none: nothing
+    input            meaning of its command: voltage, pos, vel or ff (torque); none: no command
     resistance, constant   R (Ohm) and K (N m/A or V s/rad)
     current_rate     A/s, largest; 0: no limit
     heating          (thermal resistance K/W, capacity J/K, ambient and reference temperature degC,
@@ -175,7 +184,8 @@ class WindingMotor:
                      velocity rad/s); first 0: none
     controller       (kp, ki, kd): torque per error of the position, its integral, its rate
     integral_limit, voltage_limit  0: none
-    The time constant L/R of the current is that of the actuator, 0: the current follows at once.
+
+    The time constant L/R of the current is that of the actuator; 0: the current follows at once.
     """
 
     input: str
@@ -192,7 +202,7 @@ class WindingMotor:
 
 @dataclass(frozen=True)
 class Mount:
-    """A frame on a body: its place and attitude in that of the body."""
+    """A frame on a body, with position and attitude in the body's frame."""
 
     body: int
     position: Vector = (0.0, 0.0, 0.0)
@@ -201,20 +211,22 @@ class Mount:
 
 @dataclass(frozen=True)
 class Actuator:
-    """force = gain . (1, length, velocity) * a + bias . (1, length, velocity), length = gear times
-    the position of its joint or the length of its tendon; on these acts gear times the force.
+    """force = gain . (1, length, velocity) * a + bias . (1, length, velocity).
 
-    kind      motor, position, velocity or general, by what its numbers make of it; dcmotor: the
-              law is that of `motor`
+    The length is gear times the position of its joint or the length of its tendon. On these acts
+    gear times the force.
+
+    kind      motor, position, velocity or general, according to its numbers; dcmotor: the law is
+              that of `motor`
     dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
               a) / time_constant_s); dcmotor
-    joint, tendon  the one it drives; -1: not that
-    mount, wrench  where it acts on a body, with this (force, torque) per unit of its own force, in
-              the frame of the mount; it has no length, and its velocity is the power per force
-    column    of a recording, that holds its command; "": it has none, and exerts passive forces
-    states    (name, unit) of its own states; without `motor`, that is a alone
-    armature, damping, damping_powers  what the actuator adds to those of its joint or tendon, times
-              gear squared
+    joint, tendon  the one it drives; -1: none
+    mount, wrench  point of action on a body, with this (force, torque) per unit of the actuator's
+              force, in the frame of the mount; it has no length, and its velocity is the power per
+              force
+    column    column of a recording with its command; "": no command, only passive forces
+    states    (name, unit) of its states; without `motor`, that is a alone
+    armature, damping, damping_powers  additions to those of its joint or tendon, times gear squared
     adr       place of its command among the simulator's; -1: it has no command, or the file has no
               actuators, and the command is a force or torque that acts on the joint itself
     """
@@ -247,16 +259,20 @@ class Actuator:
 
     @property
     def is_bare(self) -> bool:
-        """Is its command a force that acts on the joint itself, in a file without actuators?"""
+        """True if its command is a force on the joint itself, in a file without actuators."""
         return self.adr < 0 and bool(self.column)
 
 
 @dataclass(frozen=True)
 class MechanismSensor:
-    """A reading: kind as the simulator calls it (jointpos, jointvel, actuatorfrc, tendonpos ...);
-    of: number of the joint, tendon or actuator that it reads; adr: place among the simulator's
-    sensor values, -1 where the file has no such sensor and pamid reads the joint itself; mount,
-    component: of a sensor of a frame, where it is and which of its values this is."""
+    """A reading.
+
+    kind   the simulator's name (jointpos, jointvel, actuatorfrc, tendonpos ...)
+    of     number of the joint, tendon or actuator that it reads
+    adr    place among the simulator's sensor values; -1: the file has no such sensor, and pamid
+           reads the joint itself
+    mount, component   frame of a sensor on a frame, and index of this value
+    """
 
     name: str
     kind: str
@@ -284,9 +300,13 @@ class Write:
 
 @dataclass(frozen=True)
 class ModelParameter:
-    """A number of the file as a parameter: element and of say whose it is ("joint", "shoulder"),
-    attribute what it is called there; number is the element's place among its like. assumed: the
-    file says zero, and the prior is an absolute one, stated in the parameter's source."""
+    """A number of the file as a parameter.
+
+    element, of   kind and name of its element ("joint", "shoulder")
+    attribute     name of the number in the file
+    number        index of the element among those of its kind
+    assumed       the file states zero, and the prior is an absolute one, given in the source
+    """
 
     parameter: Parameter
     element: str
@@ -299,8 +319,13 @@ class ModelParameter:
 
 @dataclass(frozen=True)
 class ModelPort:
-    """Where physics may be added. kind and signals as in `pamid.model.rig.Port`; element: joint,
-    actuator or sensor; number: its place among its like; size: typical magnitudes, SI."""
+    """Port for additional physics.
+
+    kind, signals  as in `pamid.model.rig.Port`
+    element        joint, actuator or sensor
+    number         index among those of its kind
+    size           typical magnitudes, SI
+    """
 
     name: str
     kind: str
@@ -313,9 +338,9 @@ class ModelPort:
 
 @dataclass(frozen=True)
 class ModelFinding:
-    """Part of a file that is not carried over, in a sentence, with the element and its line.
+    """Part of a file that is not carried over, as a sentence, with the element and its line.
 
-    hinders: it cannot be written as equations, so the model has to be stepped by its simulator.
+    hinders: it has no form as equations, so its simulator has to step the model.
     """
 
     text: str
@@ -332,10 +357,15 @@ class ModelFinding:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A whole model. path: the file; inputs, outputs: column -> SI unit, in the order of actuators
-    and sensors; noise: standard deviations by column where the file states any; sensor_values: how
-    many the simulator's own sensors return, those that pamid cannot read among them; collides:
-    whether the simulator looks for contacts between any two geoms."""
+    """A whole model.
+
+    path             the file
+    inputs, outputs  column -> SI unit, in the order of actuators and sensors
+    noise            standard deviations by column, if the file states any
+    sensor_values    number of values of the simulator's sensors, including those that pamid cannot
+                     read
+    collides         True if the simulator looks for contacts between any two geoms
+    """
 
     path: str
     name: str
@@ -356,11 +386,11 @@ class Mechanism:
 
     def chain(self, body: int) -> tuple[int, ...]:
         """Joints that move a body."""
-        found: list[int] = []
+        joints: list[int] = []
         while body > 0:
-            found += [j for j, joint in enumerate(self.joints) if joint.body == body]
+            joints += [j for j, joint in enumerate(self.joints) if joint.body == body]
             body = self.bodies[body].parent
-        return tuple(sorted(found))
+        return tuple(sorted(joints))
 
     @property
     def commanded(self) -> tuple[int, ...]:
@@ -369,7 +399,7 @@ class Mechanism:
 
     @property
     def hindrances(self) -> tuple[ModelFinding, ...]:
-        """Why it cannot be compiled; () where it can."""
+        """Reasons why it cannot be compiled; empty if it can."""
         return tuple(f for f in self.findings if f.hinders)
 
     @property

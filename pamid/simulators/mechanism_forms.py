@@ -1,6 +1,6 @@
-"""The form of a mechanism: equations, or steps of MuJoCo.
+"""Form of a mechanism: equations, or steps of MuJoCo.
 
-A mechanism whose only hindrance is contact takes either form. Recordings decide: where no geoms
+A mechanism whose only hindrance is contact may take either form. Recordings decide. If no geoms
 touch and no joint reaches an end of its range, equations describe the machine in full. Without
 recordings the share of configurations with contacts decides (`pamid.simulators.mujoco_findings`).
 """
@@ -24,18 +24,18 @@ EQUATIONS_FORM, STEPPED_FORM = "equations", "stepped"
 
 
 def mechanism_rig(mechanism: Mechanism) -> Rig:
-    """A mechanism in the form that it has without recordings, with the forms to choose from."""
+    """Mechanism in its form without recordings, with the forms to choose from."""
     rig = SteppedMechanism if mechanism.hindrances else CompiledMechanism
-    made: Rig = rig(mechanism)
+    typed_rig: Rig = rig(mechanism)
     if mechanism.collides and all(f.element == CONTACT for f in mechanism.hindrances):
-        own: Any = made
-        own.forms = MechanismForms(mechanism)
-    return made
+        untyped: Any = typed_rig
+        untyped.forms = MechanismForms(mechanism)
+    return typed_rig
 
 
 @dataclass(frozen=True)
 class MechanismForms:
-    """The two forms of a mechanism in which nothing but contacts hinders equations."""
+    """The two forms of a mechanism whose only hindrance is contact."""
 
     mechanism: Mechanism
 
@@ -46,7 +46,7 @@ class MechanismForms:
     def suiting(self, recordings: Sequence[Recording]) -> Rig | None:
         """See `pamid.model.rig.RigForms`."""
         if not any(r.has(s.column) for s in self.mechanism.sensors for r in recordings):
-            return None  # an excitation: nothing has moved yet
+            return None  # an excitation has no measured motion
         met = recorded_contacts(self.mechanism, recordings)
         if met.unread:
             if not self.mechanism.hindrances:
@@ -91,8 +91,8 @@ class MechanismForms:
             ]
         rig: Any = kinds[form](replace(self.mechanism, findings=tuple(findings)))
         rig.forms, rig.form, rig.form_note = self, form, note
-        made: Rig = rig
-        return made
+        typed_rig: Rig = rig
+        return typed_rig
 
 
 def _free_words(met: RecordedContacts) -> str:
@@ -104,12 +104,12 @@ def _free_words(met: RecordedContacts) -> str:
 
 
 def _acting_words(met: RecordedContacts, path: str) -> str:
-    """Interactions along a recording that is not free, and how to leave them out, in sentences."""
+    """Sentences on the interactions along a recording, and on how to leave them out."""
     if met.touching is None:
         return f"{met.limit}."
     pair = met.touching
-    one, other = pair.bodies
-    cure = f'<contact><exclude body1="{one}" body2="{other}"/></contact>'
+    first, second = pair.bodies
+    cure = f'<contact><exclude body1="{first}" body2="{second}"/></contact>'
     cure = "remove one <collision>" if path.endswith(".urdf") else cure
     return (
         f"{_pair_words(pair)} touch in about {100 * met.share:.2g} % of the samples of "

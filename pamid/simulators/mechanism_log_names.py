@@ -1,5 +1,4 @@
-"""Names of a mechanism's columns in logs: those of its joints, motors and sensors, and their places
-in the vectors of MuJoCo."""
+"""Log names of a mechanism's columns: joints, motors, sensors, indices in MuJoCo's vectors."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ _READINGS = {"pos": "position", "vel": "velocity", "frc": "effort"}
 
 
 def log_names_of(m: Mechanism) -> dict[str, LogName]:
-    """By column of a recording."""
+    """Log names by column of a recording."""
     return {
         **{m.actuators[i].column: _command(m, m.actuators[i]) for i in m.commanded},
         **{s.column: _reading(m, s) for s in m.sensors},
@@ -19,15 +18,15 @@ def log_names_of(m: Mechanism) -> dict[str, LogName]:
 
 
 def vector_sizes_of(m: Mechanism) -> dict[str, int]:
-    """How many values MuJoCo's own vectors hold of this model."""
-    own = sum(not m.actuators[i].is_bare for i in m.commanded)
+    """Lengths of MuJoCo's vectors for this model."""
+    activations = sum(not m.actuators[i].is_bare for i in m.commanded)
     forces = 0 if any(a.is_bare for a in m.actuators) else len(m.actuators)
     joints = len(m.joints)
     return {
         "qpos": joints,
         "qvel": joints,
         "qfrc_actuator": joints,
-        "ctrl": own or joints,
+        "ctrl": activations or joints,
         "actuator_force": forces,
         "sensordata": m.sensor_values,
     }

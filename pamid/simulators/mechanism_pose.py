@@ -1,5 +1,8 @@
-"""Where the bodies of a mechanism stand, as lines to be drawn: from every joint to the next, and on
-to the centre of mass of the last body. Seen along the world axis about which most hinges turn."""
+"""Line drawing of the bodies of a mechanism.
+
+The lines join every joint with the next, and end at the centre of mass of the last body. The view
+is along the world axis about which most hinges turn.
+"""
 
 from __future__ import annotations
 
@@ -13,16 +16,16 @@ from pamid.simulators.mechanism import Mechanism, Vector
 
 FloatArray = NDArray[np.float64]
 
-#: world axis looked along -> the axes that point to the right and up, x y z
+#: world axis of the view -> axes that point to the right and up, x y z
 SEEN = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
 
 def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Body at the end of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
+    """Last body of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
 
-    DataError where no sensor reads the position of a joint.
+    DataError if no sensor reads the position of a joint.
     """
-    # loading it takes a seventh of a first fit, which draws nothing
+    # imported late, because the import takes a seventh of a first fit, which draws nothing
     from scipy.spatial.transform import Rotation
 
     positions = _positions(m, y)
@@ -56,7 +59,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     return {
         m.bodies[last].name: np.stack(
             [
-                *(anchors[one] for one in _chain(m, last)),
+                *(anchors[link] for link in _chain(m, last)),
                 places[last] + _turned(turns[last], m.bodies[last].centre),
             ],
             axis=1,
@@ -66,19 +69,19 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
 
 def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
-    """Joint -> its position at every sample."""
-    found = {}
+    """Joint -> position at every sample."""
+    positions = {}
     for k, joint in enumerate(m.joints):
         column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
         if column is None or joint.kind not in ("hinge", "slide"):
             raise DataError(
-                f"Nothing can be drawn of {m.name!r}: no sensor reads the position of joint "
+                f"{m.name!r} cannot be drawn: no sensor reads the position of joint "
                 f"{joint.name!r}.",
                 "Give the model a jointpos sensor for every hinge and slide.",
                 code="no-pose",
             )
-        found[k] = y[column]
-    return found
+        positions[k] = y[column]
+    return positions
 
 
 def _ends(m: Mechanism) -> list[int]:
@@ -88,18 +91,18 @@ def _ends(m: Mechanism) -> list[int]:
     return [
         k
         for k in range(1, len(m.bodies))
-        if k not in parents and any(one in moved for one in _chain(m, k))
+        if k not in parents and any(link in moved for link in _chain(m, k))
     ]
 
 
 def _chain(m: Mechanism, last: int) -> list[int]:
-    """From the body on the world to this one."""
-    found = [last]
-    while m.bodies[found[0]].parent > 0:
-        found.insert(0, m.bodies[found[0]].parent)
-    return found
+    """Chain from the body on the world to this one."""
+    chain = [last]
+    while m.bodies[chain[0]].parent > 0:
+        chain.insert(0, m.bodies[chain[0]].parent)
+    return chain
 
 
 def _turned(turn: FloatArray, vector: Vector) -> FloatArray:
-    """(samples, 3)."""
+    """Rotated vector, (samples, 3)."""
     return np.asarray(turn @ np.asarray(vector))

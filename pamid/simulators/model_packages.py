@@ -1,9 +1,9 @@
 """Places of the files that a model names: `package://`, `file://` and plain paths.
 
-A URDF names its meshes by the ROS package that they lie in. MuJoCo does not know where packages
-are. What `--package` and `pamid.model_packages` state stands in the environment variable
-PAMID_MODEL_PACKAGES: it reaches the processes that compile a model and those that do the jobs of a
-diagnosis. Files are only looked for and read.
+A URDF names its meshes by their ROS package, and MuJoCo has no list of packages. The folders from
+`--package` and `pamid.model_packages` are in the environment variable PAMID_MODEL_PACKAGES. It
+reaches the processes that compile a model and those that do the jobs of a diagnosis. Files are only
+located and read.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
 
 @dataclass(frozen=True)
 class ModelPackages:
-    """Where packages are looked for: stated folders by name, and search paths, all absolute.
+    """Search places for packages: stated folders by name, and search paths, all absolute.
 
-    roots: folders that hold packages, such as the entries of ROS_PACKAGE_PATH.
+    roots: folders that contain packages, such as the entries of ROS_PACKAGE_PATH.
     """
 
     stated: tuple[tuple[str, str], ...] = ()
     roots: tuple[str, ...] = ()
 
     def folders(self, name: str, file: Path) -> Iterator[Path]:
-        """Folders of the package, the likeliest first: as stated, near the file, on the roots."""
+        """Folders of the package, most plausible first: as stated, near the file, on the roots."""
         yield from (Path(folder) for stated, folder in self.stated if stated == name)
         for parent in file.parents:
             yield from _package_in(parent, name)
@@ -49,7 +49,7 @@ class ModelPackages:
 
 
 def known_packages() -> ModelPackages:
-    """The packages that the environment states. UsageError: it is not NAME=DIR pairs."""
+    """Packages in the environment variable. UsageError if it is not NAME=DIR pairs."""
     pairs = map(
         split_package, filter(None, os.environ.get(PACKAGES_VARIABLE, "").split(os.pathsep))
     )
@@ -63,13 +63,13 @@ def known_packages() -> ModelPackages:
 
 @contextmanager
 def model_packages(**folders: PathLike) -> Iterator[None]:
-    """State where ROS packages lie, for models that name their meshes by `package://NAME/...`.
+    """Set the folders of ROS packages, for models that name their meshes by `package://NAME/...`.
 
         with pamid.model_packages(ur_description="/opt/ros/share/ur_description"):
-            found = pamid.diagnose("log.csv", rig="ur5e.urdf")
+            diagnosis = pamid.diagnose("log.csv", rig="ur5e.urdf")
 
-    The folders hold within the block, here and in processes that begin there. They go before every
-    other place. UsageError: there is no such folder.
+    The folders are in force within the block, here and in processes that begin there. They precede
+    every other place. UsageError if a folder does not exist.
     """
     stated = [f"{name}={_whole_folder(name, folder)}" for name, folder in folders.items()]
     before = os.environ.get(PACKAGES_VARIABLE)
@@ -85,7 +85,9 @@ def model_packages(**folders: PathLike) -> Iterator[None]:
 
 def split_package(pair: str) -> tuple[str, str]:
     """("ur_description", "/opt/ur_description") of "ur_description=/opt/ur_description".
-    UsageError: it is not NAME=DIR."""
+
+    UsageError if it is not NAME=DIR.
+    """
     name, sign, folder = pair.partition("=")
     if not (sign and folder and _NAME.fullmatch(name)):
         raise UsageError(
@@ -96,7 +98,7 @@ def split_package(pair: str) -> tuple[str, str]:
 
 
 def _whole_folder(name: str, folder: PathLike) -> str:
-    """The folder of a package, as an absolute path. UsageError: there is no such folder."""
+    """Absolute path of a package's folder. UsageError if the folder does not exist."""
     place = Path(folder).expanduser().absolute()
     if not place.is_dir() or os.pathsep in str(place):
         more = f", or has {os.pathsep!r} in its path" if os.pathsep in str(place) else ""
@@ -108,15 +110,15 @@ def _whole_folder(name: str, folder: PathLike) -> str:
 
 
 def package_of(name: str) -> str:
-    """The package in the name of a file, "" where it names none."""
-    found = re.match(r"(?:package|model):/+([^/]+)", name)
-    return found[1] if found else ""
+    """Package in the name of a file, "" if there is none."""
+    match = re.match(r"(?:package|model):/+([^/]+)", name)
+    return match[1] if match else ""
 
 
 def places_of(
     name: str, file: Path, folders: Iterable[Path], packages: ModelPackages
 ) -> Iterator[Path]:
-    """Where a file may lie that a model names, the likeliest place first.
+    """Possible places of a file that a model names, the most plausible first.
 
     Parameters
     ----------
@@ -126,9 +128,9 @@ def places_of(
     file
         The model.
     folders
-        Folders that plain names count from: that of the model, and its `meshdir`.
+        Folders that plain names are relative to: that of the model, and its `meshdir`.
     packages
-        Where packages are.
+        Search places for packages.
     """
     package = package_of(name)
     plain = name.replace("\\", "/")
@@ -149,7 +151,7 @@ def places_of(
 
 
 def _package_in(folder: Path, name: str) -> Iterator[Path]:
-    """The package in a folder: the folder itself, or one directly in it."""
+    """Package in a folder: the folder itself, or one directly in it."""
     if folder.name == name or _name_in(folder) == name:
         yield folder
     if (folder / name).is_dir():
@@ -180,7 +182,7 @@ def _children(folder: Path, most: int) -> list[Path]:
 
 
 def _name_in(folder: Path) -> str:
-    """The name in the folder's package.xml, "" where there is none."""
+    """Name in the folder's package.xml, "" if there is none."""
     path = folder / _PACKAGE_FILE
     if not path.is_file():
         return ""

@@ -1,9 +1,10 @@
-"""A motor with a winding, as MuJoCo has it (XML reference, dcmotor; DC Motor Model, sections 1, 2).
+"""A motor with a winding, as in MuJoCo (XML reference, dcmotor; DC Motor Model, sections 1, 2).
 
     v = R i + K w,   torque = K i,   R = R0 (1 + alpha (T + ambient - reference))
 
-The controller commands kp (u - l) + ki x + kd (u' - w) + torque, as a voltage that makes up for R0
-and K w. The actuator's range limits K i. Cogging and bristles come on top of it without a limit.
+The controller commands kp (u - l) + ki x + kd (u' - w) + torque. It applies a voltage that
+compensates R0 and K w. The actuator's range limits K i. Cogging and bristles add to it without a
+limit.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ LEAST = 1e-15  # divisor, MuJoCo's mjMINVAL
 
 
 class MotorEquations:
-    """Torque and rates of the states of a motor with this command, length and velocity."""
+    """Torque of a motor with this command, length and velocity, and the rates of its states."""
 
     def __init__(
         self,
@@ -39,7 +40,7 @@ class MotorEquations:
         self.torque = (wound if limits is None else clip(wound, *limits)) + self._passive()
 
     def _name(self, word: str) -> str:
-        """Name of a state, "" where the motor has none."""
+        """Name of a state, "" if the motor has none."""
         name = f"{self.actuator.name}_{word}"
         return name if name in self._states else ""
 
@@ -89,10 +90,10 @@ class MotorEquations:
 
     def _passive(self) -> Expr:
         """Torque of cogging and bristles."""
-        found, value = ZERO, self.value
+        force, value = ZERO, self.value
         amplitude, periods, phase = self.motor.cogging
         if amplitude:
-            found = value("cogging", amplitude) * sin(periods * self.length + phase)
+            force = value("cogging", amplitude) * sin(periods * self.length + phase)
         if name := self._name("bristle"):
             words = ("stiffness", "damping", "coulomb", "static", "stribeck")
             stiffness, damping, sliding, static, speed = (
@@ -104,5 +105,5 @@ class MotorEquations:
             bent = self._states[name]
             rate = self.velocity - stiffness * absolute(self.velocity) / level * bent
             self.rates[name] = rate
-            found = found - stiffness * bent - damping * rate
-        return found
+            force = force - stiffness * bent - damping * rate
+        return force

@@ -1,8 +1,8 @@
-"""A MuJoCo or URDF file through MuJoCo's own loader, with the line at which each element stands.
+"""A MuJoCo or URDF file, read by MuJoCo's loader, with the line of each element.
 
-MuJoCo compiles the file in a process of its own: native code hears no signal, and a small file can
-declare a model without end. The compiled model comes back in MuJoCo's binary format. MuJoCo refuses
-what it does not know; nothing in a file is run. The package is the extra `[mujoco]`.
+MuJoCo compiles the file in a separate process, because native code ignores signals, and a small
+file can declare a model of any size. The compiled model returns in MuJoCo's binary format. MuJoCo
+refuses unknown elements, and nothing in a file is run. The package is the extra `[mujoco]`.
 """
 
 from __future__ import annotations
@@ -28,24 +28,26 @@ from pamid.simulators.model_packages import ModelPackages, known_packages
 from pamid.simulators.mujoco_sources import (
     ModelAssets,
     require_plain_sources,
-    weighty_first_link,
+    root_link_with_mass,
 )
 
 #: endings of the files that are read here
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 _COMPILED = "model.mjb"
-_FINITE = "Every number of a model has to be finite: mend it where it stands."
+_FINITE = "Every number of a model must be finite: correct it in the file."
 _MOST_WARNINGS, _LONGEST = 20, 300  # of MuJoCo, and characters of each
 _LINE = re.compile(r"line (\d+)")
 
 
 @dataclass(frozen=True)
 class MujocoFile:
-    """A loaded file: MuJoCo's module, its model (mjModel), the line of every element by kind and
-    number, 0 where it is not known, MuJoCo's warnings, and what became of its free joints.
-    left_out: a sentence on the meshes and textures that could not be read, "" where all were;
-    first_link: see `weighty_first_link`."""
+    """A loaded file.
+
+    It has MuJoCo's module, its model (mjModel), the line of every element by kind and number (0 if
+    unknown), MuJoCo's warnings, and the replaced free joints. left_out: sentence on unreadable
+    meshes and textures, "" if there are none; first_link: see `root_link_with_mass`.
+    """
 
     path: Path
     mujoco: ModuleType
@@ -60,10 +62,10 @@ class MujocoFile:
         return self.lines.get((kind, number), 0)
 
     def name(self, kind: str, number: int) -> str:
-        """An element's own name; where it has none, its kind and number."""
+        """Name of an element; without a name, its kind and number."""
         kinds = self.mujoco.mjtObj
-        found = self.mujoco.mj_id2name(self.model, _object(kinds, kind), number)
-        return str(found) if found else f"{kind}_{number}"
+        name = self.mujoco.mj_id2name(self.model, _object(kinds, kind), number)
+        return str(name) if name else f"{kind}_{number}"
 
     def word(self, enum: str, value: Any) -> str:
         """MuJoCo's word for a value of one of its enumerations: ("mjtJoint", 3) -> "hinge"."""
@@ -75,12 +77,11 @@ def _object(kinds: Any, kind: str) -> Any:
 
 
 def mujoco_package(path: PathLike) -> ModuleType:
-    """MuJoCo's Python package; FileError with what to install where it is absent.
+    """MuJoCo's Python package. FileError with the package to install if it is absent.
 
-    From then on MuJoCo does not write its warnings itself. By default it appends them to
-    MUJOCO_LOG.TXT in the working folder. Those of a compilation are findings of the file, those of
-    steps are counted (`pamid.engine.simulator_warnings`). A handler that somebody else has set
-    stays.
+    MuJoCo then no longer writes warnings itself. By default it appends them to MUJOCO_LOG.TXT in
+    the working folder. Those of a compilation are findings of the file, those of steps are counted
+    (`pamid.engine.simulator_warnings`). A handler from other code stays.
     """
     try:
         import mujoco
@@ -103,11 +104,14 @@ def _dropped(_: str) -> None:
 
 
 def open_mujoco(path: PathLike) -> MujocoFile:
-    """Load a file (MJCF or URDF); its meshes are looked for in `known_packages` too.
+    """Load a file (MJCF or URDF); its meshes are also searched in `known_packages`.
 
-    FileError: it is absent or no regular file, MuJoCo refuses it (its words and its line are passed
-    on), it takes more time or memory than `pamid.simulators.foreign_limits` allows, a number in it
-    is not finite, or the extra is not installed.
+    Raises
+    ------
+    FileError
+        The file is absent or not a regular file. MuJoCo refuses it; the message has MuJoCo's text
+        and line. It takes more time or memory than `pamid.simulators.foreign_limits` allows. A
+        number in it is not finite. The extra is not installed.
     """
     file = Path(path)
     with _apart(compiled, file) as (answer, folder):
@@ -127,15 +131,17 @@ def open_mujoco(path: PathLike) -> MujocoFile:
 
 
 def mjcf_of(path: PathLike) -> bytes:
-    """The text of a model as MJCF, such as that of a URDF. Errors as `open_mujoco`."""
+    """Text of a model as MJCF, for example of a URDF. Errors as in `open_mujoco`."""
     with _apart(translated, Path(path)) as (answer, _):
         return str(answer["text"]).encode()
 
 
 @contextmanager
 def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str, Any], Path]]:
-    """The answer of a function of this module on a file, from a process of its own, and the folder
-    with what it wrote. FileError: see `open_mujoco`."""
+    """Call a function of this module on a file in a separate process.
+
+    Returns the answer and the folder with its output. FileError: see `open_mujoco`.
+    """
     if not file.exists():
         raise FileError(f"no such file: {file}", "give the path of a .xml (MJCF) or .urdf file")
     limits = foreign_limits()
@@ -166,9 +172,10 @@ def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str,
 
 
 def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Compile a file and save the model into the folder; lines of its elements, and warnings.
+    """Compile a file and save the model into the folder; returns lines of its elements, and
+    warnings.
 
-    Called in a process of its own, by `open_mujoco`. packages: a `ModelPackages` as plain values.
+    `open_mujoco` calls it in a separate process. packages: a `ModelPackages` as plain values.
     """
     file = Path(path)
     warnings: list[str] = []
@@ -189,10 +196,14 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
     }
     for kind in ("joint", "tendon", "actuator", "sensor"):
         require_few(file, f"{kind}s", len(kinds[kind]))
-    lines = {key: line for kind, found in kinds.items() for key, line in _lines(kind, found)}
+    lines = {
+        key: line
+        for kind, element_lines in kinds.items()
+        for key, line in _lines(kind, element_lines)
+    }
     require_finite(MujocoFile(file, mujoco, model, lines))
     for text in warnings:
-        if "NaN" in text:  # that MuJoCo takes for a value left out, such as a mass
+        if "NaN" in text:  # MuJoCo treats NaN as an omitted value, such as a mass
             raise FileError(f"{path}: MuJoCo warns: {text}", _FINITE, code="model")
     mujoco.mj_saveModel(model, str(folder / _COMPILED))
     return {
@@ -201,18 +212,18 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
         "free": [list(note) for note in free.notes],
         "warnings": [" ".join(text.split())[:_LONGEST] for text in warnings[:_MOST_WARNINGS]],
         "left_out": left_out,
-        "first_link": weighty_first_link(file),
+        "first_link": root_link_with_mass(file),
     }
 
 
 def translated(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The text of a file as MJCF. Called in a process of its own, by `mjcf_of`."""
+    """Text of a file as MJCF; `mjcf_of` calls it in a separate process."""
     spec, _, _ = _compile(Path(path), packages)
     return {"text": spec.to_xml()}
 
 
 def _compile(file: Path, packages: dict[str, Any]) -> tuple[Any, Any, str]:
-    """The MjSpec of a file, its mjModel, and a note on what is left out."""
+    """MjSpec of a file, its mjModel, and a note on omissions."""
     mujoco = mujoco_package(file)
     folders = require_plain_sources(file)
     assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages))
@@ -224,8 +235,11 @@ def _compile(file: Path, packages: dict[str, Any]) -> tuple[Any, Any, str]:
 
 
 def require_finite(file: MujocoFile) -> None:
-    """FileError for a number of the model that cannot be: not a number, infinite where it is no end
-    of a range, a time step that is not above 0. MuJoCo itself only warns of it."""
+    """Raise FileError for an impossible number of the model, of which MuJoCo only warns.
+
+    Impossible are NaN, infinity anywhere but at an end of a range, and a time step that is not
+    above 0.
+    """
     m = file.model
     step = float(m.opt.timestep)
     if not (math.isfinite(step) and step > 0.0):
@@ -252,7 +266,7 @@ def require_finite(file: MujocoFile) -> None:
 
 
 def _owner(file: MujocoFile, array: str, row: int) -> str:
-    """The element that a row of one of the model's arrays belongs to, as an error names it."""
+    """Element of a row of one of the model's arrays, as text for an error."""
     prefix = array.partition("_")[0]
     if prefix == "dof":
         prefix, row = "jnt", int(file.model.dof_jntid[row])
@@ -271,34 +285,37 @@ def _lines(kind: str, elements: Iterable[Any]) -> Iterable[tuple[tuple[str, int]
 
 
 def _line(element: Any) -> int:
-    """Where an element stands in the file, 0 where that is not known."""
-    found = _LINE.search(element.info or "")
-    return int(found.group(1)) if found else 0
+    """Line of an element in the file, 0 if unknown."""
+    match = _LINE.search(element.info or "")
+    return int(match.group(1)) if match else 0
 
 
 def _reason(error: Exception) -> str:
-    said = " ".join(str(error).split()).removeprefix("Error: ")
-    return f"MuJoCo cannot read it: {said[:300] or type(error).__name__}"
+    reason = " ".join(str(error).split()).removeprefix("Error: ")
+    return f"MuJoCo cannot read it: {reason[:300] or type(error).__name__}"
 
 
-def _hint(said: str) -> str:
-    if "opening file" in said or "Could not open" in said:
+def _hint(message: str) -> str:
+    if "opening file" in message or "Could not open" in message:
         return "Put the file that it names where the model looks for it (its own folder, meshdir)."
-    if "unknown exception" in said or "alloc" in said:
+    if "unknown exception" in message or "alloc" in message:
         most = foreign_limits().compilation.memory // MIB
         return f"Most likely it needs more than {most} MiB of memory. {RAISED}"
-    if "mass and inertia of moving bodies" in said:
+    if "mass and inertia of moving bodies" in message:
         return (
             "Give that body its mass (<inertial>), or let MuJoCo assume a small one, in a URDF with"
             ' <mujoco><compiler boundmass="1e-4" boundinertia="1e-7"/></mujoco> inside <robot>.'
         )
-    if "A + B >= C" in said:
+    if "A + B >= C" in message:
         return (
-            "Mend the inertia of that body, or let MuJoCo do it, in a URDF with"
+            "Correct the inertia of that body, or let MuJoCo do it, in a URDF with"
             ' <mujoco><compiler balanceinertia="true"/></mujoco> inside <robot>.'
         )
-    if "missing element: 'inertia'" in said:
+    if "missing element: 'inertia'" in message:
         return "Add <inertia> to that <inertial>; without <inertial> the shapes give the mass."
-    if "Schema violation" in said:
-        return "Mend or remove the element; `python -m mujoco.viewer --mjcf FILE` shows the same."
+    if "Schema violation" in message:
+        return (
+            "Correct or remove the element; `python -m mujoco.viewer --mjcf FILE` has the same "
+            "message."
+        )
     return ""

@@ -1,8 +1,8 @@
-"""Parts of a MuJoCo model that cannot be written as equations, or that are left out either way.
+"""Parts of a MuJoCo model that have no form as equations, or that are left out either way.
 
-A mechanism can be written as equations where it is a tree of hinges and slides: no contacts in
-reach, no closed loops but couplings of joints, no forces but those of joints, fixed tendons and
-actuators whose laws are known.
+A mechanism can be written as equations if it is a tree of hinges and slides. It then has no
+contacts in reach, and no closed loops but couplings of joints. Its forces are those of joints,
+fixed tendons and actuators with known laws.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from pamid.simulators.mechanism import ModelFinding
 from pamid.simulators.mujoco_file import MujocoFile
 
-CONFIGURATIONS = 300  # configurations looked at for contacts
-RARE = 0.02  # share of them with contacts up to which these are taken for avoidable
+CONFIGURATIONS = 300  # random configurations that are checked for contacts
+RARE = 0.02  # largest share of them with contacts for which these count as avoidable
 CONTACT = "contact"  # the element of the finding that geoms can touch
-EVERY_PAIR = 10.0  # times the model's extent: pairs within it are looked for
-NOT_ENFORCED = "is not enforced by the equations"  # where there are equations
-# sum of squared depths of the joints up to which equations are written, a chain of 16: it is built
+EVERY_PAIR = 10.0  # search distance for pairs, in extents of the model
+NOT_ENFORCED = "is not enforced by the equations"  # only in the equations' form
+# largest sum of squared depths of the joints for equations, that of a chain of 16. It is built
 # and checked within 15 s of CPU, one of 24 takes over a minute
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
@@ -28,7 +28,7 @@ WIDE = 1.0  # rad or m to either side of the reference, for a joint without rang
 _READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
 FRAMED = ("framepos", "framequat", "framelinvel", "frameangvel", "gyro", "velocimeter")
 
-# switched off, these change nothing of what is written as equations
+# disabling these does not change the equations
 _HARMLESS_FLAGS = (
     "CONTACT WARMSTART EQUALITY LIMIT FILTERPARENT REFSAFE SENSOR MIDPHASE EULERDAMP AUTORESET "
     "NATIVECCD ISLAND MULTICCD"
@@ -36,8 +36,16 @@ _HARMLESS_FLAGS = (
 
 
 def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
-    """Everything there is to say about a file, hindrances first. share, met: of `contact_share`."""
-    found = [
+    """All findings on a file, hindrances first.
+
+    Parameters
+    ----------
+    file
+        Loaded file.
+    share, met
+        Result of `contact_share`.
+    """
+    findings = [
         *_warnings(file),
         *_free(file),
         *_first_link(file),
@@ -48,12 +56,14 @@ def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding,
         *_options(file, share, met),
         *_sensors(file),
     ]
-    return tuple(sorted(found, key=lambda f: not f.hinders))
+    return tuple(sorted(findings, key=lambda f: not f.hinders))
 
 
 def contact_share(file: MujocoFile) -> tuple[float, str]:
-    """In which share of configurations within the joints' ranges geoms touch, and the first two
-    that do, "" where none."""
+    """Share of configurations within the joints' ranges in which geoms touch.
+
+    Also the first two geoms that do, "" if none.
+    """
     m, mujoco = file.model, file.mujoco
     if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
         return 0.0, ""
@@ -75,7 +85,7 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
 
 
 def can_collide(file: MujocoFile) -> bool:
-    """Whether MuJoCo looks for contacts between any two geoms, however far apart."""
+    """True if MuJoCo looks for contacts between any two geoms, at any distance."""
     m, mujoco = mujoco_copy(file), file.mujoco
     if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
         return False
@@ -86,12 +96,12 @@ def can_collide(file: MujocoFile) -> bool:
 
 
 def mujoco_copy(file: MujocoFile) -> Any:
-    """A model of its own."""
+    """Independent copy of a model."""
     return file.mujoco.MjModel.__copy__(file.model)
 
 
 def widen_margins(model: Any, by: float) -> None:
-    """Let MuJoCo report pairs of geoms up to such a distance (m)."""
+    """Let MuJoCo report pairs of geoms up to this distance (m)."""
     for name in ("geom_margin", "body_margin", "pair_margin"):
         getattr(model, name)[:] += by
 
@@ -107,8 +117,10 @@ def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
 
 
 def follow(file: MujocoFile, qpos: Any) -> None:
-    """Put joints that follow another one where their couplings want them. A chain of couplings is
-    followed in the order of the file."""
+    """Set the positions of joints that follow another one through a coupling.
+
+    A chain of couplings is followed in the order of the file.
+    """
     m = file.model
     joint = int(file.mujoco.mjtEq.mjEQ_JOINT)
     for i in range(m.neq):
@@ -206,7 +218,7 @@ def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
 
 
 def _is_coupling(file: MujocoFile, equality: int) -> bool:
-    """Does an equality couple joints, or tendons that are sums of joint positions?"""
+    """True if an equality couples joints, or tendons that are sums of joint positions."""
     m = file.model
     kind = file.word("mjtEq", m.eq_type[equality])
     return kind in ("joint", "tendon")
@@ -238,8 +250,11 @@ def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]
 
 
 def reads_frame(file: MujocoFile, sensor: int) -> bool:
-    """Is a sensor of a frame read? On a floating base, and from the world: those of a robot that
-    stands repeat what its joints read."""
+    """True if a sensor on a frame is read.
+
+    It must be on a floating base, relative to the world, because frames of a fixed robot repeat its
+    joint readings.
+    """
     m, kinds = file.model, file.mujoco.mjtObj
     if file.word("mjtSensor", m.sensor_type[sensor]) not in FRAMED or m.sensor_refid[sensor] >= 0:
         return False

@@ -1,9 +1,10 @@
-"""Effects of a finding in the terms that a MuJoCo model has for them.
+"""Effects of a finding as elements of a MuJoCo model.
 
-A joint of MuJoCo has dry friction, a damper and a spring that are polynomials, and limits; a motor
-without a command adds LuGre friction and a torque with a period; a second joint on the same axis
-adds play or a soft shaft. An actuator has a delay, a first-order lag, a gain, an offset and limits.
-An effect without such a term is written in its nearest form, with a note, or is left to the caller.
+A joint of MuJoCo has dry friction, a damper and a spring that are polynomials, and limits. A motor
+without a command adds LuGre friction and a periodic torque. A second joint on the same axis adds
+play or a soft shaft. An actuator has a delay, a first-order lag, a gain, an offset and limits. An
+effect without such an element is written in its nearest form, with a note, or is left to the
+caller.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ Array = NDArray[np.float64]
 CALLBACK = "`pamid export --to c` writes the whole model for a callback"
 # of a Maxwell-slip reach: bristles that give by it store the same work as its four elements
 MAXWELL_SHARE = 0.305
-TINY_SPRING = 1e-3  # of a constant force, per unit of the way: a spring far away stands for it
+TINY_SPRING = 1e-3  # of a constant force, per unit of length: a distant spring replaces it
 
 
 @dataclass(frozen=True)
-class FoundEffect:
-    """An effect of a finding. values: its parameters by name, SI; ports: those at which it acts."""
+class IdentifiedEffect:
+    """Effect of a finding. values: its parameters by name, SI; ports: its ports."""
 
     label: str
     name: str
@@ -70,9 +71,13 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Behind:
-    """A load behind its motor: half gap, stiffness and damping of the contact (of the shaft where
-    there is no gap), SI, and the share of the load that is there."""
+class FlexibleLoad:
+    """Load behind its motor.
+
+    half_gap                   half the play, SI
+    frequency, damping_ratio   of the contact, or of the shaft if there is no play
+    share                      share of the load behind the motor
+    """
 
     half_gap: float
     frequency: float
@@ -82,8 +87,11 @@ class Behind:
 
 @dataclass
 class JointTerms:
-    """Forces at a joint: -friction sign(v) - (damping . (v, v|v|, v^3)) - (spring . (1, q, q^2,
-    q^3)), and the further parts. onset: speed at which the friction is there; 0: dry."""
+    """Forces at a joint.
+
+    They are -friction sign(v) - (damping . (v, v|v|, v^3)) - (spring . (1, q, q^2, q^3)), and the
+    further parts. onset: speed at which the friction is reached; 0: dry.
+    """
 
     friction: float = 0.0
     onset: float = 0.0
@@ -92,7 +100,7 @@ class JointTerms:
     bristles: list[Bristle] = field(default_factory=list)
     waves: list[Wave] = field(default_factory=list)
     stop: Stop | None = None
-    behind: Behind | None = None
+    behind: FlexibleLoad | None = None
 
     def add_spring(self, linear: float, cubic: float, rest: float) -> None:
         """A force -linear (q - rest) - cubic (q - rest)^3."""
@@ -106,7 +114,7 @@ class JointTerms:
 
 @dataclass
 class CommandTerms:
-    """Terms on the way of a command: delayed (s), limited, scaled, shifted, lagged (s)."""
+    """Modifications of a command: delay (s), limits, gain, offset, lag (s)."""
 
     delay: float = 0.0
     low: float = -math.inf
@@ -118,7 +126,7 @@ class CommandTerms:
 
 @dataclass
 class ReadingTerms:
-    """Terms on the way of a reading: delayed (s), limited."""
+    """Modifications of a reading: delay (s), limit."""
 
     delay: float = 0.0
     cutoff: float = math.inf
@@ -126,8 +134,10 @@ class ReadingTerms:
 
 @dataclass
 class Forms:
-    """A finding in MuJoCo's terms: by number of joint, actuator and sensor, and notes on what is
-    written in another form, or is not written."""
+    """A finding in MuJoCo's elements, by number of joint, actuator and sensor.
+
+    The notes list effects in another form, and effects that are not written.
+    """
 
     joints: dict[int, JointTerms] = field(default_factory=dict)
     commands: dict[int, CommandTerms] = field(default_factory=dict)
@@ -135,8 +145,8 @@ class Forms:
     notes: list[str] = field(default_factory=list)
 
 
-def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
-    """All effects in MuJoCo's terms, for the installed version of it."""
+def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms:
+    """All effects in MuJoCo's elements, for the installed version of MuJoCo."""
     forms = Forms()
     for effect in effects:
         notes: list[str] = []
@@ -146,8 +156,8 @@ def forms_of(mechanism: Mechanism, effects: Sequence[FoundEffect]) -> Forms:
     return forms
 
 
-def _at_port(forms: Forms, mechanism: Mechanism, effect: FoundEffect, port: ModelPort) -> str:
-    """Add an effect at a port; the note on it, or ""."""
+def _at_port(forms: Forms, mechanism: Mechanism, effect: IdentifiedEffect, port: ModelPort) -> str:
+    """Add an effect at a port; returns the note on it, or ""."""
     table: Mapping[str, Callable[[Any, Any], str]]
     terms: Any
     if port.kind in ("motion", "transmission"):
@@ -196,7 +206,7 @@ def _yielding(terms: JointTerms, p: Any) -> str:
 
 
 def _joined_onset(terms: JointTerms, level: float, speed: float) -> float:
-    """Of several frictions, the slope of all of them at rest."""
+    """Onset of several frictions, from the sum of their slopes at rest."""
     slope = (terms.friction / terms.onset if terms.onset else 0.0) + level / max(speed, 1e-9)
     return (terms.friction + level) / slope
 
@@ -229,7 +239,7 @@ def _constant(terms: JointTerms, p: Any) -> str:
 
 
 def _bristled(terms: JointTerms, bristle: Bristle, words: str) -> str:
-    """LuGre friction; where this MuJoCo has none, a frictionloss."""
+    """LuGre friction; a frictionloss if this MuJoCo has no bristles."""
     if reads("actuator/dcmotor", "lugre"):
         terms.bristles.append(bristle)
         return words
@@ -253,7 +263,7 @@ def _dahl(terms: JointTerms, p: Any) -> str:
 
 
 def _hysteresis(share: float) -> Callable[[JointTerms, Any], str]:
-    """Bristles of the same level, that give by a share of the reach."""
+    """Bristles of the same level that deflect by a share of the reach."""
 
     def write(terms: JointTerms, p: Any) -> str:
         words = "is written as bristle friction (lugre) of its level and reach"
@@ -293,14 +303,14 @@ def _one_sided_stop(terms: JointTerms, p: Any) -> str:
 
 
 def _two_mass(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, Behind(0.0, p.frequency, p.damping, p.share))
+    return _load_behind(terms, FlexibleLoad(0.0, p.frequency, p.damping, p.share))
 
 
 def _backlash(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, Behind(p.half_gap, p.frequency, p.damping, p.share))
+    return _load_behind(terms, FlexibleLoad(p.half_gap, p.frequency, p.damping, p.share))
 
 
-def _load_behind(terms: JointTerms, behind: Behind) -> str:
+def _load_behind(terms: JointTerms, behind: FlexibleLoad) -> str:
     if terms.behind is not None:
         return "is not in the file: another effect lies between this joint and its link"
     terms.behind = behind
@@ -369,13 +379,13 @@ def _saturation(terms: CommandTerms | ReadingTerms, p: Any) -> str:
 
 
 def _asymmetric_saturation(terms: CommandTerms, p: Any) -> str:
-    # a limit acts on what the effects before it make of the command
+    # a limit acts on the command after the effects before it
     terms.low = max(terms.low, (p.lower - terms.offset) / terms.gain)
     terms.high = min(terms.high, (p.upper - terms.offset) / terms.gain)
     return "" if p.share > HARD else _SOFT_LIMIT
 
 
-HARD = 0.98  # share of what is beyond a limit that is cut off, from which it is a hard one
+HARD = 0.98  # a limit that removes this share of the excess counts as a hard one
 _SOFT_LIMIT = "is written as a hard limit"
 
 _AT_COMMANDS: dict[str, Callable[[Any, Any], str]] = {

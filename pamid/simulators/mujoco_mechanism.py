@@ -1,4 +1,4 @@
-"""From a loaded MuJoCo model to a `Mechanism`: elements, parameters, ports and what hinders."""
+"""Conversion of a loaded MuJoCo model to a `Mechanism`: elements, parameters, ports, hindrances."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pamid.simulators.mujoco_findings import can_collide, contact_share, finding
 from pamid.simulators.mujoco_parameters import parameters_of
 from pamid.simulators.mujoco_ports import numbered, ports_of
 
-#: what a sensor reads: (element, place of its value's unit among position, velocity and force)
+#: kind of sensor -> (element, index of its unit among position, velocity and force)
 SENSORS = {
     "jointpos": ("joint", 0),
     "jointvel": ("joint", 1),
@@ -39,7 +39,7 @@ SENSORS = {
     "actuatorvel": ("actuator", 1),
     "actuatorfrc": ("actuator", 2),
 }
-#: of a sensor of a frame: unit and endings of its values
+#: sensor on a frame -> unit and endings of its values
 _XYZ = ("x", "y", "z")
 FRAMES = {
     "framepos": ("m", _XYZ),
@@ -55,30 +55,33 @@ DYNAMICS = {
     "filterexact": "filter",
     "dcmotor": "dcmotor",
 }
-#: what the single command of a motor with a winding is, by MuJoCo's bits
+#: meaning of a winding motor's command, by MuJoCo's bits
 INPUTS = {1: "pos", 2: "vel", 4: "ff", 8: "voltage", 16: "none"}
 _HINGE, _SLIDE = ("rad", "rad/s", "N m"), ("m", "m/s", "N")
 
 
 def read_mechanism(path: PathLike) -> Mechanism:
-    """The mechanism in an MJCF or URDF file. FileError: see `open_mujoco`; what cannot be carried
-    over is told in its `findings`, and raises nothing."""
+    """Mechanism in an MJCF or URDF file.
+
+    Parts that cannot be carried over are listed in its `findings` and raise nothing. FileError: see
+    `open_mujoco`.
+    """
     return mechanism_of(open_mujoco(path))
 
 
 def mechanism_of(file: MujocoFile) -> Mechanism:
-    """The mechanism of a loaded file."""
+    """Mechanism of a loaded file."""
     names = _Names(file)
     joints = _joints(file, names)
     tendons = _tendons(file, names, joints)
     actuators = _actuators(file, names, joints, tendons)
     couplings = _couplings(file, names)
-    taken = {a.column for a in actuators}
-    sensors = _sensors(file, names, joints, tendons, actuators, taken)
+    used_names = {a.column for a in actuators}
+    sensors = _sensors(file, names, joints, tendons, actuators, used_names)
     share, met = contact_share(file)
     bodies = _bodies(file, names)
     option = file.model.opt
-    found = Mechanism(
+    mechanism = Mechanism(
         str(file.path),
         _word(Path(file.path).stem),
         float(option.timestep),
@@ -97,15 +100,15 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
         can_collide(file),
     )
     mounts = [a.mount.body for a in actuators if a.mount is not None]
-    moved = frozenset(j for body in mounts for j in found.chain(body))
-    return replace(found, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
+    moved = frozenset(j for body in mounts for j in mechanism.chain(body))
+    return replace(mechanism, ports=ports_of(joints, tendons, actuators, sensors, couplings, moved))
 
 
 # ---- names and numbers ---------------------------------------------------------------------------
 
 
 class _Names:
-    """Names of a file's elements as plain words, each once among its like."""
+    """Names of a file's elements as plain words, unique among elements of a kind."""
 
     def __init__(self, file: MujocoFile) -> None:
         self.file = file
@@ -177,10 +180,10 @@ def _bodies(file: MujocoFile, names: _Names) -> tuple[Body, ...]:
 
 
 def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
-    m, found = file.model, []
+    m, joints = file.model, []
     for i in range(m.njnt):
         q, v = m.jnt_qposadr[i], m.jnt_dofadr[i]
-        found.append(
+        joints.append(
             MechanismJoint(
                 names.of("joint", i),
                 file.word("mjtJoint", m.jnt_type[i]),
@@ -207,13 +210,13 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 file.name("joint", i) in file.free.floating,
             )
         )
-    return tuple(found)
+    return tuple(joints)
 
 
 def _tendons(
     file: MujocoFile, names: _Names, joints: tuple[MechanismJoint, ...]
 ) -> tuple[MechanismTendon, ...]:
-    m, found = file.model, []
+    m, tendons = file.model, []
     for i in range(m.ntendon):
         first, count = int(m.tendon_adr[i]), int(m.tendon_num[i])
         fixed = [
@@ -221,7 +224,7 @@ def _tendons(
             for k in range(first, first + count)
             if file.word("mjtWrap", m.wrap_type[k]) == "joint"
         ]
-        found.append(
+        tendons.append(
             MechanismTendon(
                 names.of("tendon", i),
                 tuple(j for j, _ in fixed),
@@ -235,18 +238,18 @@ def _tendons(
                 _powers(m, "tendon_stiffnesspoly", i),
             )
         )
-    return tuple(found)
+    return tuple(tendons)
 
 
 def _powers(model: Any, array: str, row: Any) -> Vector:
-    """Coefficients of the second and third power; an earlier MuJoCo has none."""
+    """Coefficients of the second and third power; zero in an earlier MuJoCo, which has none."""
     stated = getattr(model, array, None)
     return (0.0, 0.0) if stated is None else _vector(stated[row])
 
 
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
-    """The equalities between joints or fixed tendons."""
-    m, found = file.model, []
+    """Equalities between joints or fixed tendons."""
+    m, couplings = file.model, []
     if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
         return ()
     for i in range(m.neq):
@@ -261,7 +264,7 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
         else:
             references = [float(m.tendon_length0[t]) for t in ends]
             weights = [float(m.tendon_invweight0[t]) for t in ends]
-        found.append(
+        couplings.append(
             Coupling(
                 names.of("equality", i),
                 kind,
@@ -275,12 +278,14 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
                 file.line("equality", i),
             )
         )
-    return tuple(found)
+    return tuple(couplings)
 
 
 def _kind(gain: Vector, bias: Vector) -> str:
-    """Kind of an actuator by its numbers: MuJoCo's shortcuts motor, position and velocity are
-    nothing else."""
+    """Kind of an actuator according to its numbers.
+
+    MuJoCo's shortcuts motor, position and velocity are nothing but such numbers.
+    """
     if any(gain[1:]) or bias[0]:
         return "general"
     if not any(bias):
@@ -296,7 +301,7 @@ def _actuators(
     joints: tuple[MechanismJoint, ...],
     tendons: tuple[MechanismTendon, ...],
 ) -> tuple[Actuator, ...]:
-    m, found = file.model, []
+    m, actuators = file.model, []
     for i in range(m.nactuator):
         name, target = names.of("actuator", i), int(m.actuator_trnid[i, 0])
         drives = file.word("mjtTrn", m.actuator_trntype[i])
@@ -326,7 +331,7 @@ def _actuators(
             states = ((f"{name}_activation", ""),)
         commanded = int(m.actuator_ctrladr[i]) if column else -1
         commands = slice(commanded, commanded + 1)
-        found.append(
+        actuators.append(
             Actuator(
                 name,
                 kind,
@@ -358,12 +363,12 @@ def _actuators(
             )
         )
     # motors for passive forces leave the joints without commands
-    bare = () if any(a.column for a in found) else _bare(joints, _followers(file))
-    return (*found, *bare)
+    bare = () if any(a.column for a in actuators) else _bare(joints, _followers(file))
+    return (*actuators, *bare)
 
 
 def _motor(model: Any, i: int) -> WindingMotor:
-    """Places in the arrays: those of mjs_setToDCMotor."""
+    """Winding motor from MuJoCo's arrays, with the indices of mjs_setToDCMotor."""
     gain, dynamics, bias = (
         _vector(array[i])
         for array in (model.actuator_gainprm, model.actuator_dynprm, model.actuator_biasprm)
@@ -383,7 +388,7 @@ def _motor(model: Any, i: int) -> WindingMotor:
 
 
 def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[str, str]]:
-    """In the order of MuJoCo's activations."""
+    """States of a motor in the order of MuJoCo's activations."""
     gain, dynamics = model.actuator_gainprm[i], model.actuator_dynprm[i]
     if dynamics[7] > 0.0:
         yield f"{name}_slew", ""
@@ -408,8 +413,8 @@ def _followers(file: MujocoFile) -> set[int]:
 
 
 def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
-    """A force or torque at every joint that nothing else drives: of a file without actuators, such
-    as any URDF."""
+    """Force or torque at every joint without a drive, for a file without actuators, such as any
+    URDF."""
     for j, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide") or joint.is_base or j in followers:
             continue
@@ -439,8 +444,10 @@ def _units_of(
     joint: int,
     tendon: int,
 ) -> tuple[str, str, str]:
-    """Units of position, velocity and force at a joint or a tendon: of a tendon those of its
-    joints, where they are of one kind."""
+    """Units of position, velocity and force at a joint or a tendon.
+
+    A tendon has those of its joints, if they are of one kind.
+    """
     kinds = {joints[joint].kind} if joint >= 0 else set()
     if tendon >= 0:
         kinds = {joints[j].kind for j in tendons[tendon].joints}
@@ -453,16 +460,19 @@ def _sensors(
     joints: tuple[MechanismJoint, ...],
     tendons: tuple[MechanismTendon, ...],
     actuators: tuple[Actuator, ...],
-    taken: set[str],
+    used_names: set[str],
 ) -> tuple[MechanismSensor, ...]:
-    """The sensors that pamid can read; of a file without such a sensor, position and velocity of
-    every joint, and the quaternion of a floating base."""
-    m, found = file.model, list[MechanismSensor]()
+    """Sensors that pamid can read.
+
+    A file without such a sensor gets position and velocity of every joint, and the quaternion of a
+    floating base.
+    """
+    m, sensors = file.model, list[MechanismSensor]()
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
         of = int(m.sensor_objid[i])
         if kind in FRAMES and reads_frame(file, i):
-            found += _frame_sensors(file, i, name, kind, taken)
+            sensors += _frame_sensors(file, i, name, kind, used_names)
             continue
         if kind not in SENSORS or _is_quaternion(kind, of, joints):
             continue
@@ -474,8 +484,8 @@ def _sensors(
         else:
             at = (-1, of)
         unit = _units_of(joints, tendons, *at)[place]
-        column = _fresh(with_unit(_stem(name, unit), unit), taken)
-        found.append(
+        column = _fresh(with_unit(_stem(name, unit), unit), used_names)
+        sensors.append(
             MechanismSensor(
                 name,
                 kind,
@@ -488,8 +498,8 @@ def _sensors(
                 file.line("sensor", i),
             )
         )
-    if found:
-        return tuple(found)
+    if sensors:
+        return tuple(sensors)
     for i, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide"):
             continue
@@ -498,25 +508,27 @@ def _sensors(
             ("jointvel", "velocity", f"{joint.unit}/s"),
         ):
             name = f"{joint.name}_{word}"
-            found.append(MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), taken)))
+            sensors.append(
+                MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), used_names))
+            )
     for joint in joints:
         if joint.is_base and joint.name.endswith("_x"):
             base = joint.name.removesuffix("_x")
             for k, word in enumerate(FRAMES["framequat"][1]):
                 name, mount = f"{base}_{word}", Mount(joint.body)
-                column = _fresh(name, taken)
-                found.append(
+                column = _fresh(name, used_names)
+                sensors.append(
                     MechanismSensor(
                         name, "framequat", joint.body, "", column, mount=mount, component=k
                     )
                 )
-    return tuple(found)
+    return tuple(sensors)
 
 
 def _frame_sensors(
-    file: MujocoFile, i: int, name: str, kind: str, taken: set[str]
+    file: MujocoFile, i: int, name: str, kind: str, used_names: set[str]
 ) -> Iterator[MechanismSensor]:
-    """The values of a sensor of a frame, one by one."""
+    """Values of a sensor on a frame, one by one."""
     m, (unit, words) = file.model, FRAMES[kind]
     for k, word in enumerate(words):
         yield MechanismSensor(
@@ -524,7 +536,7 @@ def _frame_sensors(
             kind,
             int(m.sensor_objid[i]),
             unit,
-            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), taken),
+            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), used_names),
             float(m.sensor_cutoff[i]) if unit else 0.0,  # MuJoCo limits no quaternions
             float(m.sensor_noise[i]),
             int(m.sensor_adr[i]) + k,
@@ -535,7 +547,7 @@ def _frame_sensors(
 
 
 def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
-    """The frame of a site, of a body, or that of its principal axes."""
+    """Frame of a site, of a body, or of its principal axes."""
     m, kinds = file.model, file.mujoco.mjtObj
     if kind == kinds.mjOBJ_SITE:
         places = (m.site_pos[number], m.site_quat[number])
@@ -546,7 +558,7 @@ def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
 
 
 def _stem(name: str, unit: str) -> str:
-    """The name without a unit at its end, where that is the one which follows anyway."""
+    """Name without a unit at its end, if that is the unit to be appended."""
     stem, written = split_column(name)
     return stem if written != NONE and with_unit(stem, unit) == name.lower() else name
 
@@ -555,8 +567,8 @@ def _is_quaternion(kind: str, of: int, joints: tuple[MechanismJoint, ...]) -> bo
     return kind.startswith("joint") and joints[of].kind not in ("hinge", "slide")
 
 
-def _fresh(column: str, taken: set[str]) -> str:
-    while column in taken:
+def _fresh(column: str, used_names: set[str]) -> str:
+    while column in used_names:
         column = f"read_{column}"
-    taken.add(column)
+    used_names.add(column)
     return column

@@ -1,10 +1,10 @@
-"""Which numbers of a MuJoCo file may be fitted, and how well they are known.
+"""Fittable numbers of a MuJoCo file, with their priors.
 
-What the file states is taken for right within 20 %, one standard deviation of the logarithm. A zero
-says that nobody has measured the term: a URDF has no armature at all. Armature and damping are
-fitted all the same, with an absolute prior of the size of the joint's actuator, because nothing
-else can take their place. Dry friction and springs are held at zero: they are effects of the
-catalogue, which a diagnosis tries at all joints together, and names where they are.
+A number in the file is correct within 20 %, one standard deviation of the logarithm. A zero means
+that the term was not measured: a URDF has no armature at all. Armature and damping are still
+fitted, with an absolute prior of the size of the joint's actuator, because nothing else can replace
+them. Dry friction and springs are fixed at zero. They are effects of the catalogue, which a
+diagnosis tries at all joints together, and locates.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from pamid.simulators.mechanism import (
 )
 from pamid.simulators.mujoco_file import MujocoFile
 
-STATED_FACTOR = 1.2  # factor, one standard deviation, around what the file states
+STATED_FACTOR = 1.2  # factor, one standard deviation, around the file's value
 BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
-ABSENT_SHARE = 0.2  # of the typical size: one standard deviation of what the file states as zero
+ABSENT_SHARE = 0.2  # standard deviation of a value that is zero in the file, over its typical size
 TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia
 TYPICAL_ACCELERATION = 10.0  # rad/s2 or m/s2, of a typical friction over the inertia
-RELEASED = ("armature", "damping")  # of a joint, fitted although the file says zero
+RELEASED = ("armature", "damping")  # of a joint, fitted although the file states zero
 
 
 def parameters_of(
@@ -40,25 +40,27 @@ def parameters_of(
     tendons: tuple[MechanismTendon, ...],
     actuators: tuple[Actuator, ...],
 ) -> tuple[ModelParameter, ...]:
-    """All of them, bodies first, then joints, tendons and actuators."""
-    found = [_mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)]
+    """All parameters, bodies first, then joints, tendons and actuators."""
+    parameters = [
+        _mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)
+    ]
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide") and not joint.is_base:
-            found += _of_joint(i, joint, _strength(i, actuators))
+            parameters += _of_joint(i, joint, _strength(i, actuators))
     for i, tendon in enumerate(tendons):
-        found += _of_tendon(i, tendon, joints)
+        parameters += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
-        found += [] if actuator.is_bare else _of_actuator(i, actuator)
-    return tuple(found)
+        parameters += [] if actuator.is_bare else _of_actuator(i, actuator)
+    return tuple(parameters)
 
 
 def _moves(file: MujocoFile, body: int) -> bool:
-    """Is there a joint between this body and the world?"""
+    """True if there is a joint between this body and the world."""
     return bool(file.model.body_weldid[body])
 
 
-def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
-    """A number that the file states: within 20 %."""
+def stated_parameter(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
+    """Parameter for a number in the file, known within 20 %."""
     size = abs(value)
     if value > 0.0:
         return Parameter(
@@ -70,7 +72,7 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
             spread=STATED_FACTOR,
             log=True,
             fitted=fitted,
-            source="the model file, taken for right within 20 %",
+            source="the model file, correct within 20 %",
         )
     return Parameter(
         name,
@@ -80,12 +82,12 @@ def stated(name: str, value: float, unit: str, *, fitted: bool = True) -> Parame
         unit,
         spread=(STATED_FACTOR - 1.0) * size,
         fitted=fitted,
-        source="the model file, taken for right within 20 %",
+        source="the model file, correct within 20 %",
     )
 
 
 def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
-    """A number that the file states as zero."""
+    """Parameter for a number that is zero in the file."""
     spread = ABSENT_SHARE * size
     return Parameter(
         name,
@@ -111,12 +113,14 @@ def _number(
 ) -> ModelParameter:
     name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
     released = attribute in RELEASED
-    parameter = stated(name, value, unit) if value else _absent(name, typical, unit, released)
+    parameter = (
+        stated_parameter(name, value, unit) if value else _absent(name, typical, unit, released)
+    )
     return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
 
 
 def _mass(i: int, body: Body) -> ModelParameter:
-    """The inertia goes with the mass: the same shape, of another density."""
+    """Mass of a body. The inertia scales with it: the same shape, of another density."""
     inertia = (Write("body_inertia", i, k, body.inertia[k] / body.mass_kg) for k in range(3))
     return _number(
         "body", body.name, i, "mass", body.mass_kg, 1.0, "kg", Write("body_mass", i, -1, 1.0),
@@ -125,7 +129,7 @@ def _mass(i: int, body: Body) -> ModelParameter:
 
 
 def _strength(joint: int, actuators: tuple[Actuator, ...]) -> float:
-    """The largest force or torque that a joint's actuators may exert; 0 without limits."""
+    """Largest force or torque of a joint's actuators; 0 without limits."""
     return sum(abs(a.gear) * max(map(abs, _limits(a))) for a in actuators if a.joint == joint)
 
 
@@ -137,7 +141,7 @@ def _limits(a: Actuator) -> tuple[float, ...]:
 
 
 def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParameter]:
-    # of the actuator, that of the largest load which it is made for
+    # inertia for the actuator: that of its largest load
     inertia = max(joint.typical_inertia, strength / TYPICAL_ACCELERATION, 1e-9)
     force, velocity = joint.force_unit, f"{joint.unit}/s"
 
@@ -146,7 +150,7 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
             "joint", joint.name, i, attribute, value, typical, unit, Write(array, row, -1, 1.0)
         )
 
-    found = [
+    parameters = [
         of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
            "dof_damping", joint.dof),
         of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
@@ -156,13 +160,15 @@ def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParam
         of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
            "jnt_stiffness", i),
     ]  # fmt: skip
-    found += _powers(
+    parameters += _powers(
         "joint", joint.name, i, force, joint.unit, joint.damping_powers, joint.stiffness_powers,
         ("dof_dampingpoly", joint.dof), ("jnt_stiffnesspoly", i),
     )  # fmt: skip
     if joint.spring_yield:
-        found.append(of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i))
-    return found
+        parameters.append(
+            of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i)
+        )
+    return parameters
 
 
 def _powers(
@@ -176,8 +182,8 @@ def _powers(
     damping_place: tuple[str, int],
     stiffness_place: tuple[str, int],
 ) -> list[ModelParameter]:
-    """Coefficients of the second and third power that a file states."""
-    found = []
+    """Coefficients of the second and third power in the file."""
+    parameters = []
     for word, stated, (array, row), x in (
         ("damping", damping, damping_place, f"{length}/s"),
         ("stiffness", stiffness, stiffness_place, length),
@@ -185,17 +191,17 @@ def _powers(
         for k, power in enumerate(("quadratic", "cubic")):
             if stated[k]:
                 unit = quotient(force, *([x] * (k + 2)))
-                found.append(
+                parameters.append(
                     _number(element, of, number, f"{word}_{power}", stated[k], 1.0, unit,
                             Write(array, row, k, 1.0))
                 )  # fmt: skip
-    return found
+    return parameters
 
 
 def _of_tendon(
     i: int, tendon: MechanismTendon, joints: tuple[MechanismJoint, ...]
 ) -> list[ModelParameter]:
-    """Only of what the file states; a tendon is rarely more than a way to couple joints."""
+    """Parameters in the file only, because a tendon is rarely more than a coupling of joints."""
     hinges = all(joints[j].kind == "hinge" for j in tendon.joints)
     force, length = ("N m", "rad") if hinges else ("N", "m")
     rows = (
@@ -203,71 +209,79 @@ def _of_tendon(
         ("frictionloss", tendon.friction_loss, force),
         ("stiffness", tendon.stiffness, quotient(force, length)),
     )
-    found = [
+    parameters = [
         _number("tendon", tendon.name, i, attribute, value, 1.0, unit,
                 Write(f"tendon_{attribute}", i, -1, 1.0))
         for attribute, value, unit in rows
         if value and tendon.joints
     ]  # fmt: skip
-    return found + _powers(
+    return parameters + _powers(
         "tendon", tendon.name, i, force, length, tendon.damping_powers, tendon.stiffness_powers,
         ("tendon_dampingpoly", i), ("tendon_stiffnesspoly", i),
     )  # fmt: skip
 
 
 def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
-    """Gains and the time constant. A motor's gain is held: with it free every mass, damping and
-    gain could be multiplied by one factor without any reading to tell it."""
-    name, found = actuator.name, []
+    """Gains and the time constant.
+
+    A motor's gain is fixed. A free gain would allow a common factor on every mass, damping and gain
+    that no reading reveals.
+    """
+    name, parameters = actuator.name, []
 
     def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
         return ModelParameter(parameter, "actuator", name, i, attribute, writes)
 
-    # the file's unit of a gain follows from what it makes of a command
+    # the unit of a gain follows from those of command and force
     per_command = quotient(actuator.force_unit, actuator.command_unit or "1")
     gain, bias = actuator.gain, actuator.bias
     if actuator.kind in ("position", "velocity"):
         place = 1 if actuator.kind == "position" else 2
         word = "kp" if actuator.kind == "position" else "kv"
-        found.append(
+        parameters.append(
             of(
                 word,
-                stated(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
+                stated_parameter(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
                 Write("actuator_gainprm", i, 0, 1.0),
                 Write("actuator_biasprm", i, place, -1.0),
             )
         )
         if actuator.kind == "position" and bias[2]:
-            found.append(
+            parameters.append(
                 of(
                     "kv",
-                    stated(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
+                    stated_parameter(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
                     Write("actuator_biasprm", i, 2, -1.0),
                 )
             )
     elif actuator.motor is not None:
-        found += _of_motor(i, actuator, actuator.motor)
+        parameters += _of_motor(i, actuator, actuator.motor)
     elif gain[0]:
-        held = stated(f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general")
-        found.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
+        held = stated_parameter(
+            f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general"
+        )
+        parameters.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
     if actuator.time_constant_s > 0.0:
-        constant = stated(f"{name}_time_constant", actuator.time_constant_s, "s")
-        found.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
+        constant = stated_parameter(f"{name}_time_constant", actuator.time_constant_s, "s")
+        parameters.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
     if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
-        held = stated(f"{name}_gear", actuator.gear, "", fitted=False)
-        found.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
+        held = stated_parameter(f"{name}_gear", actuator.gear, "", fitted=False)
+        parameters.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
     if actuator.delay_s > 0.0:
-        delay = stated(f"{name}_delay", actuator.delay_s, "s")
-        found.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
-    return found
+        delay = stated_parameter(f"{name}_delay", actuator.delay_s, "s")
+        parameters.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
+    return parameters
 
 
 def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelParameter]:
-    """Parameters of a winding, its controller, its cogging and its bristles. The resistance is
-    held: a motor of twice the resistance drives half of all masses, dampings and frictions alike. A
-    controller commands torque, and without a limit the winding does not show in it."""
+    """Parameters of a winding, its controller, its cogging and its bristles.
+
+    The resistance is fixed, because a motor of twice the resistance drives half of all masses,
+    dampings and frictions in the same way. A controller commands torque, and without a limit the
+    winding does not show in it.
+    """
     force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
-    rate, found = f"{length}/s", []
+    rate, parameters = f"{length}/s", []
     shows = motor.input in ("voltage", "none")
     kp, ki, kd = motor.controller
     stiffness, damping, sliding, static, speed = motor.bristles
@@ -294,10 +308,12 @@ def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelPara
         ]
     for word, value, unit, fitted, array, place in rows:
         if value:
-            parameter = stated(f"{actuator.name}_{word}", value, unit, fitted=fitted)
+            parameter = stated_parameter(f"{actuator.name}_{word}", value, unit, fitted=fitted)
             write = Write(f"actuator_{array}", i, place, 1.0)
-            found.append(ModelParameter(parameter, "actuator", actuator.name, i, word, (write,)))
-    return found
+            parameters.append(
+                ModelParameter(parameter, "actuator", actuator.name, i, word, (write,))
+            )
+    return parameters
 
 
 def _gain_unit(actuator: Actuator, word: str) -> str:

@@ -1,9 +1,9 @@
-"""Ports of a mechanism: a motion and a transmission at every joint, a command at every actuator, a
-reading at every sensor.
+"""Ports of a mechanism: motion and transmission at joints, command at actuators, reading at
+sensors.
 
-How large what passes is, recordings and free runs tell: a joint's inertia says nothing of the
-gravity that its motor holds, a command's range nothing of how much of it was used. Only at a joint
-without a drive is a size stated: nothing but its own friction passes there.
+Recordings and free runs determine the typical size of a port's signal. A joint's inertia does not
+contain the gravity that its motor holds, and a command's range does not show how much of it was
+used. Only a joint without a drive has a stated size, because nothing but its friction passes there.
 """
 
 from __future__ import annotations
@@ -30,10 +30,22 @@ def ports_of(
     couplings: Sequence[Coupling] = (),
     mounted: frozenset[int] = frozenset(),
 ) -> tuple[ModelPort, ...]:
-    """All of them, in this order; the port of a joint has the joint's own name. A coupled joint has
-    no transmission: what it carries does not give way by itself. The base has no motor.
-    mounted: joints that actuators at bodies move."""
-    found: list[ModelPort] = []
+    """Ports of a mechanism, in the order of the arguments; the port of a joint has the joint's
+    name.
+
+    A coupled joint has no transmission, because its load does not give way by itself. The base has
+    no motor.
+
+    Parameters
+    ----------
+    joints, tendons, actuators, sensors
+        Elements of the mechanism.
+    couplings
+        Couplings between joints or tendons.
+    mounted
+        Numbers of the joints that actuators at bodies move.
+    """
+    ports: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)
     drives = [a for a in actuators if a.column]
     driven = {a.joint for a in drives} | mounted
@@ -41,26 +53,26 @@ def ports_of(
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide"):
             whole = i not in coupled and not joint.is_base
-            found += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
-    taken = {port.name for port in found}
+            ports += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
+    used_names = {port.name for port in ports}
     for i, actuator in enumerate(actuators):
         if not actuator.column:
             continue
-        name = numbered(f"{actuator.name}_command", taken)
-        found.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
+        name = numbered(f"{actuator.name}_command", used_names)
+        ports.append(ModelPort(name, "command", actuator.command_unit, (), "actuator", i))
     for i, sensor in enumerate(sensors):
-        name = numbered(sensor.name, taken)
+        name = numbered(sensor.name, used_names)
         rates = {"rad": "rad/s", "m": "m/s", "rad/s": "rad/s2", "m/s": "m/s2"}
         place = sensor.mount is None and sensor.kind.endswith("pos")
         offered = (("rate", rates[sensor.unit]),) if place else ()
-        found.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
-    return tuple(found)
+        ports.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
+    return tuple(ports)
 
 
 def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     inertia = "kg m2" if joint.kind == "hinge" else "kg"
     motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
-    # a joint that only gravity moves passes no force of its own
+    # a joint that only gravity moves has no drive force
     size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
     return [
         ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),
@@ -81,10 +93,10 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     ]
 
 
-def numbered(name: str, taken: set[str]) -> str:
-    """The name, with a number behind it where it is taken, which it is from then on."""
+def numbered(name: str, used_names: set[str]) -> str:
+    """Name with a number behind it if it is in use; the result is then in use."""
     stem, count = name, 2
-    while name in taken:
+    while name in used_names:
         name, count = f"{stem}_{count}", count + 1
-    taken.add(name)
+    used_names.add(name)
     return name

@@ -1,7 +1,7 @@
 """Elements and attributes that the installed MuJoCo reads in a model file.
 
-A number of them came with later versions: delays of actuators and sensors, springs and dampers that
-are not linear, motors without a command that model friction.
+Some of them came with later versions: delays of actuators and sensors, nonlinear springs and
+dampers, and motors without a command that model friction.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ def schema() -> dict[str, frozenset[str]]:
 
 
 def reads(element: str, attribute: str) -> bool:
-    """Whether the installed MuJoCo reads this attribute of an element, "actuator/motor"."""
+    """True if the installed MuJoCo reads this attribute of an element, "actuator/motor"."""
     return attribute in schema().get(element, frozenset())
 
 
 @lru_cache
 def reads_polynomials() -> bool:
-    """Whether springs and dampers of joints may be polynomials."""
+    """True if springs and dampers of joints may be polynomials."""
     import mujoco
 
     return hasattr(mujoco.MjModel, "dof_dampingpoly")

@@ -1,8 +1,8 @@
-"""The files that an MJCF or URDF file names: includes, meshes, textures, height fields.
+"""Files that an MJCF or URDF file names: includes, meshes, textures, height fields.
 
-MuJoCo opens whatever stands under their names. A pipe there would block it for ever, and a device
-has no end. Meshes and textures that MuJoCo does not find are looked for where ROS and other tools
-have them. Those that are nowhere and that the motion does not depend on are left out.
+MuJoCo opens anything under these names. A pipe would block it for ever, and a device has no end.
+Meshes and textures that MuJoCo does not find are searched where ROS and other tools have them. If
+one is missing and the motion does not depend on it, it is left out.
 """
 
 from __future__ import annotations
@@ -27,11 +27,14 @@ _MOST_NAMED = 6  # files in a note
 
 
 def require_plain_sources(path: Path) -> tuple[Path, ...]:
-    """The folders that names of files in a model count from.
+    """Return the folders that names of files in a model are relative to.
 
-    FileError for a pipe, a device or a socket where a model, or one that it includes, names a file,
-    and for a text that xacro has yet to expand. A missing include, or a text that is not XML, is
-    left to MuJoCo's own error.
+    A missing include, or a text that is not XML, is left to MuJoCo's error.
+
+    Raises
+    ------
+    FileError
+        The model or an included one names a pipe, a device or a socket, or the text needs xacro.
     """
     pending, seen = [path], set()
     folders: dict[Path, None] = {path.parent: None}
@@ -66,7 +69,7 @@ def _require_regular(place: Path) -> None:
 
 
 def _is_there(place: Path) -> bool:
-    """Is there a file, a pipe or the like?"""
+    """True if there is a file, a pipe or the like."""
     try:
         return place.exists() and not place.is_dir()
     except (OSError, ValueError):  # a name too long, or a zero in it
@@ -74,7 +77,7 @@ def _is_there(place: Path) -> bool:
 
 
 def _require_expanded(path: Path, tags: Iterable[Tag]) -> None:
-    """FileError for a text with macros of xacro, which MuJoCo does not know."""
+    """Raise FileError for a text with macros of xacro, which MuJoCo cannot read."""
     tag = next((t for t in tags if t.name.startswith("xacro:")), None)
     if tag is None and path.suffix != ".xacro":
         return
@@ -82,7 +85,7 @@ def _require_expanded(path: Path, tags: Iterable[Tag]) -> None:
     plain = plain if plain.suffix == ".urdf" and plain != path else plain.with_suffix(".plain.urdf")
     at = f", line {tag.line}: <{tag.name}>" if tag else ""
     raise FileError(
-        f"{path}{at} is a text for xacro, not yet a URDF.",
+        f"{path}{at} needs xacro and is not yet a URDF.",
         f"Expand it first: xacro {path} > {plain} (pip install xacro, or ROS).",
         code="model",
     )
@@ -101,8 +104,8 @@ def _tags(path: Path) -> list[Tag]:
     return []
 
 
-def weighty_first_link(path: Path) -> tuple[str, int] | None:
-    """Name and line of the link of a URDF that no joint leads to, where it has a mass."""
+def root_link_with_mass(path: Path) -> tuple[str, int] | None:
+    """Name and line of a URDF's root link, if it has a mass."""
     tags = _tags(path)
     if not tags or tags[0].name != "robot":
         return None
@@ -121,14 +124,14 @@ def weighty_first_link(path: Path) -> tuple[str, int] | None:
 
 @dataclass(frozen=True)
 class AbsentFile:
-    """A mesh or texture that cannot be read: its name in the model, and the reason."""
+    """Unreadable mesh or texture: its name in the model, and the reason."""
 
     name: str
     reason: str
 
 
 class ModelAssets:
-    """The meshes and textures of a model that MuJoCo is about to compile."""
+    """Meshes and textures of a model before its compilation."""
 
     def __init__(
         self,
@@ -140,13 +143,13 @@ class ModelAssets:
         self.mujoco, self.path, self.folders, self.packages = mujoco, path, folders, packages
         self.absent: dict[str, AbsentFile] = {}  # meshes by their name
         self.textures: dict[str, AbsentFile] = {}
-        self.bodies: dict[str, None] = {}  # that lack some of their collision shapes
+        self.bodies: dict[str, None] = {}  # bodies without some of their collision shapes
         self.present: dict[str, tuple[Any, Path]] = {}  # meshes of the latest parse, their places
 
     def compiled(self) -> tuple[Any, Any]:
-        """The model's MjSpec, and what MuJoCo compiles of it.
+        """MjSpec of the model, and the compiled model.
 
-        FileError: it depends on a mesh that cannot be read. ValueError: as MuJoCo raises it.
+        FileError if the model depends on an unreadable mesh. ValueError: as MuJoCo raises it.
         """
         spec = self._parsed()
         try:
@@ -160,7 +163,7 @@ class ModelAssets:
         return spec, spec.compile()
 
     def note(self) -> str:
-        """A sentence on what is left out, "" where nothing is."""
+        """Sentence on omissions, "" if there are none."""
         by_reason: dict[str, list[str]] = {}
         for absent in dict.fromkeys([*self.absent.values(), *self.textures.values()]):
             by_reason.setdefault(absent.reason, []).append(absent.name)
@@ -173,7 +176,7 @@ class ModelAssets:
         return note
 
     def _parsed(self) -> Any:
-        """The model with every mesh and texture at its place, and without the absent ones."""
+        """Model with every mesh and texture at its place, and without the absent ones."""
         spec = self.mujoco.MjSpec.from_file(str(self.path))
         for body in spec.bodies:
             # a diagonal mass matrix that MuJoCo stores as such could not follow a moved centre
@@ -204,8 +207,10 @@ class ModelAssets:
         return spec
 
     def _put(self, asset: Any, stripped: bool) -> tuple[Path | None, str]:
-        """Write into a mesh or texture where its file lies, unless MuJoCo finds it by itself; its
-        place, or None and the reason."""
+        """Write the path of its file into a mesh or texture, unless MuJoCo finds it by itself.
+
+        Returns the path, or None and the reason.
+        """
         name = asset.file
         place = next(filter(_is_there, self._places(name)), None)
         if place is None:
@@ -224,7 +229,7 @@ class ModelAssets:
         return self.present[mesh][1].name
 
     def _why_unread(self, name: str) -> str:
-        """Why MuJoCo cannot read a mesh by itself, "" where it can."""
+        """Reason why MuJoCo cannot read a mesh by itself, "" if it can."""
         mesh, place = self.present[name]
         alone = self.mujoco.MjSpec()
         copy = alone.add_mesh(name="mesh", file=str(place), inertia=mesh.inertia)
@@ -237,8 +242,10 @@ class ModelAssets:
         return ""
 
     def _leave_out(self, spec: Any) -> None:
-        """Remove the shapes of absent meshes. FileError for one that a moving body has its mass
-        from."""
+        """Remove the shapes of absent meshes.
+
+        FileError if a moving body has its mass from one.
+        """
         for geom in list(spec.geoms):
             absent = self.absent.get(geom.meshname)
             if absent is None:
@@ -253,7 +260,7 @@ class ModelAssets:
                 spec.delete(mesh)
 
     def _has_mass_from(self, geom: Any) -> bool:
-        """Does the mass or inertia of the body depend on this shape?"""
+        """True if the mass or inertia of the body depends on this shape."""
         modes, mode = self.mujoco.mjtInertiaFromGeom, geom.compiler.inertiafromgeom
         if mode == modes.mjINERTIAFROMGEOM_FALSE or (
             mode == modes.mjINERTIAFROMGEOM_AUTO and geom.parent.explicitinertial
@@ -279,7 +286,7 @@ class ModelAssets:
 
 
 def _mesh_name(mesh: Any) -> str:
-    """The name by which shapes refer to a mesh; of one without a name that of its file."""
+    """Name by which shapes refer to a mesh; without a name, that of its file."""
     return str(mesh.name or PureWindowsPath(mesh.file).stem)
 
 

@@ -1,8 +1,8 @@
-"""A model file run by MuJoCo alone, at a step and with an integrator, against recorded stretches.
+"""Run of a model file by MuJoCo alone, at a given step and integrator, on recorded stretches.
 
-Every stretch begins in a state that is estimated from its first readings by damped Gauss-Newton
-with finite differences. Then the simulation runs freely on the recorded inputs. Commands are held
-or linear between samples, as the recording has them. Readings between two steps are interpolated.
+The start state of every stretch is estimated from its first readings by damped Gauss-Newton with
+finite differences. Then the simulation runs freely on the recorded inputs. Commands are held or
+linear between samples, as in the recording. Readings between two steps are interpolated.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from pamid.simulators.mujoco_file import MujocoFile
 
 Array = NDArray[np.float64]
 
-START_ITERATIONS = 12  # of the search for a start; the damping is raised where a step does not help
+START_ITERATIONS = 12  # of the search for a start; a step without gain raises the damping
 STATE_DIFFERENCE = 1e-6  # of a state, for the slopes of the search
-SLOPE_SAMPLES = 9  # readings to whose slope the first velocity is set
+SLOPE_SAMPLES = 9  # readings whose slope is the first velocity
 LEAST_DESCENT = 1e-4  # share of the cost below which the search ends
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedStretch:
-    """Successive samples that one run covers.
+    """Successive samples of one run.
 
     times     (samples,) s, from 0
     inputs    column -> (samples,), SI
-    before    column -> (earlier samples,), SI: what a delay still holds at the start
-    readings  column -> (samples,), SI; NaN where there is none
-    scored    (samples,) whether a sample counts
-    opening   samples from which the start is estimated
+    before    column -> (earlier samples,), SI: content of a delay at the start
+    readings  column -> (samples,), SI; NaN if there is none
+    scored    (samples,) mask of the samples that count
+    opening   samples that determine the start
     """
 
     times: Array
@@ -90,7 +90,7 @@ class PlainModel:
                 for key, name in INTEGRATORS.items()
                 if name == settings.integrator
             )
-        # a run that becomes unstable has to show it, not to begin anew
+        # an unstable run must stay visible, so MuJoCo must not reset it
         m.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data, self.rollout = self.mujoco.MjData(m), rollout
         kinds = self.mujoco.mjtState
@@ -106,8 +106,9 @@ class PlainModel:
     def errors(
         self, stretches: Sequence[RecordedStretch], noise: Mapping[str, float]
     ) -> dict[str, float]:
-        """Mean absolute error per column over all scored samples, SI; infinite where a run became
-        unstable. noise: standard deviations by column, SI, which weigh the readings at the start.
+        """Mean absolute error per column over all scored samples, SI; infinite for an unstable run.
+
+        noise: standard deviations by column, SI, which weight the readings at the start.
         """
         total = dict.fromkeys(noise, 0.0)
         count = dict.fromkeys(noise, 0)
@@ -171,7 +172,7 @@ class PlainModel:
         return np.stack(readings, axis=2)
 
     def _attitude(self, states: Array, body: int) -> Array:
-        """Quaternion (4, ...) of a floating base by its yaw, pitch and roll."""
+        """Quaternion (4, ...) of a floating base from its yaw, pitch and roll."""
         hinges = [j for j in self.mechanism.joints if j.body == body and j.is_base][3:]
         half = [0.5 * states[..., 1 + joint.qpos] for joint in hinges]
         (cy, cp, cr), (sy, sp, sr) = map(np.cos, half), map(np.sin, half)
@@ -200,7 +201,7 @@ class PlainModel:
         return control
 
     def _begin(self, stretch: RecordedStretch) -> Array:
-        """A whole state of MuJoCo in which delays hold what was sent and read before."""
+        """Full state of MuJoCo, in which delays contain the previous commands and readings."""
         m, d, mujoco = self.model, self.data, self.mujoco
         mujoco.mj_resetData(m, d)
         if getattr(m, "nhistory", 0):
@@ -237,7 +238,7 @@ class PlainModel:
     # ---- the state at the start ------------------------------------------------------------------
 
     def start_of(self, stretch: RecordedStretch, noise: Mapping[str, float]) -> Array:
-        """The state (states,) at the start of a stretch that its first readings show."""
+        """Estimate the state (states,) at the start of a stretch from its first readings."""
         n = max(2, min(stretch.opening, len(stretch.times)))
         y = np.column_stack([values[:n] for values in stretch.readings.values()])
         weight = 1.0 / np.array([noise[column] for column in stretch.readings])
@@ -272,8 +273,10 @@ class PlainModel:
         return x
 
     def _guess(self, stretch: RecordedStretch) -> Array:
-        """Positions and velocities as the joints' sensors show them, else at the reference and at
-        rest; a filter holds its first command."""
+        """Positions and velocities from the joints' sensors, else the reference at rest.
+
+        A filter starts at its first command.
+        """
         m = self.model
         x = np.concatenate([m.qpos0, np.zeros(m.nv + m.na)])
         few = slice(0, min(SLOPE_SAMPLES, len(stretch.times)))

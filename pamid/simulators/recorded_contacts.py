@@ -1,14 +1,14 @@
-"""Which geoms of a model touch along recordings, by MuJoCo's own collision detection.
+"""Contacts of a model along recordings, by MuJoCo's collision detection.
 
-Joint positions q(t) follow from the readings, which are linear in them. A pose is looked at where
-geoms may have come together since the last one. With d the smallest free distance there, nothing
-touches as long as
+Joint positions q(t) follow from the readings, which are linear in them. A pose is only checked if
+geoms may have met since the last one. With d the smallest free distance there, nothing touches as
+long as
 
     sum_k reach_k |q_k(t) - q_k(t0)| < d
 
 where reach_k is the largest distance of any point that joint k moves from its axis, in any pose; 1
-for a slide. That is the bound of conservative advancement. With d less the smallest distance so far
-in its place no pose is left out in which geoms come nearer.
+for a slide. That is the bound of conservative advancement. For the nearest pair, d less the
+smallest distance so far replaces d; then no closer pose is skipped.
 
 References: Mirtich (1996), Impulse-based Dynamic Simulation of Rigid Body Systems, ch. 2.
 """
@@ -29,16 +29,19 @@ from pamid.simulators.mujoco_findings import mujoco_copy, widen_margins
 
 Array = NDArray[np.float64]
 
-SHARE_POSES = 500  # by which the share of the time with contacts is estimated
-NEARER_SHARE, NEARER_M = 0.05, 1e-3  # by which another pair has to be nearer to count
+SHARE_POSES = 500  # poses that estimate the share of the time with contacts
+NEARER_SHARE, NEARER_M = 0.05, 1e-3  # a pair must be nearer by this to replace another one
 PENDING = 256  # samples that are compared with a pose at a time
-RANK_TOLERANCE = 1e-9  # of the largest singular value: what is smaller comes of rounding
+RANK_TOLERANCE = 1e-9  # of the largest singular value: smaller ones are rounding errors
 
 
 @dataclass(frozen=True)
 class GeomPair:
-    """Two geoms and their bodies by name. distance_m: negative where they overlap; touch: whether
-    MuJoCo has a contact force act; recording, time_s: where and when."""
+    """Two geoms and their bodies by name.
+
+    distance_m: negative for an overlap; touch: True if MuJoCo has a contact force; recording,
+    time_s: place of the event.
+    """
 
     geoms: tuple[str, str]
     bodies: tuple[str, str]
@@ -50,13 +53,13 @@ class GeomPair:
 
 @dataclass(frozen=True)
 class RecordedContacts:
-    """Constraints of a model that act along recordings.
+    """Active constraints of a model along recordings.
 
     touching  the first pair that touches, None for no contact
-    share     share of the samples of its recording in which geoms touch, about
-    nearest   the pair that comes nearest, None where contacts are found first or no pair can meet
-    limit     a joint that reaches an end of its range, as words; "" for none
-    unread    joints whose position the readings leave open: then nothing else is known
+    share     approximate share of the samples of its recording in which geoms touch
+    nearest   the closest pair, None after a contact or if no pair can meet
+    limit     text on a joint that reaches an end of its range; "" for none
+    unread    joints without a position in the readings: then nothing else is known
     """
 
     touching: GeomPair | None = None
@@ -67,24 +70,25 @@ class RecordedContacts:
 
     @property
     def free(self) -> bool:
-        """Whether neither a contact nor the end of a range acts."""
+        """True if neither a contact nor the end of a range is active."""
         return self.touching is None and not self.limit and not self.unread
 
 
 def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> RecordedContacts:
-    """Contacts and ends of ranges along recordings, in their order up to the first that shows one.
+    """Contacts and ends of ranges along recordings, in their order, up to the first one.
 
     Parameters
     ----------
     mechanism
-        The model; its file is opened anew.
+        The model; its file is opened again.
     recordings
-        With readings that are linear in the joint positions: of joints, actuators and tendons.
+        Recordings with readings that are linear in the joint positions: of joints, actuators and
+        tendons.
 
     Raises
     ------
     FileError
-        The file cannot be opened any more.
+        The file can no longer be opened.
     """
     paths: list[tuple[Recording, Array]] = []
     for recording in recordings:
@@ -100,16 +104,16 @@ def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> 
     for recording, q in paths:
         if limit := _limit_reached(mechanism, recording, q):
             return RecordedContacts(limit=limit)
-        found = poses.along(recording, q)
-        if found is not None and found.touch:
-            return RecordedContacts(touching=found, share=poses.share(q))
-        if found is not None and (nearest is None or found.distance_m < nearest.distance_m):
-            nearest = found
+        contacts = poses.along(recording, q)
+        if contacts is not None and contacts.touch:
+            return RecordedContacts(touching=contacts, share=poses.share(q))
+        if contacts is not None and (nearest is None or contacts.distance_m < nearest.distance_m):
+            nearest = contacts
     return RecordedContacts(nearest=nearest)
 
 
 def joint_positions(mechanism: Mechanism, recording: Recording) -> tuple[Array, tuple[str, ...]]:
-    """Positions (samples, joints) that the readings show, and the joints which they leave open."""
+    """Positions (samples, joints) from the readings, and the joints without a position."""
     rows, read = [], []
     for sensor in mechanism.sensors:
         row = _linear_in_positions(mechanism, sensor.kind, sensor.of)
@@ -147,7 +151,7 @@ def _linear_in_positions(m: Mechanism, kind: str, of: int) -> Array | None:
 
 
 def _limit_reached(m: Mechanism, recording: Recording, q: Array) -> str:
-    """The first joint beyond an end of its range, with recording and time."""
+    """First joint beyond an end of its range, with recording and time."""
     for j, joint in enumerate(m.joints):
         if joint.range is None:
             continue
@@ -165,13 +169,13 @@ def _limit_reached(m: Mechanism, recording: Recording, q: Array) -> str:
 class _Poses:
     """Collision detection of one model in given poses.
 
-    travel: largest way of every joint from its reference, by which points that a slide carries can
-    be further from a joint that carries the slide.
+    travel: largest displacement of every joint from its reference. Points that a slide carries can
+    be farther by this much from a joint below the slide.
     """
 
     def __init__(self, file: MujocoFile, mechanism: Mechanism, travel: Array) -> None:
         self.file, self.mujoco, self.exact = file, file.mujoco, file.model
-        # contacts are reported up to the margin of a pair: so far out distances are seen
+        # MuJoCo reports distances up to the margin of a pair, so the margin is widened
         self.near = m = mujoco_copy(file)
         margins = np.concatenate([m.geom_margin, m.pair_margin])
         self.margin = 2.0 * float(margins.max(initial=0.0))  # of any pair, at most
@@ -183,8 +187,10 @@ class _Poses:
         self.extent = float(m.stat.extent)
 
     def along(self, recording: Recording, q: Array) -> GeomPair | None:
-        """The pair that touches first, else the one that comes nearest. q (samples, joints). None
-        where no pair comes within the model's extent."""
+        """Pair that touches first, else the closest pair; q (samples, joints).
+
+        None if no pair comes within the model's extent.
+        """
         nearest: GeomPair | None = None
         row = 0
         while row < len(q):
@@ -205,7 +211,7 @@ class _Poses:
         return float(np.mean([self._touches(q[row]) for row in rows]))
 
     def _next(self, q: Array, row: int, free: float) -> int:
-        """The first row behind this one in which geoms may touch."""
+        """Next row in which geoms may touch."""
         for first in range(row + 1, len(q), PENDING):
             moved = np.abs(q[first : first + PENDING] - q[row]) @ self.reach
             if (moved >= free).any():
@@ -213,7 +219,7 @@ class _Poses:
         return len(q)
 
     def _pair(self, recording: Recording, q: Array, row: int) -> GeomPair | None:
-        """The nearest pair in a pose."""
+        """Nearest pair in a pose."""
         d = self._detected(self.near, self.data, q[row])
         contacts, m = d.contact, self.exact
         seen = np.flatnonzero(contacts.exclude <= 1)
@@ -246,17 +252,19 @@ class _Poses:
 
 
 def _reach(file: MujocoFile, mechanism: Mechanism, travel: Array) -> Array:
-    """Largest distance (m) of any point that a joint moves from its axis, in any pose; infinite
-    where a joint moves a plane."""
+    """Largest distance (m) of any point that a joint moves from its axis, in any pose.
+
+    It is infinite if a joint moves a plane.
+    """
     m, mujoco = file.model, file.mujoco
     plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
-    reach = np.zeros(m.nbody)  # of a body and all that it carries, from its own frame
+    reach = np.zeros(m.nbody)  # of a body and all that it carries, from the body's frame
     for g in range(m.ngeom):
         moved_plane = m.geom_type[g] == plane and m.body_weldid[m.geom_bodyid[g]]
         size = np.inf if moved_plane else float(m.geom_rbound[g])
         body = int(m.geom_bodyid[g])
         reach[body] = max(reach[body], float(np.linalg.norm(m.geom_pos[g])) + size)
-    shifts = np.zeros(m.nbody)  # of a body's frame by its own joints
+    shifts = np.zeros(m.nbody)  # of a body's frame by the body's joints
     for j, joint in enumerate(mechanism.joints):
         slide = joint.kind == "slide"
         shifts[joint.body] += travel[j] if slide else 2.0 * float(np.linalg.norm(joint.anchor))

@@ -1,10 +1,11 @@
-"""An excitation kept within what a model allows: MuJoCo runs it on the model of the data sheet, and
-what reaches a joint's range, exceeds a speed or a force, or makes bodies touch is moved or made
-smaller, command by command.
+"""Excitation within the limits of a model.
 
-Bodies may touch as they do at the start, and the surroundings as they do with nothing sent (a robot
-that stands on a floor). Forces are looked at without their limits: within these, no actuator is
-ever asked for more than it has.
+MuJoCo runs it on the model of the data sheet. A command that reaches a joint's range, exceeds a
+speed or a force, or makes bodies touch is shifted or reduced, one command at a time.
+
+Bodies may touch as they do at the start, and the surroundings as they do without a command (a robot
+that stands on a floor). Forces are evaluated without their limits, because within these no actuator
+can exceed its limit.
 """
 
 from __future__ import annotations
@@ -16,21 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
-from pamid.simulators.excitation_bench import ExcitationBench, Trouble
+from pamid.simulators.excitation_bench import ExcitationBench, LimitViolation
 from pamid.simulators.mechanism import Actuator, Mechanism
 
 Array = NDArray[np.float64]
 
 SMALLER_BY = 0.8  # an amplitude from one run to the next
-LEAST_SENT = 0.01  # of what was asked for: less excites nothing
-SMALL_BESIDE = 0.3  # of the largest factor: commands this small are not to blame alone
+LEAST_SENT = 0.01  # of the requested signal: less excites nothing
+SMALL_BESIDE = 0.3  # of the largest factor: smaller commands are not the only cause
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
 
 
 @dataclass(frozen=True)
-class KeptCommand:
-    """Command within the limits: sent = shift + factor * the wanted one, about its centre; why: the
-    limits that were in the way, in the order in which they were met."""
+class SafeCommand:
+    """Command within the limits: sent = shift + factor * the requested one, about its centre.
+
+    why: active limits, in the order of their occurrence.
+    """
 
     column: str
     factor: float = 1.0
@@ -44,36 +47,48 @@ class KeptCommand:
 
 @dataclass(frozen=True, eq=False)
 class SafeExcitation:
-    """columns (samples,) in their own units; kept: every command; limits: what was looked at, in
-    words; reached: joint -> lowest and highest position of the run, rad or m."""
+    """Excitation within the limits.
+
+    columns   (samples,) in the units of their columns
+    commands  every command
+    limits    checked limits, as text
+    reached   joint -> lowest and highest position of the run, rad or m
+    """
 
     columns: dict[str, Array]
-    kept: tuple[KeptCommand, ...]
+    commands: tuple[SafeCommand, ...]
     limits: tuple[str, ...]
     reached: dict[str, tuple[float, float]]
 
     def sentences(self) -> list[str]:
         """Changes of the excitation, and the reach of the run with them."""
-        said = [f"Run on the model first, and watched: {'; '.join(self.limits)}."]
-        for one in self.kept:
-            if one.changed:
-                moved = f"its centre moved by {one.shift:.4g}" if one.shift else ""
-                scaled = f"made smaller, {one.factor:.3g} times" if one.factor != 1.0 else ""
+        sentences = [f"Tried on the model first. Checked: {'; '.join(self.limits)}."]
+        for command in self.commands:
+            if command.changed:
+                moved = f"its centre moved by {command.shift:.4g}" if command.shift else ""
+                scaled = (
+                    f"made smaller, {command.factor:.3g} times" if command.factor != 1.0 else ""
+                )
                 done = " and ".join(part for part in (moved, scaled) if part)
-                said.append(f"{one.column}: {done}, because {'; '.join(one.why)}.")
-        if not any(one.changed for one in self.kept):
-            said.append("It stays within all of them as it is.")
+                sentences.append(f"{command.column}: {done}; reason: {'; '.join(command.why)}.")
+        if not any(command.changed for command in self.commands):
+            sentences.append("It is within all limits without changes.")
         reach = ", ".join(f"{n} {low:.3g} .. {high:.3g}" for n, (low, high) in self.reached.items())
-        return [*said, f"Reached in that run (rad or m): {reach}."]
+        return [*sentences, f"Reached in that run (rad or m): {reach}."]
 
 
 @dataclass
 class _CommandCourse:
-    """How one command is changed so far: sent = centre + shift + factor * (asked + balance -
-    centre). rest: samples before it sets out; they stay as they are, and lead to the centre where
-    that is moved. why: what was in the way -> at which time it was first met, s; -1 at none."""
+    """Current modification of one command.
 
-    asked: Array
+    sent = centre + shift + factor * (requested + balance - centre).
+
+    rest   number of samples before the command starts; they stay unchanged, and lead to the centre
+           if that is shifted
+    why    active limit -> time of its first violation, s; -1 without a time
+    """
+
+    requested: Array
     centre: float
     range: tuple[float, float] | None = None
     factor: float = 1.0
@@ -83,25 +98,27 @@ class _CommandCourse:
 
     @property
     def rest(self) -> int:
-        return int(np.argmax(self.asked != self.asked[0]))
+        return int(np.argmax(self.requested != self.requested[0]))
 
     @property
     def half(self) -> float:
-        """The largest deviation from the centre that is asked for."""
-        return float(np.abs(self.asked[self.rest :] + self.balance - self.centre).max())
+        """Largest requested deviation from the centre."""
+        return float(np.abs(self.requested[self.rest :] + self.balance - self.centre).max())
 
     def sent(self) -> Array:
         if not self.changed:
-            return self.asked
-        moved = self.centre + self.shift + self.factor * (self.asked + self.balance - self.centre)
-        begins = np.full(self.rest, self.asked[0])
+            return self.requested
+        moved = (
+            self.centre + self.shift + self.factor * (self.requested + self.balance - self.centre)
+        )
+        begins = np.full(self.rest, self.requested[0])
         if self.shift:  # no jump: a drive would have to follow it at once
-            begins = np.linspace(self.asked[0], self.centre + self.shift, self.rest)
+            begins = np.linspace(self.requested[0], self.centre + self.shift, self.rest)
         moved[: self.rest] = begins
         return moved if self.range is None else np.clip(moved, *self.range)
 
     def note(self, text: str, at_s: float = -1.0) -> None:
-        """Note what was in the way, the first time that it was."""
+        """Note an active limit, at its first violation."""
         self.why.setdefault(text, at_s)
 
     def reasons(self) -> tuple[str, ...]:
@@ -119,11 +136,23 @@ def safe_excitation(
     centres: Mapping[str, float] | None = None,
     speeds: Mapping[str, float] | None = None,
 ) -> SafeExcitation:
-    """The excitation within the limits of the model. columns: in their units, every period_s;
-    centres: what they swing about where that is not 0; speeds: further limits, joint -> rad/s or
-    m/s.
+    """Bring an excitation within the limits of the model.
 
-    UsageError for a joint that is not there; DataError (code "no-room") where nothing is left.
+    Parameters
+    ----------
+    columns
+        Commands in the units of their columns, every period_s.
+    centres
+        Centres of commands that do not swing about 0.
+    speeds
+        Further limits, joint -> rad/s or m/s.
+
+    Raises
+    ------
+    UsageError
+        A joint does not exist.
+    DataError
+        No motion is left (code "no-room").
     """
     bench = ExcitationBench(mechanism, period_s, dict(speeds or {}))
     courses = {
@@ -151,13 +180,13 @@ def safe_excitation(
             break
         if trouble.joint not in moved:
             moved.add(trouble.joint)
-            if _recentred(mechanism, courses, trouble):
+            if _recentre(mechanism, courses, trouble):
                 continue
         if not any(course.centre for course in courses.values()):
             bench.require_held(trouble)
         _shrink(mechanism, courses, trouble)
-    kept = [
-        KeptCommand(
+    commands = [
+        SafeCommand(
             mechanism.actuators[i].column,
             c.factor,
             c.shift + c.factor * c.balance,
@@ -165,15 +194,15 @@ def safe_excitation(
         )
         for i, c in courses.items()
     ]
-    made = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
-    return SafeExcitation({**columns, **made}, tuple(kept), bench.limits(), reached)
+    signals = {mechanism.actuators[i].column: c.sent() for i, c in courses.items()}
+    return SafeExcitation({**columns, **signals}, tuple(commands), bench.limits(), reached)
 
 
 # ---- what is changed -----------------------------------------------------------------------------
 
 
 def _fit(course: _CommandCourse, low: float, high: float, why: str) -> None:
-    """Move a signal as little as needed to lie within low .. high, smaller where it must be."""
+    """Shift a signal as little as possible into low .. high, and reduce it if necessary."""
     half = course.factor * course.half
     now = course.centre + course.shift
     if now - half >= low - 1e-9 and now + half <= high + 1e-9:
@@ -192,7 +221,7 @@ def _within_range(a: Actuator, course: _CommandCourse) -> None:
 
 
 def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
-    """Range of a position drive's commands, by the range of its joint; None where there is none."""
+    """Range of a position drive's commands from the range of its joint; None without one."""
     joint = m.joints[a.joint] if a.joint >= 0 else None
     if a.kind != "position" or joint is None or joint.range is None or not a.gear:
         return None
@@ -212,19 +241,21 @@ def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
         )
 
 
-def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> bool:
-    """Move the signals at a joint whose end was reached: a position to the middle of the range, a
-    push so that it pushes as much either way. Was there anything to move?"""
+def _recentre(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitViolation) -> bool:
+    """Shift the signals at a joint that reached an end; returns whether anything was shifted.
+
+    A position moves to the middle of the range. A force gets a zero mean.
+    """
     done = False
     guilty = trouble.guilty if trouble.joint >= 0 else ()
-    for i in (one for one in guilty if one in courses):
+    for i in (actuator for actuator in guilty if actuator in courses):
         a, course = m.actuators[i], courses[i]
         allowed = _place_range(m, a) if a.joint == trouble.joint else None
         before = course.shift, course.balance
         if allowed is not None:
             course.shift += 0.5 * (allowed[0] + allowed[1]) - course.centre - course.shift
         elif a.kind == "motor":
-            course.balance = course.centre - float(np.mean(course.asked[course.rest :]))
+            course.balance = course.centre - float(np.mean(course.requested[course.rest :]))
             _within_range(a, course)
         moved = abs(course.shift - before[0]) + abs(course.balance - before[1])
         if moved > 1e-3 * course.half:
@@ -233,8 +264,8 @@ def _recentred(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Tro
     return done
 
 
-def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: Trouble) -> None:
-    """Make the guilty commands smaller, all of them where the guilty are small already."""
+def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitViolation) -> None:
+    """Reduce the responsible commands; all commands if the responsible ones are small already."""
     guilty = [i for i in trouble.guilty if i in courses] or list(courses)
     largest = max(course.factor for course in courses.values())
     if all(courses[i].factor < SMALL_BESIDE * largest for i in guilty):

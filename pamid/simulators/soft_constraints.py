@@ -1,15 +1,15 @@
-"""Friction losses and couplings as MuJoCo has them, solved together with the accelerations.
+"""Friction losses and couplings as in MuJoCo, solved together with the accelerations.
 
-At a joint with a loss, MuJoCo looks for the force f, |f| <= loss, that comes nearest to stopping
-it: where the loss is not reached,
+At a joint with a loss, MuJoCo computes the force f, |f| <= loss, that comes nearest to stopping it.
+Below the loss,
 
     f = -(q'' + rate q') / softness
 
 so that the joint does not stick but creeps (documentation, Computation, Constraint model, friction
-loss). What the joints do is coupled through q''. Which of them have reached their loss is found by
-a few sweeps of projected Gauss-Seidel over the forces; with that known, f adds 1 / softness to the
-inertia of a joint that creeps and is a constant at one that slides, and q'' follows exactly. It is
-solved for twice: the first one still moves joints from one side to the other.
+loss). The joints are coupled through q''. A few sweeps of projected Gauss-Seidel over the forces
+determine the joints at their loss. Then f adds 1 / softness to the inertia of a creeping joint and
+is constant at a sliding one, and q'' follows exactly. It is solved for twice, because the first
+solution still moves joints from one side to the other.
 
 A coupling with the error r, whose slopes by the positions are J, exerts J' f with
 
@@ -39,14 +39,17 @@ from pamid.symbolic.vocabulary import (
     where,
 )
 
-SWEEPS, SOLVES = 4, 2  # of several joints; a single one is found at once
+SWEEPS, SOLVES = 4, 2  # of several joints; a single one needs no iteration
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
 LEAST_SOFTNESS = 1e-15
 
 
 @dataclass(frozen=True)
 class SoftFriction:
-    """loss: N m or N; rate: 1/s, softness: 1/(kg m2) or 1/kg, as above; velocity of the joint."""
+    """Friction of a joint.
+
+    loss: N m or N; rate: 1/s; softness: 1/(kg m2) or 1/kg; velocity of the joint.
+    """
 
     loss: Expr
     rate: float
@@ -56,7 +59,7 @@ class SoftFriction:
 
 @dataclass(frozen=True)
 class SoftCoupling:
-    """slopes: J by joint, as above; aim: the J q'' at which it exerts no force; softness."""
+    """slopes: J by joint; aim: the J q'' without a force; softness."""
 
     slopes: Mapping[int, Expr]
     aim: Expr
@@ -88,15 +91,15 @@ def impedance(shape: Sequence[float], error: Expr) -> Expr:
 
 def _power(base: Expr, power: float) -> Expr:
     if power == int(power):
-        found = base
+        product = base
         for _ in range(int(power) - 1):
-            found = found * base
-        return found
+            product = product * base
+        return product
     return exp(power * log(maximum(base, 1e-12)))
 
 
 class CoupledSystem:
-    """M q'' = force of a tree with couplings, and something added on the diagonal of M."""
+    """M q'' = force of a tree with couplings, with an optional addition to the diagonal of M."""
 
     def __init__(
         self,
@@ -111,10 +114,10 @@ class CoupledSystem:
         return CoupledSystem(self.tree, self.couplings, added)
 
     def solve(self, force: Sequence[Expr]) -> list[Expr]:
-        """q'' where the couplings aim at no acceleration: (M + J' J / softness)^-1 force."""
+        """q'' for couplings with zero aim: (M + J' J / softness)^-1 force."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=False)
 
-    def accelerated(self, force: Sequence[Expr]) -> list[Expr]:
+    def accelerations(self, force: Sequence[Expr]) -> list[Expr]:
         """q'' under this force and that of the couplings."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=True)
 
@@ -132,10 +135,10 @@ class CoupledSystem:
                 moved = moved + slope * free[j]
             right.append((c.aim if aimed else ZERO) - moved)
         force = _solved_dense(self._reduced, right)
-        found = list(free)
+        accelerations = list(free)
         for f, reach in zip(force, self._reach, strict=True):
-            found = [a + f * r for a, r in zip(found, reach, strict=True)]
-        return found
+            accelerations = [a + f * r for a, r in zip(accelerations, reach, strict=True)]
+        return accelerations
 
     @cached_property
     def _reach(self) -> list[list[Expr]]:
@@ -162,7 +165,7 @@ class CoupledSystem:
 
 
 def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> list[Expr]:
-    """Gaussian elimination of a positive definite system: it needs no pivots."""
+    """Gaussian elimination of a positive definite system, which needs no pivots."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     n = len(rows)
     for k in range(n):
@@ -170,19 +173,24 @@ def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> li
             share = rows[i][k] / rows[k][k]
             rows[i] = [a - share * b if c > k else ZERO for c, (a, b) in
                        enumerate(zip(rows[i], rows[k], strict=True))]  # fmt: skip
-    found: list[Expr] = [ZERO] * n
+    solution: list[Expr] = [ZERO] * n
     for k in reversed(range(n)):
         rest = rows[k][n]
         for j in range(k + 1, n):
-            rest = rest - rows[k][j] * found[j]
-        found[k] = rest / rows[k][k]
-    return found
+            rest = rest - rows[k][j] * solution[j]
+        solution[k] = rest / rows[k][k]
+    return solution
 
 
 @dataclass(frozen=True)
-class Rubbed:
-    """q'' (value), what creeping joints have more of inertia (added), the rest of their friction
-    force (friction), and the system with what is added."""
+class FrictionSolution:
+    """Accelerations and friction forces of the joints.
+
+    value     q''
+    added     additional inertia of creeping joints
+    friction  remaining friction force
+    system    system with the addition
+    """
 
     value: list[Expr]
     added: list[Expr]
@@ -190,27 +198,37 @@ class Rubbed:
     system: CoupledSystem
 
 
-def rub(
+def solve_joint_friction(
     system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
-) -> Rubbed:
-    """Accelerations under what reaches each joint and friction; see above."""
+) -> FrictionSolution:
+    """Accelerations under the forces at each joint, with friction.
+
+    Parameters
+    ----------
+    system
+        Tree with its couplings.
+    reaching
+        Force at each joint without friction, less the bias (n,).
+    friction
+        Friction of each joint; None without a loss.
+    """
     none = [ZERO] * system.tree.n
-    value = system.accelerated(reaching)
+    value = system.accelerations(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:
-        return Rubbed(value, none, none, system)
-    aims = _swept(system, value, where_)
-    found = Rubbed(value, none, none, system)
+        return FrictionSolution(value, none, none, system)
+    aims = _gauss_seidel(system, value, where_)
+    solution = FrictionSolution(value, none, none, system)
     for _ in range(SOLVES if len(where_) > 1 else 1):
-        found = _solved(system, reaching, where_, aims)
-        aims = {i: found.value[i] + f.rate * f.velocity for i, f in where_.items()}
-    return found
+        solution = _solved(system, reaching, where_, aims)
+        aims = {i: solution.value[i] + f.rate * f.velocity for i, f in where_.items()}
+    return solution
 
 
-def _swept(
+def _gauss_seidel(
     system: CoupledSystem, free: list[Expr], friction: dict[int, SoftFriction]
 ) -> dict[int, Expr]:
-    """Projected Gauss-Seidel: q'' + rate q' of each joint as its friction force says it."""
+    """Projected Gauss-Seidel: q'' + rate q' of each joint from its friction force."""
     columns = {i: system.column(i) for i in friction}
     a = {i: free[i] for i in friction}
     force: dict[int, Expr] = dict.fromkeys(friction, ZERO)
@@ -225,12 +243,12 @@ def _swept(
                 a[j] = a[j] + columns[i][j] * change
             force[i] = new
         order.reverse()
-    # beyond what the loss allows where it was reached: the side of it is all that counts
-    found = {}
+    # at the loss the aim is placed beyond it, because only its sign counts
+    slopes = {}
     for i, f in friction.items():
         reached = absolute(force[i]) >= f.loss
-        found[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
-    return found
+        slopes[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
+    return slopes
 
 
 def _solved(
@@ -238,7 +256,7 @@ def _solved(
     reaching: Sequence[Expr],
     friction: dict[int, SoftFriction],
     aims: dict[int, Expr],
-) -> Rubbed:
+) -> FrictionSolution:
     n = system.tree.n
     added, more = [ZERO] * n, [ZERO] * n
     for i, f in friction.items():
@@ -247,5 +265,5 @@ def _solved(
         added[i] = where(creeps, 1.0 / f.softness, 0.0)
         more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
     loaded = system.with_added(added)
-    value = loaded.accelerated([r + m for r, m in zip(reaching, more, strict=True)])
-    return Rubbed(value, added, more, loaded)
+    value = loaded.accelerations([r + m for r, m in zip(reaching, more, strict=True)])
+    return FrictionSolution(value, added, more, loaded)

@@ -81,7 +81,7 @@ def rotation(quaternion: Sequence[float]) -> Array:
 
 
 def constant(m: Array) -> Mat:
-    """A matrix of numbers; what is zero or one but for rounding is that exactly."""
+    """Matrix of numbers; entries that are zero or one up to rounding are exact."""
     near = np.round(m)
     clean = np.where(np.abs(m - near) < 1e-15, near, m)
     return vec(clean[0]), vec(clean[1]), vec(clean[2])
@@ -143,7 +143,7 @@ class Inertia(NamedTuple):
         )
 
     def moved(self, turn: Mat, to: Vec) -> Inertia:
-        """The inertia in a frame in which its own one is turned and lies at `to`."""
+        """Inertia in a frame in which its frame is rotated and lies at `to`."""
         m, first = self.matrix(), through(turn, self.first)
         half = product(turn, m)
         turned = [
@@ -167,12 +167,16 @@ MASSLESS = Inertia(ZERO, NOUGHT, (ZERO,) * 6)
 
 
 class Coriolis(NamedTuple):
-    """2 B of a body: what the velocity-dependent force changes by with a motion, which matters only
-    by its angular part: (square w, -2 force x w).
+    """2 B of a body, the change of the velocity-dependent force with a motion.
 
-    B(I, v) = ((v x*) I - I (v x) + (I v) x*) / 2 of Echeandia and Wensing (2021), J. Comput.
-    Nonlinear Dyn. 16(9), 091004; written out about the origin, the halves that meet the linear part
-    cancel, and the upper one is 2 w x S - tr(S) w x + 2 (v . h) 1 - 2 v h'.
+    Only the angular part of the motion matters: (square w, -2 force x w).
+
+    B(I, v) = ((v x*) I - I (v x) + (I v) x*) / 2
+
+    of Echeandia and Wensing (2021), J. Comput. Nonlinear Dyn. 16(9), 091004. Written out about the
+    origin, the halves that meet the linear part cancel, and the upper one is
+
+    2 w x S - tr(S) w x + 2 (v . h) 1 - 2 v h'
     """
 
     square: Mat
@@ -187,7 +191,7 @@ class Coriolis(NamedTuple):
         return Spatial(through(self.square, motion.a), times(-2.0, cross(self.force, motion.a)))
 
     def against(self, motion: Spatial) -> Vec:
-        """motion' 2 B, of which the linear part is zero"""
+        """motion' 2 B, whose linear part is zero"""
         columns = tuple(zip(*self.square, strict=True))
         return minus(
             through(columns, motion.a),  # type: ignore[arg-type]
@@ -218,6 +222,6 @@ def coriolis(inertia: Inertia, v: Spatial, momentum: Spatial) -> Coriolis:
 
 
 def mapped(way: Callable[[Expr], Expr], value: Spatial) -> Spatial:
-    """Every component on its way."""
+    """Apply a function to every component."""
     a, b = (tuple(way(x) for x in part) for part in value)
     return Spatial(a, b)  # type: ignore[arg-type]

@@ -1,12 +1,11 @@
-"""A mechanism as a rig that MuJoCo steps: what cannot be written as equations (contacts, closed
-loops, tendons over sites) stays in its hands.
+"""A mechanism as a rig that MuJoCo steps, for parts without a form as equations.
 
-What goes in are the commands, through their ports, and at every joint what the effects there add
-to the force that moves it (qfrc_applied). That force is known beside the simulator as far as the
-model states it (`pamid.simulators.compiled_rig`): effects are given it as their value, and hand on
-a difference. Parameters are written into copies of the model; copies for differences are stepped in
-one call (mujoco.rollout), from a cold start of the solver, so that the same arguments lead to the
-same states.
+Such parts are contacts, closed loops and tendons over sites. The inputs are the commands, through
+their ports, and at every joint the force that effects add (qfrc_applied). The model states the
+force on the joint in part (`pamid.simulators.compiled_rig`). Effects get this part as their value,
+and return a difference. Parameters are written into copies of the model. Copies for differences are
+stepped in one call (mujoco.rollout), from a cold start of the solver, so that the same arguments
+lead to the same states.
 """
 
 from __future__ import annotations
@@ -35,10 +34,10 @@ from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
 
 Array = NDArray[np.float64]
 
-MOST_MODELS = 128  # copies of the model kept, each with parameters of its own
-# of the constraint solver, in place of the file's: what it leaves would otherwise drown differences
+MOST_MODELS = 128  # stored copies of the model, each with different parameters
+# tolerance of the constraint solver in place of the file's, whose residual would drown differences
 SOLVER_TOLERANCE = 1e-13
-#: mjtWarning -> its words
+#: mjtWarning -> text
 WARNINGS = {
     "mjWARN_INERTIA": "a nearly singular inertia matrix",
     "mjWARN_CONTACTFULL": "contacts dropped",
@@ -53,18 +52,18 @@ WARNING_CURES = {words: _MEMORY for words in WARNINGS.values() if "dropped" in w
 
 
 class SteppedMechanism(StepRig, CompiledMechanism):
-    """A rig made of a `Mechanism`, stepped by MuJoCo."""
+    """Rig made of a `Mechanism`, stepped by MuJoCo."""
 
     name = "stepped-mechanism"
 
     def __init__(self, mechanism: Mechanism) -> None:
         CompiledMechanism.__init__(self, mechanism)
         _refuse_quaternions(mechanism)
-        own: Any = self
-        kept = {p.name for p in mechanism.ports if p.kind != "transmission"}
-        own.ports = {name: port for name, port in self.ports.items() if name in kept}
-        own.states = (*self.states, *self._further)
-        own.remarks = (
+        untyped: Any = self
+        port_names = {p.name for p in mechanism.ports if p.kind != "transmission"}
+        untyped.ports = {name: port for name, port in self.ports.items() if name in port_names}
+        untyped.states = (*self.states, *self._further)
+        untyped.remarks = (
             f"stepped by MuJoCo, its own step {mechanism.timestep_s:g} s: "
             + "; ".join(map(str, mechanism.hindrances)),
             "left out: effects between joint and link (backlash, a soft shaft), which want the "
@@ -78,7 +77,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     @cached_property
     def _further(self) -> tuple[State, ...]:
-        """Activations that the description has no place for: of muscles and the like."""
+        """Activations without a place in the description: of muscles and the like."""
         actuators, names = self.mechanism.actuators, self._stepper.actuator_names
         described = {i for i, a in enumerate(actuators) if a.states}
         model = self._stepper.model
@@ -97,9 +96,9 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         equations, m = MechanismEquations(self, x, u, p, port), self.mechanism
-        own = [i for i in m.commanded if not m.actuators[i].is_bare]
+        dynamic = [i for i in m.commanded if not m.actuators[i].is_bare]
         into: dict[str, Number] = {
-            f"{m.actuators[i].name}_command": equations.command(i) for i in own
+            f"{m.actuators[i].name}_command": equations.command(i) for i in dynamic
         }
         # what pamid puts in the place of actuators, where the file has none, goes in from outside
         inside = self._known_forces(
@@ -116,26 +115,26 @@ class SteppedMechanism(StepRig, CompiledMechanism):
     ) -> list[Expr]:
         """Known forces of joints, tendons and these actuators at every joint."""
         m = self.mechanism
-        found = [ZERO] * len(m.joints)
+        forces = [ZERO] * len(m.joints)
         for i in actuators:
             a = m.actuators[i]
             if _is_plain(a) and not self._is_other(i):
                 force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
                 for j, share in _ends(m, a):
-                    found[j] = found[j] + share * force
-        found = [
+                    forces[j] = forces[j] + share * force
+        forces = [
             f if j.force_range is None else clip(f, *j.force_range)
-            for f, j in zip(found, m.joints, strict=True)
+            for f, j in zip(forces, m.joints, strict=True)
         ]
-        found = [f + equations.passive(j) for j, f in enumerate(found)]
+        forces = [f + equations.passive(j) for j, f in enumerate(forces)]
         for i, tendon in enumerate(m.tendons):
             pull = equations.tendon_force(i)
             for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
-                found[j] = found[j] + share * pull
-        return found
+                forces[j] = forces[j] + share * pull
+        return forces
 
     def _is_other(self, actuator: int) -> bool:
-        """Is its law none of those that the description knows?"""
+        """True if the description has no law for this actuator."""
         return any(
             f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]
             for f in self.mechanism.hindrances
@@ -170,7 +169,7 @@ def _is_plain(a: Actuator) -> bool:
 
 
 def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
-    """The joints that an actuator moves, with the length it gains per unit of each."""
+    """Joints that an actuator moves, with its length per unit of each."""
     if a.tendon < 0:
         return [(a.joint, 1.0)]
     t = m.tendons[a.tendon]
@@ -178,7 +177,7 @@ def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
 
 
 class _Stepper:
-    """MuJoCo at work: models with parameters written into them, and states in pamid's order."""
+    """MuJoCo with parameters written into its models, and states in pamid's order."""
 
     def __init__(
         self, mechanism: Mechanism, shapes: Sequence[BodyShape], names: Sequence[str]
@@ -202,7 +201,7 @@ class _Stepper:
         kinds = self.mujoco.mjtState
         self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
         self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
-        self.known: dict[bytes, Any] = {}
+        self.model_of_values: dict[bytes, Any] = {}
         described = [i for i, a in enumerate(mechanism.actuators) if a.states]
         further = [i for i in range(model.nactuator) if i not in described]
         acts = [
@@ -237,8 +236,10 @@ class _Stepper:
 
     @property
     def _plastic(self) -> int:
-        """Place in a state of where springs that yield are relaxed: states stand in the order of
-        their bits."""
+        """Index in a state of the relaxed positions of yielding springs.
+
+        States stand in the order of their bits.
+        """
         kinds = self.mujoco.mjtState
         bit = int(getattr(kinds, "mjSTATE_PLASTIC", 0))
         return int(self.mujoco.mj_stateSize(self.model, int(kinds.mjSTATE_FULLPHYSICS) & (bit - 1)))
@@ -259,12 +260,14 @@ class _Stepper:
             states = after[:, -1].copy()
         # a rollout ends at the first warning and repeats the state that it has reached
         for i in np.flatnonzero(np.rint(states[:, 0] * count / h) < count):
-            states[i] = self._to_the_end(models[i], states[i], control[i])
+            states[i] = self._run_steps(models[i], states[i], control[i])
         return np.ascontiguousarray(states[:, self.places])
 
-    def _to_the_end(self, model: Any, state: Array, control: Array) -> Array:
-        """The whole state behind all steps of a control (steps, values), whatever MuJoCo warns of,
-        from one at which some of them are done."""
+    def _run_steps(self, model: Any, state: Array, control: Array) -> Array:
+        """Full state after all steps of a control (steps, values), despite MuJoCo's warnings.
+
+        The given state has some of these steps behind it.
+        """
         step = float(model.opt.timestep)
         done = round(state[0] / step)
         while done < len(control):
@@ -277,7 +280,7 @@ class _Stepper:
         return state
 
     def _add_warnings(self, steps: int) -> None:
-        """Count what MuJoCo has warned of since its data were reset, in so many steps."""
+        """Count MuJoCo's warnings since the reset of its data, over this number of steps."""
         warned = {
             words: int(self.data.warning[int(kind)].number)
             for name, words in WARNINGS.items()
@@ -287,9 +290,11 @@ class _Stepper:
 
     @contextmanager
     def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
-        """MuJoCo's own mj_step on one mjData, without Python in between: of a model with a joint
-        and a contact, the calls take nine tenths of the time. None for what keeps more than it is
-        set to here (plug-ins, histories, sleeping), and where the library is not found."""
+        """MuJoCo's mj_step on one mjData, without Python in between.
+
+        For a model with a joint and a contact, the calls would take nine tenths of the time. None
+        for a model with further memory (plug-ins, histories, sleeping), and without the library.
+        """
         if not (self.mj_step and self.whole and len(p) <= MOST_MODELS):
             yield None
             return
@@ -311,7 +316,7 @@ class _Stepper:
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
-        """MuJoCo's library, None where that is not found."""
+        """MuJoCo's library, None if it is not found."""
         folder = Path(str(self.mujoco.__file__)).parent
         for name in sorted((*folder.glob("*mujoco*.so*"), *folder.glob("*mujoco*.d*l*"))):
             library = ctypes.CDLL(str(name))
@@ -328,8 +333,10 @@ class _Stepper:
 
     @contextmanager
     def _without_clock(self) -> Iterator[None]:
-        """MuJoCo without the clock that its Python package sets: a step reads it thirty times for
-        timers that nobody looks at, which takes a seventh of the step."""
+        """MuJoCo without the clock that its Python package sets.
+
+        A step reads this clock thirty times for unused timers, which takes a seventh of the step.
+        """
         try:
             clock = ctypes.c_void_p.in_dll(self.library, "mjcb_time")  # type: ignore[arg-type]
         except (TypeError, ValueError):  # no such library, or it has no such variable
@@ -343,14 +350,14 @@ class _Stepper:
 
     @cached_property
     def whole(self) -> bool:
-        """Is a state all that a step begins with?"""
+        """True if a state contains everything that a step begins with."""
         model, asleep = self.model, self.mujoco.mjtEnableBit.mjENBL_SLEEP
         rest = self.size - 1 - model.nq - model.nv - model.na
         return rest == 0 and not int(model.opt.enableflags) & int(asleep)
 
     @cached_property
     def addresses(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Where in mjData states and forces stand, and what every exchange begins with at zero."""
+        """Addresses of states and forces in mjData, and of values reset before every exchange."""
         data = self.data
 
         def of(*names: str) -> NDArray[np.int64]:
@@ -361,26 +368,28 @@ class _Stepper:
         return state, of("ctrl", "qfrc_applied")[self.forces], of("qacc_warmstart")
 
     def with_values(self, row: Array, timestep_s: float) -> Any:
-        """A model with these parameters."""
+        """Model with these parameters."""
         key = row.tobytes()
-        model = self.known.pop(key, None)  # put back as the last: the first is written anew
+        model = self.model_of_values.pop(
+            key, None
+        )  # put back as the last: the first is written anew
         if model is None:
-            if len(self.known) < MOST_MODELS:
+            if len(self.model_of_values) < MOST_MODELS:
                 model = self.mujoco.MjModel.__copy__(self.model)
             else:
-                model = self.known.pop(next(iter(self.known)))
+                model = self.model_of_values.pop(next(iter(self.model_of_values)))
             for write, k in zip(self.values, self.of, strict=True):
                 array = getattr(model, write.array)
                 at = (write.row,) if write.column < 0 else (write.row, write.column)
                 array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
             self._deform(model, row)
             self.mujoco.mj_setConst(model, self.data)
-        self.known[key] = model
+        self.model_of_values[key] = model
         model.opt.timestep = timestep_s
         return model
 
     def _deform(self, model: Any, row: Array) -> None:
-        """Write the shapes of bodies that are parameters."""
+        """Write the shapes of bodies whose shape is a parameter."""
         values = dict(zip(self.names, row.tolist(), strict=True))
         for shape in self.shapes:
             i = shape.number

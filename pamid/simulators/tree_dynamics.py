@@ -56,28 +56,30 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Frame:
-    """A body's frame in the world: turned by symbols and then by numbers, at a place."""
+    """A body's frame in the world: rotated by symbols and then by numbers, at a place."""
 
     turn: Mat
     fixed: Array
     place: Vec
 
     def local(self, vector: Vec) -> Vec:
-        """A vector along the axes of the frame."""
+        """Vector along the axes of the frame."""
         turned = through(tuple(zip(*self.turn, strict=True)), vector)  # type: ignore[arg-type]
         return through(constant(self.fixed.T), turned)
 
-    def vector(self, own: Array) -> Vec:
-        return through(self.turn, vec(list(_clean(self.fixed @ own))))
+    def vector(self, local_vector: Array) -> Vec:
+        return through(self.turn, vec(list(_clean(self.fixed @ local_vector))))
 
-    def point(self, own: Array) -> Vec:
-        return plus(self.place, self.vector(own))
+    def point(self, local_point: Array) -> Vec:
+        return plus(self.place, self.vector(local_point))
 
 
 @dataclass(frozen=True)
 class _Mass:
-    """A body on its link: number, mass (a parameter), and its inertia per unit mass, in the frame's
-    `turn` (local) and in the world (each)."""
+    """A body on its link: number, mass (a parameter) and inertia per unit mass.
+
+    The inertia is given in the frame's `turn` (local) and in the world (each).
+    """
 
     body: int
     mass: Expr
@@ -90,7 +92,7 @@ class _Mass:
         return self.local.moved(self.frame.turn, self.frame.place)
 
     def at_rest(self) -> Inertia:
-        """The inertia in the world, which changes with the body's mass and shape alone."""
+        """Inertia in the world, which only changes with the body's mass and shape."""
         turn: Mat = tuple(tuple(map(held, row)) for row in self.frame.turn)  # type: ignore[assignment]
         x, y, z = map(held, self.frame.place)
         return self.local.by(self.mass).moved(turn, (x, y, z))
@@ -160,15 +162,15 @@ class Tree:
                 )
 
     def _join(self, frame: _Frame, joint: MechanismJoint, j: int, below: int) -> _Frame:
-        """The frame behind a joint; remembers the joint's motion vector."""
-        own, anchor = np.array(joint.axis), np.array(joint.anchor)
+        """Frame behind a joint; stores the joint's motion vector."""
+        axis, anchor = np.array(joint.axis), np.array(joint.anchor)
         moved = self.q[j] - joint.reference
         self.up.append(below)
         if joint.kind == "slide":
-            along = frame.vector(own)
+            along = frame.vector(axis)
             self.axis.append(Spatial(NOUGHT, along))
             return _Frame(frame.turn, frame.fixed, plus(frame.place, times(moved, along)))
-        aligned = _aligned(_clean(frame.fixed @ own))
+        aligned = _aligned(_clean(frame.fixed @ axis))
         base = product(frame.turn, constant(aligned))
         point = frame.point(anchor)
         c, s = cos(moved), sin(moved)
@@ -181,25 +183,25 @@ class Tree:
     # ---- frames on bodies -----------------------------------------------------------------------
 
     def mounted(self, mount: Mount) -> _Frame:
-        """The frame in the world."""
-        frame, own = self.frames[mount.body], rotation(mount.quaternion)
+        """Frame of a mount in the world."""
+        frame, mount_rotation = self.frames[mount.body], rotation(mount.quaternion)
         place = frame.point(np.array(mount.position))
-        return _Frame(frame.turn, frame.fixed @ own, place)
+        return _Frame(frame.turn, frame.fixed @ mount_rotation, place)
 
     def quaternion(self, mount: Mount) -> Quaternion:
         """Attitude of the frame, continuous in the positions of the joints."""
         chain, number = [mount.body], mount.body
         while (number := self.mechanism.bodies[number].parent) > 0:
             chain.insert(0, number)
-        found: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
+        quaternion: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
         for number in chain:
-            found = _turned(found, _unit(self.mechanism.bodies[number].quaternion))
+            quaternion = _turned(quaternion, _unit(self.mechanism.bodies[number].quaternion))
             for j, joint in enumerate(self.mechanism.joints):
                 if joint.body == number and joint.kind == "hinge":
                     half = 0.5 * (self.q[j] - joint.reference)
                     x, y, z = (sin(half) * float(a) for a in joint.axis)
-                    found = _turned(found, (cos(half), x, y, z))
-        return _turned(found, _unit(mount.quaternion))
+                    quaternion = _turned(quaternion, (cos(half), x, y, z))
+        return _turned(quaternion, _unit(mount.quaternion))
 
     def motion(self, mount: Mount) -> Spatial:
         """Angular velocity of the frame and velocity of its origin, along the world's axes."""
@@ -218,18 +220,18 @@ class Tree:
 
     @cached_property
     def inertia(self) -> list[Inertia]:
-        """Of each link by itself."""
-        found = []
+        """Inertia of each link by itself."""
+        inertias = []
         for bodies in self.bodies:
             total = MASSLESS
-            for one in bodies:
-                total = total + one.each.by(one.mass)
-            found.append(total)
-        return found
+            for body in bodies:
+                total = total + body.each.by(body.mass)
+            inertias.append(total)
+        return inertias
 
     @cached_property
     def composite(self) -> list[Inertia]:
-        """Of each link with all that it carries."""
+        """Inertia of each link with all that it carries."""
         return self._gathered(self.inertia)
 
     def _gathered(self, of: list) -> list:  # type: ignore[type-arg]
@@ -241,36 +243,36 @@ class Tree:
 
     @cached_property
     def velocity(self) -> list[Spatial]:
-        found: list[Spatial] = []
+        velocities: list[Spatial] = []
         for i in range(self.n):
-            found.append(self._below(found, i, AT_REST) + self.axis[i].by(self.qd[i]))
-        return found
+            velocities.append(self._below(velocities, i, AT_REST) + self.axis[i].by(self.qd[i]))
+        return velocities
 
     def _below(self, of: list[Spatial], i: int, ground: Spatial) -> Spatial:
         return of[self.up[i]] if self.up[i] >= 0 else ground
 
     @cached_property
     def turning(self) -> list[Spatial]:
-        """How fast each joint's motion vector turns."""
+        """Rate of change of each joint's motion vector."""
         return [self._below(self.velocity, i, AT_REST).cross(self.axis[i]) for i in range(self.n)]
 
     @cached_property
     def momentum(self) -> list[Spatial]:
-        return [one.momentum(v) for one, v in zip(self.inertia, self.velocity, strict=True)]
+        return [inertia.momentum(v) for inertia, v in zip(self.inertia, self.velocity, strict=True)]
 
     def acceleration(self, qdd: Sequence[Number]) -> list[Spatial]:
-        """Of each link, gravity as an acceleration of the ground."""
-        found: list[Spatial] = []
+        """Acceleration of each link, with gravity as an acceleration of the ground."""
+        accelerations: list[Spatial] = []
         for i in range(self.n):
-            own = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
-            found.append(self._below(found, i, self.gravity) + own)
-        return found
+            joint_acceleration = self.axis[i].by(qdd[i]) + self.turning[i].by(self.qd[i])
+            accelerations.append(self._below(accelerations, i, self.gravity) + joint_acceleration)
+        return accelerations
 
     def forces(self, acceleration: list[Spatial]) -> list[Spatial]:
         """Forces on each link by itself."""
         return [
-            one.momentum(a) + v.cross_force(h)
-            for one, a, v, h in zip(
+            inertia.momentum(a) + v.cross_force(h)
+            for inertia, a, v, h in zip(
                 self.inertia, acceleration, self.velocity, self.momentum, strict=True
             )
         ]
@@ -278,49 +280,49 @@ class Tree:
     @cached_property
     def reach(self) -> list[Spatial]:
         """Composite inertia times the joint's motion vector."""
-        return [one.momentum(s) for one, s in zip(self.composite, self.axis, strict=True)]
+        return [inertia.momentum(s) for inertia, s in zip(self.composite, self.axis, strict=True)]
 
     def path(self, i: int) -> list[int]:
         """The joint and those below it, down to the ground."""
-        found = []
+        joints = []
         while i >= 0:
-            found.append(i)
+            joints.append(i)
             i = self.up[i]
-        return found
+        return joints
 
     # ---- equations -------------------------------------------------------------------------------
 
     @cached_property
     def mass_matrix(self) -> dict[tuple[int, int], Expr]:
         """M (i, j) for j on the path of i, armature included."""
-        found = {}
+        matrix = {}
         for i in range(self.n):
             for j in self.path(i):
                 value = self.axis[j].dot(self.reach[i])
-                found[i, j] = value + self.armature[i] if i == j else value
-        return found
+                matrix[i, j] = value + self.armature[i] if i == j else value
+        return matrix
 
     @cached_property
     def bias(self) -> list[Expr]:
-        """c(q, q'): what the joints must hold where nothing accelerates."""
+        """c(q, q'): forces of the joints at zero acceleration."""
         total = self._gathered(self.forces(self.acceleration([ZERO] * self.n)))
         return [s.dot(f) for s, f in zip(self.axis, total, strict=True)]
 
     @cached_property
     def lift(self) -> list[Expr]:
-        """At each joint, of the forces that carry bodies' weight at their centres."""
-        found = []
+        """Joint forces of the gravity compensation at the bodies' centres."""
+        lift = []
         for bodies in self.bodies:
             total = MASSLESS
-            for one in bodies:
-                if share := self.lifted[one.body]:
-                    total = total + one.each.by(share * one.mass)
-            found.append(total.momentum(self.gravity))
-        total_force = self._gathered(found)
+            for body in bodies:
+                if share := self.lifted[body.body]:
+                    total = total + body.each.by(share * body.mass)
+            lift.append(total.momentum(self.gravity))
+        total_force = self._gathered(lift)
         return [s.dot(f) for s, f in zip(self.axis, total_force, strict=True)]
 
     def factored(self, added: Sequence[Expr] | None = None) -> Factors:
-        """M, with something added on its diagonal, as L' D L of the tree."""
+        """M, with an addition to its diagonal, as L' D L of the tree."""
         m = dict(self.mass_matrix)
         for i, more in enumerate(added or ()):
             m[i, i] = m[i, i] + more
@@ -336,7 +338,7 @@ class Tree:
 
     @cached_property
     def factors(self) -> Factors:
-        """Of M by itself."""
+        """Factors of M."""
         return self.factored()
 
     def solve(self, factors: Factors, force: Sequence[Expr]) -> list[Expr]:
@@ -355,15 +357,17 @@ class Tree:
     # ---- what the equations depend on ------------------------------------------------------------
 
     def inverse_dynamics(self, qdd: Sequence[Expr]) -> list[Expr]:
-        """For each joint an expression that changes with q, q' and the masses as ID - armature q''
-        does at q'' held; its value is not that of ID."""
+        """For each joint an expression with the derivatives of ID - armature q'' at q'' held.
+
+        They are those by q, q' and the masses. Its value is not that of ID.
+        """
         acceleration = self.acceleration(qdd)
         forces = self.forces(acceleration)
         total = self._gathered(forces)
         b = self._gathered(
             [
-                coriolis(one, v, h)
-                for one, v, h in zip(self.inertia, self.velocity, self.momentum, strict=True)
+                coriolis(inertia, v, h)
+                for inertia, v, h in zip(self.inertia, self.velocity, self.momentum, strict=True)
             ]
             or [UNMOVED]
         )
@@ -395,7 +399,7 @@ class Tree:
         return change
 
     def _forces_of_deformed(self, i: int, acceleration: list[Spatial]) -> Iterator[Spatial]:
-        """Forces on the deformed bodies of a link, which change with their inertia alone."""
+        """Forces on the deformed bodies of a link, which only change with their inertia."""
         a, v = mapped(held, acceleration[i]), mapped(held, self.velocity[i])
         for body in self.bodies[i]:
             if body.is_deformed:
@@ -414,32 +418,34 @@ class Tree:
         if bodies == self.bodies[i] and len(bodies) == 1:
             per = 1.0 / bodies[0].mass
             return [(bodies[0].mass, force.by(per))]
-        found = []
-        for one in bodies:
-            h = one.each.momentum(self.velocity[i])
-            alone = one.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
-            found.append((one.mass, alone))
-        return found
+        forces = []
+        for part in bodies:
+            h = part.each.momentum(self.velocity[i])
+            alone = part.each.momentum(acceleration[i]) + self.velocity[i].cross_force(h)
+            forces.append((part.mass, alone))
+        return forces
 
     def unit(self, factors: Factors, i: int) -> list[Expr]:
         """A column of M^-1."""
-        one = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
-        return self.solve(factors, one)
+        unit_force = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
+        return self.solve(factors, unit_force)
 
     @cached_property
-    def holding_change(self) -> list[Expr]:
+    def bias_change(self) -> list[Expr]:
         """Change of the bias, as `inverse_dynamics`."""
         return self.inverse_dynamics([ZERO] * self.n)
 
     @cached_property
     def holding(self) -> list[Expr]:
         """The bias c with its exact derivatives."""
-        pairs = zip(self.bias, self.holding_change, strict=True)
+        pairs = zip(self.bias, self.bias_change, strict=True)
         return [tangent(value, change) for value, change in pairs]
 
-    def felt_inertia(self, j: int) -> Expr:
-        """Inertia at a joint of its motor and of all it carries while the other joints give way: 1
-        / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1."""
+    def effective_inertia(self, j: int) -> Expr:
+        """Inertia at a joint of its motor and its load while the other joints give way.
+
+        It is 1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1.
+        """
         column = self.unit(self.factors, j)
         still = [held(u) for u in column]
         change = ZERO
@@ -448,9 +454,9 @@ class Tree:
         return 1.0 / tangent(column[j], change)
 
     def link_inertia(self, i: int, j: int) -> Expr | None:
-        """M_ij without the motors; None where neither joint carries the other."""
-        found = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
-        return found - self.armature[i] if found is not None and i == j else found
+        """M_ij without the motors; None if neither joint carries the other."""
+        inertia = self.mass_matrix.get((i, j), self.mass_matrix.get((j, i)))
+        return inertia - self.armature[i] if inertia is not None and i == j else inertia
 
 
 # ---- numbers -------------------------------------------------------------------------------------
@@ -462,7 +468,7 @@ def _unit(quaternion: Sequence[float]) -> Quaternion:
 
 
 def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The product of two quaternions."""
+    """Product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
@@ -471,13 +477,13 @@ def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-def _clean(own: Array) -> Array:
-    near = np.round(own)
-    return np.where(np.abs(own - near) < 1e-15, near, own)
+def _clean(values: Array) -> Array:
+    near = np.round(values)
+    return np.where(np.abs(values - near) < 1e-15, near, values)
 
 
 def _aligned(axis: Array) -> Array:
-    """A rotation whose z axis is this one; a permutation where it can be."""
+    """Rotation with this z axis; a permutation if possible."""
     z = axis / np.linalg.norm(axis)
     x = np.zeros(3)
     x[(int(np.argmax(np.abs(z))) + 1) % 3] = 1.0
@@ -487,7 +493,7 @@ def _aligned(axis: Array) -> Array:
 
 
 def _of_file(body: Body, frame: _Frame) -> Inertia:
-    """A body's inertia in the frame's `turn` per unit of its mass, as the file has it."""
+    """Inertia of a body in the frame's `turn` per unit of its mass, as in the file."""
     about = frame.fixed @ full_inertia(body) @ frame.fixed.T / body.mass_kg
     centre = frame.fixed @ np.array(body.centre)
     about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
@@ -496,7 +502,7 @@ def _of_file(body: Body, frame: _Frame) -> Inertia:
 
 
 def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
-    """The same of a body with this centre and these second moments about it, in its own frame."""
+    """Inertia of a body with this centre and these second moments about it, in the body's frame."""
     turn = constant(frame.fixed)
     centre = through(turn, centre)
     second = product(product(turn, second), transposed(turn))

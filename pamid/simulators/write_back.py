@@ -1,8 +1,8 @@
-"""A finding put into a model file's own text, MJCF or URDF: values of parameters, and effects in
-the terms that MuJoCo has for them (`pamid.simulators.mujoco_forms`).
+"""Writing of a finding into the text of a model file, MJCF or URDF.
 
-Elements are identified by their name or by the line at which MuJoCo has read them. Attributes are
-changed; elements are added for a body without <inertial>, a load behind its motor, and friction
+It covers values of parameters, and effects as elements of MuJoCo (`pamid.simulators.mujoco_forms`).
+Elements are identified by their name or by the line at which MuJoCo read them. Attributes are
+changed. Elements are added for a body without <inertial>, a load behind its motor, and friction
 with bristles. MuJoCo reads the new text again, and every value that it does not return is reported.
 """
 
@@ -25,10 +25,10 @@ from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelPar
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_forms import (
     TINY_SPRING,
-    Behind,
     CommandTerms,
+    FlexibleLoad,
     Forms,
-    FoundEffect,
+    IdentifiedEffect,
     JointTerms,
     ReadingTerms,
     forms_of,
@@ -54,9 +54,14 @@ _URDF_WORDS = {"damping": "damping", "frictionloss": "friction"}
 
 @dataclass(frozen=True)
 class WrittenModel:
-    """text: of the file; changed: parameter -> (value in the file, value now), SI; left: what could
-    not be written, in sentences; notes: what is written in another form; file, mechanism: the text
-    as MuJoCo reads it."""
+    """Changed model file.
+
+    text             of the file
+    changed          parameter -> (old value, new value), SI
+    left             sentences on values that could not be written
+    notes            sentences on effects in another form
+    file, mechanism  the text as read by MuJoCo
+    """
 
     text: bytes
     changed: dict[str, tuple[float, float]]
@@ -67,12 +72,23 @@ class WrittenModel:
 
 
 def write_back(
-    mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[FoundEffect] = ()
+    mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
-    """The mechanism's file with these values (SI) by parameter in the place of its own, and with
-    effects. Values of a `BodyShape` change the whole inertia of its body.
+    """Write values and effects into the mechanism's file.
 
-    FileError where the file cannot be read any more.
+    Parameters
+    ----------
+    mechanism
+        Mechanism of the file.
+    values
+        Values (SI) by parameter. Those of a `BodyShape` change the whole inertia of its body.
+    effects
+        Effects to add.
+
+    Raises
+    ------
+    FileError
+        The file can no longer be read.
     """
     path = Path(mechanism.path)
     text, file = path.read_bytes(), open_mujoco(path)
@@ -81,25 +97,25 @@ def write_back(
     # limits and soft friction are in units of the inverse inertia, which the other changes decide
     for _ in range(2 if any(_is_weighted(t) for t in forms.joints.values()) else 1):
         writer = _Writer(file, mechanism, text, forms, dict(values), weights)
-        made = writer.write()
-        file_again = read_text(path, made)
+        written = writer.write()
+        file_again = read_text(path, written)
         m = file_again.model
         weights = {
             file_again.name("joint", j): float(m.dof_invweight0[m.jnt_dofadr[j]])
             for j in range(m.njnt)
         }
-    again = mechanism_of(file_again)
+    reread = mechanism_of(file_again)
     left, changed = list(writer.left), dict(writer.changed)
-    for name, why in _lost(again, {n: now for n, (_, now) in changed.items()}):
+    for name, why in _differences(reread, {n: now for n, (_, now) in changed.items()}):
         del changed[name]
         left.append(f"{name}: {why}")
     notes = (*forms.notes, *writer.notes)
-    again = _with_columns(again, mechanism)
-    return WrittenModel(made, changed, tuple(left), notes, file_again, again)
+    reread = _with_columns(reread, mechanism)
+    return WrittenModel(written, changed, tuple(left), notes, file_again, reread)
 
 
 def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
-    """The new model with the columns of the old one: a command of <general> has no unit."""
+    """New model with the columns of the old one, because a command of <general> has no unit."""
     columns = {a.name: a.column for a in old.actuators}
     return replace(
         new,
@@ -108,7 +124,7 @@ def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
-    """A changed text of a model file as MuJoCo reads it."""
+    """Changed text of a model file, as read by MuJoCo."""
     with stored_text(path, text) as copy:
         try:
             return open_mujoco(copy)
@@ -118,8 +134,10 @@ def read_text(path: Path, text: bytes) -> MujocoFile:
 
 @contextmanager
 def stored_text(path: Path, text: bytes) -> Iterator[Path]:
-    """A file with the text of a model for a moment, next to the model, where its meshes are;
-    elsewhere where that folder cannot be written."""
+    """Temporary file with the text of a model, next to the model, where its meshes are.
+
+    It is elsewhere if that folder is not writable.
+    """
     folder = path.parent if os.access(path.parent, os.W_OK) else None
     with tempfile.NamedTemporaryFile(dir=folder, suffix=path.suffix) as copy:
         copy.write(text)
@@ -127,26 +145,26 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
         yield Path(copy.name)
 
 
-def _lost(again: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
-    """The values that MuJoCo reads otherwise than they were to be."""
-    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in again.parameters}
+def _differences(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Values that MuJoCo does not return as written."""
+    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
     sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
-    for shape in shapes_of(again):
-        read |= figures_of(shape, shape.body)
+    for shape in shapes_of(reread):
+        read |= inertia_values(shape, shape.body)
         sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
         sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
-    found = []
+    losses = []
     for name, value in wanted.items():
         got = read.get(name, 0.0)
         if abs(got - value) > SAME * max(abs(value), sizes.get(name, 1e-12)):
-            found.append(
+            losses.append(
                 (name, f"MuJoCo makes {got:.6g} of {value:.6g} (a setting of <compiler>?)")
             )
-    return found
+    return losses
 
 
 def number(value: float) -> str:
-    """As short as it can be written without losing a digit that matters."""
+    """Shortest text of a number that keeps all significant digits."""
     return f"{value:.10g}"
 
 
@@ -166,8 +184,10 @@ def _is_weighted(terms: JointTerms) -> bool:
 
 
 class _Writer:
-    """One pass over a file's text. weights: inverse inertia at every joint of the changed model by
-    name, empty in the first pass."""
+    """One pass over a file's text.
+
+    weights: inverse inertia at every joint of the changed model by name, empty in the first pass.
+    """
 
     def __init__(
         self,
@@ -220,46 +240,48 @@ class _Writer:
             self._reading(s, reading)
         for shape in self.shapes:
             special |= self._whole_inertia(shape, special)
-        for one in self.mechanism.parameters:
-            if one.parameter.name not in special | reshaped:
-                self._parameter(one)
+        for entry in self.mechanism.parameters:
+            if entry.parameter.name not in special | reshaped:
+                self._parameter(entry)
         self._add_passive()
         self._add_dynamics()
         self._extend_keyframes()
         return self.edits.made(self.tags)
 
-    def _parameter(self, one: ModelParameter) -> None:
-        name = one.parameter.name
-        was, now = one.parameter.value * one.parameter.factor, self.values[name]
+    def _parameter(self, entry: ModelParameter) -> None:
+        name = entry.parameter.name
+        was, now = entry.parameter.value * entry.parameter.factor, self.values[name]
         if abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
             return
-        if why := self.put(one, now):
+        if why := self.put(entry, now):
             self.left.append(f"{name} = {now:.6g}: {why}")
         else:
             self.changed[name] = (was, now)
 
-    def put(self, one: ModelParameter, value: float) -> str:
-        """Note a change; why it cannot be made, or ""."""
-        tag, why = self._tag_of(one.element, one.number, one.of)
+    def put(self, parameter: ModelParameter, value: float) -> str:
+        """Note a change; returns the reason why it is impossible, or ""."""
+        tag, why = self._tag_of(parameter.element, parameter.number, parameter.of)
         if tag is None:
             return why
-        if one.element == "body":
-            return self._mass(tag, one, value)
+        if parameter.element == "body":
+            return self._mass(tag, parameter, value)
         if self.is_urdf:
-            return self._urdf_joint(tag, one.attribute, value)
-        if one.element == "actuator":
-            return self._actuator(tag, one, value)
-        word = one.attribute.partition("_")[0]
+            return self._urdf_joint(tag, parameter.attribute, value)
+        if parameter.element == "actuator":
+            return self._actuator(tag, parameter, value)
+        word = parameter.attribute.partition("_")[0]
         if word in ("damping", "stiffness"):
-            self.edits.set(tag, word, _trimmed(self._polynomial(one.element, one.number, word)))
-        elif one.attribute == "springyield":
-            self.edits.set(tag, word, self._angle(self.mechanism.joints[one.number], value))
+            self.edits.set(
+                tag, word, _trimmed(self._polynomial(parameter.element, parameter.number, word))
+            )
+        elif parameter.attribute == "springyield":
+            self.edits.set(tag, word, self._angle(self.mechanism.joints[parameter.number], value))
         else:
             self.edits.set(tag, word, number(value))
         return ""
 
     def _polynomial(self, element: str, i: int, word: str) -> Array:
-        """Coefficients of the first to third power of a spring or damper, with the values found."""
+        """Coefficients of the first to third power of a spring or damper, with the new values."""
         owner = (self.mechanism.joints if element == "joint" else self.mechanism.tendons)[i]
         stated = (getattr(owner, word), *getattr(owner, f"{word}_powers"))
         names = (word, f"{word}_quadratic", f"{word}_cubic")
@@ -269,13 +291,13 @@ class _Writer:
     # ---- elements of the text --------------------------------------------------------------------
 
     def _tag_of(self, kind: str, i: int, of: str) -> tuple[Tag | None, str]:
-        """The start tag of an element; else why there is none."""
+        """Start tag of an element; else the reason why there is none."""
         name = self.file.mujoco.mj_id2name(
             self.file.model, getattr(self.file.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), i
         )
-        own = [tag for tag in self.tags if self._is(tag, kind)]
+        kind_tags = [tag for tag in self.tags if self._is(tag, kind)]
         if name:
-            found = [tag for tag in own if tag.attributes.get("name") == name]
+            matches = [tag for tag in kind_tags if tag.attributes.get("name") == name]
         else:
             line = self.file.line(kind, i)
             same = [
@@ -283,10 +305,14 @@ class _Writer:
                 for k in range(len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s"))))
                 if self.file.line(kind, k) == line
             ]
-            found = [tag for tag in own if tag.line == line and "name" not in tag.attributes]
-            found = found[same.index(i) : same.index(i) + 1] if len(found) == len(same) else []
-        if len(found) == 1:
-            return found[0], ""
+            matches = [
+                tag for tag in kind_tags if tag.line == line and "name" not in tag.attributes
+            ]
+            matches = (
+                matches[same.index(i) : same.index(i) + 1] if len(matches) == len(same) else []
+            )
+        if len(matches) == 1:
+            return matches[0], ""
         return None, f"the {kind} {of!r} does not stand by itself in the text of the file"
 
     def _is(self, tag: Tag, kind: str) -> bool:
@@ -304,14 +330,14 @@ class _Writer:
         return next((t for t in self.tags if t.parent == number and t.name == name), None)
 
     def _number_of(self, element: str, i: int, attribute: str, stated: float) -> float:
-        """A parameter's value, the file's where it has no parameter."""
+        """Value of a parameter; that of the file if it is not a parameter."""
         name = self.names.get((element, i, attribute))
         return stated if name is None else self.values[name]
 
     # ---- joints ----------------------------------------------------------------------------------
 
     def _joint(self, j: int, terms: JointTerms) -> set[str]:
-        """Write the terms at a joint; the names of the parameters that are written with them."""
+        """Write the terms at a joint; returns the names of the parameters in them."""
         joint = self.mechanism.joints[j]
         friction = self._number_of("joint", j, "frictionloss", joint.friction_loss)
         damping = self._number_of("joint", j, "damping", joint.damping)
@@ -324,7 +350,7 @@ class _Writer:
         written = set()
         if terms.friction:
             written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
-            self._soften(tag, joint, friction, terms)
+            self._write_onset(tag, joint, friction, terms)
         if terms.damping.any():
             total = self._polynomial("joint", j, "damping") + terms.damping
             written |= self._set_polynomial(tag, j, "damping", total)
@@ -361,10 +387,15 @@ class _Writer:
                 )
         return written
 
-    def _soften(self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms) -> None:
-        """How the friction sets in. Friction that the file has by itself stays as soft as it is;
-        dry friction is as hard as the step allows; one with an onset has its slope b / R at rest
-        (documentation, Computation, Constraint model, friction loss)."""
+    def _write_onset(
+        self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms
+    ) -> None:
+        """Write the onset of the friction.
+
+        Friction of the file itself keeps its softness. Dry friction is as hard as the step allows.
+        One with an onset has its slope b / R at rest (documentation, Computation, Constraint model,
+        friction loss).
+        """
         if friction:
             return
         m = self.file.model
@@ -388,7 +419,7 @@ class _Writer:
         return self.weights.get(name, float(self.file.model.dof_invweight0[joint.dof]))
 
     def _is_safe(self) -> bool:
-        """Does MuJoCo keep time constants of constraints above two steps by itself?"""
+        """True if MuJoCo itself keeps time constants of constraints above two steps."""
         off = int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
         return not int(self.file.model.opt.disableflags) & off
 
@@ -397,7 +428,7 @@ class _Writer:
         return number(float(np.degrees(value)) if turned else value)
 
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
-        """The whole polynomial about one of its zeros, which is the spring's reference."""
+        """Polynomial about one of its zeros, which is the spring's reference."""
         old = JointTerms()
         first, square, cube = self._polynomial("joint", j, "stiffness")
         rest = joint.spring_reference
@@ -420,14 +451,14 @@ class _Writer:
         return self._set_polynomial(tag, j, "stiffness", coefficients)
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
-        """The range within which both the file's own limits and the buffers leave the joint."""
+        """Range that both the file's limits and the buffers leave to the joint."""
         assert terms.stop is not None
         stop = terms.stop
         low, high = joint.range or (-np.inf, np.inf)
         if low > stop.low and high < stop.high:
             return  # never reached
         if joint.range is not None and (low > stop.low or high < stop.high):
-            self.notes.append(f"{joint.name}: one of its limits stays the file's own, as soft")
+            self.notes.append(f"{joint.name}: one of its limits keeps the softness of the file")
         ends = [max(low, stop.low), min(high, stop.high)]
         weight = self._weight(joint)
         self.edits.set(tag, "limited", "true")
@@ -435,7 +466,7 @@ class _Writer:
         for attribute, value in _as_limit(stop.stiffness, stop.damping, weight).items():
             self.edits.set(tag, attribute, value)
 
-    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: Behind) -> set[str]:
+    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: FlexibleLoad) -> set[str]:
         """A second joint on the same axis, with the motor's inertia on the first."""
         name = self.file.name("joint", j)
         load = max(joint.typical_inertia - joint.armature, 1e-12)
@@ -480,29 +511,32 @@ class _Writer:
             words |= _as_limit(stiffness, damping, weight)
         else:
             words |= {"stiffness": number(stiffness), "damping": number(damping)}
-        told = " ".join(f'{key}="{value}"' for key, value in words.items())
+        attributes = " ".join(f'{key}="{value}"' for key, value in words.items())
         self.added_joints.append((joint.qpos + 1, joint.dof + 1))
         written = set()
         if body is None:
-            self.edits.add_after(tag, f"<joint {told}/>")
+            self.edits.add_after(tag, f"<joint {attributes}/>")
         else:
-            written |= self._divide(tag, body, joint, near, f"<joint {told}/>")
+            written |= self._split_body(tag, body, joint, near, f"<joint {attributes}/>")
         if needed > armature:
             written |= self._set_value(tag, j, "armature", needed)
         return written
 
     def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
-        """The <body> of a joint, where it has no other joint."""
+        """The <body> of a joint, if it has no other joint."""
         alone = sum(other.body == joint.body for other in self.mechanism.joints) == 1
         parent = self.tags[tag.parent] if tag.parent >= 0 else tag
         has_mass = self.mechanism.bodies[joint.body].mass_kg > 0.0
         return parent if alone and has_mass and parent.name == "body" else None
 
-    def _divide(
+    def _split_body(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
     ) -> set[str]:
-        """Part a body: what turns with the motor, of this inertia about the joint, and the rest in
-        a body of its own behind the second joint, with all that follows the joint in the text."""
+        """Divide a body at a joint.
+
+        The part that turns with the motor has this inertia about the joint. The rest becomes a
+        separate body behind the second joint, with all that follows the joint in the text.
+        """
         body = self.bodies[joint.body]
         part = min(near / _inertia_about(body, joint), MOSTLY_BEHIND)
         place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
@@ -513,8 +547,8 @@ class _Writer:
                 "mass": number(share * body.mass_kg),
                 "diaginertia": numbers([share * v for v in body.inertia]),
             }
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            return f"<inertial {told}/>"
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            return f"<inertial {attributes}/>"
 
         stated = self._inside(outer, "inertial")
         if stated is not None:
@@ -527,7 +561,7 @@ class _Writer:
         return {self.names["body", joint.body, "mass"]}
 
     def _extend_keyframes(self) -> None:
-        """Positions and velocities of added joints in the keyframes: zero."""
+        """Add positions and velocities of new joints to the keyframes: zero."""
         for key in (t for t in self.tags if t.name == "key"):
             for place, attribute in enumerate(("qpos", "qvel")):
                 parts = key.attributes.get(attribute, "").split()
@@ -537,14 +571,14 @@ class _Writer:
                     self.edits.set(key, attribute, " ".join(parts))
 
     def _add_motor(self, tag: Tag, j: int, word: str, attribute: str) -> None:
-        """A motor without a command that only has friction or a torque with a period."""
+        """Add a motor without a command that only has friction or a periodic torque."""
         joint = self.file.name("joint", j)
         self.edits.set(tag, "name", joint)
-        taken = {t.attributes.get("name") for t in self.tags} | self.motors
+        used_names = {t.attributes.get("name") for t in self.tags} | self.motors
         name = next(
             name
             for name in (f"{joint}_{word}{k}" for k in ("", *map(str, range(2, 1000))))
-            if name not in taken
+            if name not in used_names
         )
         self.motors.add(name)
         self.passive.append(
@@ -553,7 +587,7 @@ class _Writer:
         )
 
     def _add_passive(self) -> None:
-        """The motors without a command, behind all others: commands keep their order."""
+        """Add the motors without a command behind all others, so that commands keep their order."""
         if not self.passive:
             return
         sections = [t for t in self.tags if t.name == "actuator" and t.parent == 0]
@@ -566,7 +600,7 @@ class _Writer:
     # ---- actuators and sensors -------------------------------------------------------------------
 
     def _is_reshaped(self, i: int) -> bool:
-        """Is an actuator's law written anew, as one of <general>?"""
+        """True if an actuator's law is written as one of <general>."""
         terms, actuator = self.forms.commands.get(i, CommandTerms()), self.mechanism.actuators[i]
         lagged = terms.lag > 0.0 and actuator.dynamics == "none"
         if actuator.motor is not None:
@@ -619,7 +653,7 @@ class _Writer:
         self._as_general(tag, i, arrays, lag)
 
     def _actuator_arrays(self, i: int) -> dict[str, Array]:
-        """Gain, bias and dynamics of an actuator with the values found."""
+        """Gain, bias and dynamics of an actuator with the new values."""
         m = self.file.model
         arrays = {
             word: np.array(getattr(m, f"actuator_{word}")[i])
@@ -634,7 +668,7 @@ class _Writer:
     def _as_general(
         self, tag: Tag, i: int, arrays: Mapping[str, Array], words: Mapping[str, str]
     ) -> None:
-        """Write an actuator's law out: what is special about a shortcut goes."""
+        """Write an actuator's law as <general>, without the attributes of a shortcut."""
         m, file = self.file.model, self.file
         types = {
             "dyntype": file.word("mjtDyn", m.actuator_dyntype[i]),
@@ -654,8 +688,11 @@ class _Writer:
             self.edits.set(tag, word, _trimmed(values))
 
     def _delay(self, tag: Tag, delay: float) -> None:
-        """A delay, with room for it at a finer step. It is shorter by what keeps a number of whole
-        steps from becoming one more where times are rounded."""
+        """Write a delay, with room for it at a finer step.
+
+        It is slightly shorter, so that rounded times do not turn a number of whole steps into one
+        more.
+        """
         step = float(self.file.model.opt.timestep) / FINER_STEPS
         self.edits.set(tag, "delay", number(delay * (1.0 - DELAY_ROUNDING)))
         self.edits.set(tag, "nsample", str(int(np.ceil(delay / step)) + 2))
@@ -666,17 +703,17 @@ class _Writer:
         name = self.file.mujoco.mj_id2name(
             self.file.model, self.file.mujoco.mjtObj.mjOBJ_SENSOR, at
         )
-        found = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
-        if not name or len(found) != 1:
+        tags = [t for t in self.tags if self._is(t, "sensor") and t.attributes.get("name") == name]
+        if not name or len(tags) != 1:
             self.left.append(f"effects at the reading of {sensor.name}: the sensor has no name")
             return
         if terms.delay:
             stated = float(self.file.model.sensor_delay[at])
-            self._delay(found[0], terms.delay + stated)
+            self._delay(tags[0], terms.delay + stated)
         if np.isfinite(terms.cutoff):
-            self.edits.set(found[0], "cutoff", number(terms.cutoff))
+            self.edits.set(tags[0], "cutoff", number(terms.cutoff))
 
-    def _actuator(self, tag: Tag, one: ModelParameter, value: float) -> str:
+    def _actuator(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
         shortcut = {
             ("position", "kp"): "kp",
             ("position", "kv"): "kv",
@@ -684,17 +721,17 @@ class _Writer:
             ("intvelocity", "kv"): "kv",
             ("velocity", "kv"): "kv",
             ("position", "time_constant"): "timeconst",
-        }.get((tag.name, one.attribute))
-        if one.attribute == "delay":
+        }.get((tag.name, parameter.attribute))
+        if parameter.attribute == "delay":
             self._delay(tag, value)
             return ""
-        if one.attribute == "gear":
-            rest = list(self.file.model.actuator_gear[one.number])[1:]
+        if parameter.attribute == "gear":
+            rest = list(self.file.model.actuator_gear[parameter.number])[1:]
             whole = len(tag.attributes.get("gear", "").split()) > 1
             self.edits.set(tag, "gear", numbers([value, *rest]) if whole else number(value))
             return ""
         if tag.name == "dcmotor":
-            self._dc_motor(tag, one.number, one.attribute)
+            self._dc_motor(tag, parameter.number, parameter.attribute)
             return ""
         if shortcut:
             self.edits.set(tag, shortcut, number(value))
@@ -702,18 +739,18 @@ class _Writer:
                 self.edits.set(tag, "dampratio", None)
             return ""
         if tag.name != "general":
-            self._as_general(tag, one.number, self._actuator_arrays(one.number), {})
+            self._as_general(tag, parameter.number, self._actuator_arrays(parameter.number), {})
             return ""
-        for write in one.writes:
+        for write in parameter.writes:
             word = write.array.removeprefix("actuator_")
-            said = np.array(getattr(self.file.model, write.array)[write.row])
-            said = self.vectors.setdefault((one.number, word), said)
-            said[write.column] = write.factor * value
-            self.edits.set(tag, word, numbers(list(np.trim_zeros(said, "b"))))
+            vector = np.array(getattr(self.file.model, write.array)[write.row])
+            vector = self.vectors.setdefault((parameter.number, word), vector)
+            vector[write.column] = write.factor * value
+            self.edits.set(tag, word, numbers(list(np.trim_zeros(vector, "b"))))
         return ""
 
     def _dc_motor(self, tag: Tag, i: int, attribute: str) -> None:
-        """Write what stands together with a parameter in the attributes of <dcmotor>."""
+        """Write a parameter with its neighbours in the attributes of <dcmotor>."""
         m, actuator = self.file.model, self.mechanism.actuators[i]
         motor = actuator.motor
         assert motor is not None
@@ -754,9 +791,9 @@ class _Writer:
 
     # ---- bodies ----------------------------------------------------------------------------------
 
-    def _mass(self, tag: Tag, one: ModelParameter, value: float) -> str:
-        body, inertial = self.bodies[one.number], self._inside(tag, "inertial")
-        ratio = value / self.mechanism.bodies[one.number].mass_kg
+    def _mass(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
+        body, inertial = self.bodies[parameter.number], self._inside(tag, "inertial")
+        ratio = value / self.mechanism.bodies[parameter.number].mass_kg
         if self.is_urdf:
             return self._urdf_mass(inertial, value, ratio)
         if inertial is None:
@@ -767,20 +804,23 @@ class _Writer:
                 "mass": number(value),
                 "diaginertia": numbers(body.inertia),
             }
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {told}/>")
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            self.edits.add_inside(tag, f"<inertial {attributes}/>")
             return ""
         self.edits.set(inertial, "mass", number(value))
         for attribute in ("diaginertia", "fullinertia"):
-            if said := inertial.attributes.get(attribute):
+            if stated := inertial.attributes.get(attribute):
                 self.edits.set(
-                    inertial, attribute, numbers([ratio * float(v) for v in said.split()])
+                    inertial, attribute, numbers([ratio * float(v) for v in stated.split()])
                 )
         return ""
 
     def _whole_inertia(self, shape: BodyShape, written: Collection[str]) -> set[str]:
-        """Write a body's mass, centre and inertia about it along the body's axes; the name of the
-        mass, which is written with them. written: masses that are already in the text."""
+        """Write a body's mass, centre and inertia about it along the body's axes.
+
+        Returns the name of the mass, which is written with them. written: masses that are already
+        in the text.
+        """
         old, new = self.mechanism.bodies[shape.number], self.bodies[shape.number]
         mass = self.names["body", shape.number, "mass"]
         if mass in written:
@@ -791,7 +831,7 @@ class _Writer:
         if why:
             self.left.append(f"inertia of {old.name}: {why}")
             return {mass}
-        before, now = figures_of(shape, old), figures_of(shape, new)
+        before, now = inertia_values(shape, old), inertia_values(shape, new)
         self.changed |= {name: (before[name], now[name]) for name in now}
         self.changed[mass] = (old.mass_kg, new.mass_kg)
         return {mass}
@@ -800,12 +840,12 @@ class _Writer:
         words = {
             "pos": numbers(body.centre),
             "mass": number(body.mass_kg),
-            "fullinertia": _exactly(full_inertia(body)),
+            "fullinertia": _exact_text(full_inertia(body)),
         }
         inertial = self._inside(tag, "inertial")
         if inertial is None:
-            told = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {told}/>")
+            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+            self.edits.add_inside(tag, f"<inertial {attributes}/>")
             return ""
         for word in (*_ORIENTATIONS, "diaginertia"):
             self.edits.set(inertial, word, None)
@@ -829,8 +869,8 @@ class _Writer:
         for name, words in parts.items():
             part = self._inside(inertial, name)
             if part is None:
-                told = " ".join(f'{k}="{v}"' for k, v in words.items())
-                self.edits.add_inside(inertial, f"<{name} {told}/>")
+                attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
+                self.edits.add_inside(inertial, f"<{name} {attributes}/>")
                 continue
             for word, value in words.items():
                 self.edits.set(part, word, value)
@@ -842,8 +882,8 @@ class _Writer:
             return "its <link> has no <inertial>"
         self.edits.set(mass, "value", number(value))
         if about := self._inside(inertial, "inertia"):
-            for name, said in about.attributes.items():
-                self.edits.set(about, name, number(ratio * float(said)))
+            for name, key in about.attributes.items():
+                self.edits.set(about, name, number(ratio * float(key)))
         return ""
 
     def _urdf_joint(self, tag: Tag, attribute: str, value: float) -> str:
@@ -858,13 +898,13 @@ class _Writer:
         return ""
 
     def _urdf_terms(self, j: int, terms: JointTerms, friction: float, damping: float) -> set[str]:
-        """Friction and linear damping of a joint; URDF has no more."""
+        """Write friction and linear damping of a joint; URDF has no more."""
         joint = self.mechanism.joints[j]
         tag, why = self._tag_of("joint", j, joint.name)
         others = {
             "its drag": terms.damping[1:].any(),
             "its spring or constant force": terms.spring.any(),
-            "its torque with a period": bool(terms.waves),
+            "its periodic torque": bool(terms.waves),
             "its end stop": terms.stop is not None,
             "the load behind its motor": terms.behind is not None,
         }
@@ -891,15 +931,15 @@ class _Writer:
         return written
 
     def _add_dynamics(self) -> None:
-        """<dynamics> of the joints that had none."""
+        """Write <dynamics> of the joints without one."""
         for tag in self.tags:
-            if found := self.dynamics.get(tag.begin):
-                values = {"damping": 0.0, "friction": 0.0} | found
-                told = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
-                self.edits.add_inside(tag, f"<dynamics {told}/>")
+            if dynamics := self.dynamics.get(tag.begin):
+                values = {"damping": 0.0, "friction": 0.0} | dynamics
+                attributes = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
+                self.edits.add_inside(tag, f"<dynamics {attributes}/>")
 
 
-def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
+def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
     """Centre (m) and inertia about it along the body's axes (kg m2) by name."""
     full = full_inertia(body)
     return {
@@ -908,8 +948,8 @@ def figures_of(shape: BodyShape, body: Body) -> dict[str, float]:
     }
 
 
-def _exactly(full: Array) -> str:
-    """A full inertia with all digits: rounded, that of a thin plate may be none."""
+def _exact_text(full: Array) -> str:
+    """Full inertia with all digits, because a rounded one of a thin plate may be invalid."""
     return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
 
@@ -919,15 +959,17 @@ def _inertia_about(body: Body, joint: MechanismJoint) -> float:
         return body.mass_kg
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
     turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
-    own = float((turn.inv().apply(axis) ** 2) @ body.inertia)
+    central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
     arm = np.cross(axis, np.array(body.centre) - joint.anchor)
-    return own + body.mass_kg * float(arm @ arm)
+    return central + body.mass_kg * float(arm @ arm)
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
-    """A limit that acts as a spring and a damper (documentation, Computation, Constraint model): of
-    impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d and b = -solref[1] /
-    d, r the way beyond the limit and a the acceleration without it."""
+    """Limit that acts as a spring and a damper (documentation, Computation, Constraint model).
+
+    At impedance d it exerts d (-b v - k r - a) / weight, with k = -solref[0] / d and b = -solref[1]
+    / d, r the distance beyond the limit and a the acceleration without it.
+    """
     return {
         "solreflimit": numbers([-stiffness * weight, -damping * weight]),
         "solimplimit": numbers([SOFT, SOFT, 0.001]),

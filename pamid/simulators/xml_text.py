@@ -1,5 +1,7 @@
-"""Start tags of an XML text with their places, and changes to their attributes that leave every
-other character as it is: comments, order, blanks."""
+"""Start tags of an XML text with their places, and changes to their attributes.
+
+Every other character stays: comments, order, blanks.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,13 @@ from pamid.base.errors import FileError
 
 @dataclass(frozen=True)
 class Tag:
-    """A start tag: name, attributes, line, place of its first byte and behind its last one in the
-    text, and the number of the tag it lies in (-1: none). closing: place of the end tag, that of
-    the start tag where there is none ("<joint/>"); after: behind the whole element."""
+    """A start tag: name, attributes, line, and places of its first byte and behind its last one.
+
+    It has the number of the enclosing tag, too (-1: none).
+
+    closing   place of the end tag; that of the start tag if there is none ("<joint/>")
+    after     place behind the whole element
+    """
 
     name: str
     attributes: Mapping[str, str]
@@ -28,9 +34,11 @@ class Tag:
 
 
 def tags_of(text: bytes) -> list[Tag]:
-    """Every start tag in the order of the text. FileError where it is no XML, or defines entities
-    of its own."""
-    found: list[Tag] = []
+    """Every start tag in the order of the text.
+
+    FileError for a text that is not XML, or that defines entities.
+    """
+    tags: list[Tag] = []
     open_tags: list[int] = []
     parser = expat.ParserCreate()
 
@@ -38,37 +46,37 @@ def tags_of(text: bytes) -> list[Tag]:
         at = parser.CurrentByteIndex
         parent = open_tags[-1] if open_tags else -1
         line = parser.CurrentLineNumber
-        found.append(Tag(name, attributes, line, at, _end(text, at), parent))
-        open_tags.append(len(found) - 1)
+        tags.append(Tag(name, attributes, line, at, _end(text, at), parent))
+        open_tags.append(len(tags) - 1)
 
     def refuse(*_: object) -> None:
-        raise FileError("The file defines entities of its own.", "Write them out.", code="model")
+        raise FileError("The file defines entities.", "Write them out.", code="model")
 
     def end(_: str) -> None:
         number, at = open_tags.pop(), parser.CurrentByteIndex
-        tag = found[number]
+        tag = tags[number]
         alone = text[tag.end - 2 : tag.end] == b"/>"
         closing, after = (tag.begin, tag.end) if alone else (at, _end(text, at))
-        found[number] = replace(tag, closing=closing, after=after)
+        tags[number] = replace(tag, closing=closing, after=after)
 
     parser.StartElementHandler, parser.EndElementHandler = begin, end
     parser.EntityDeclHandler = refuse
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        raise FileError(f"The file is no XML: {error}.", code="model") from error
-    return found
+        raise FileError(f"The file is not XML: {error}.", code="model") from error
+    return tags
 
 
 def _end(text: bytes, begin: int) -> int:
-    """Behind the ">" that closes the tag; one in quotes does not."""
+    """Place behind the ">" that closes the tag; one in quotes does not."""
     match = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""").match(text, begin)
     assert match is not None, "the parser has seen the end of this tag"
     return match.end()
 
 
 class Edits:
-    """Changes to a text, made all at once at the end."""
+    """Changes to a text, applied together at the end."""
 
     def __init__(self, text: bytes) -> None:
         self.text = text
@@ -78,33 +86,33 @@ class Edits:
         self._removed: list[Tag] = []
 
     def set(self, tag: Tag, attribute: str, value: str | None) -> None:
-        """Give a tag's attribute another value; None takes it away."""
+        """Set a tag's attribute; None removes it."""
         self._attributes.setdefault(tag.begin, {})[attribute] = value
 
     def rename(self, tag: Tag, name: str) -> None:
-        """Give an element another name."""
+        """Rename an element."""
         self._names[tag.begin] = name
 
     def remove(self, tag: Tag) -> None:
-        """Take an element away, with all that it holds."""
+        """Remove an element with its content."""
         self._removed.append(tag)
 
     def add_inside(self, tag: Tag, text: str) -> None:
-        """Write an element as the first one of another, on a line of its own."""
+        """Insert an element as the first one of another, on a separate line."""
         self._added.setdefault(tag.end, []).append(f"\n{self._indent(tag)}  {text}")
 
     def add_after(self, tag: Tag, text: str) -> None:
-        """Write an element behind another one, on a line of its own."""
+        """Insert an element behind another one, on a separate line."""
         self._added.setdefault(tag.after, []).append(f"\n{self._indent(tag)}{text}")
 
     def add_last(self, tag: Tag, text: str) -> None:
-        """Write an element as the last one of another, on a line of its own."""
+        """Insert an element as the last one of another, on a separate line."""
         indent = self._indent(tag)
         before = self.text[: tag.closing].rstrip(b" \t\r\n")
         self._added.setdefault(len(before), []).append(f"\n{indent}  {text}")
 
     def made(self, tags: list[Tag]) -> bytes:
-        """The text with all changes."""
+        """Text with all changes."""
         changes = [(tag.begin, tag.after, "") for tag in self._removed]
         gone = {tag.begin for tag in self._removed}
         for tag in tags:

@@ -110,7 +110,7 @@ def test_a_force_that_goes_in_is_declared_a_motion_port(fmu: Path) -> None:
         path = str(fmu)
         motion = {"force_n": ("position_m", "speed_m_per_s")}
 
-    with pytest.raises(PamidError, match="'speed_m_per_s', which is no output"):
+    with pytest.raises(PamidError, match="'speed_m_per_s', but the FMU has no such output"):
         Pushed()
 
     class Driven(FmuRig):

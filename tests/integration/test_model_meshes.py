@@ -380,7 +380,7 @@ def test_a_text_for_xacro_is_refused_with_the_command(
     path = urdf(tmp_path / name, "x.stl", more='<xacro:include filename="$(find x)/y.xacro"/>')
     path.write_text(path.read_text().replace("<robot", '<robot xmlns:xacro="http://ros.org"'))
     error = refusal(path)
-    assert "line 2: <xacro:include> is a text for xacro" in error.message
+    assert "line 2: <xacro:include> needs xacro" in error.message
     assert f"xacro {path} > {tmp_path / plain}" in error.hint
 
 

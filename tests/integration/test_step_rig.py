@@ -18,7 +18,7 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sensitivity_error
-from pamid.checks.hold_or_line import tried_both_ways
+from pamid.checks.input_hold import compare_holds
 from pamid.checks.sheet_comparison import compared_with_sheet
 from pamid.checks.slips import slips_of_recording
 from pamid.correction.identified_model import load_identified
@@ -362,4 +362,4 @@ def test_a_step_is_told_its_inputs_where_it_begins() -> None:
     assert np.array_equal(*runs) and np.ptp(runs[0]) > 0.0
     columns = {"force_n": u[:, 0]} | dict(zip(a.program.outputs, runs[0].T, strict=True))
     recording = recording_of(0.01 * np.arange(len(u)), columns, {}, name="levels")
-    assert tried_both_ways(recording, rig) == []
+    assert compare_holds(recording, rig) == []

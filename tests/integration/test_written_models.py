@@ -26,6 +26,7 @@ from pamid.model.registry import rig_named
 from pamid.schemas.fit_file import Posterior
 from pamid.simulators import mujoco_forms
 from pamid.simulators.mujoco_file import open_mujoco
+from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
 from pamid.simulators.stepped_mechanism import SteppedMechanism
@@ -354,15 +355,15 @@ def test_a_mujoco_without_bristles_delays_and_polynomials_gets_what_it_has(
         mechanism,
         {p.parameter.name: p.parameter.value for p in mechanism.parameters},
         [
-            mujoco_forms.FoundEffect(
+            IdentifiedEffect(
                 "lugre-friction@a", "lugre-friction",
                 {"level": 0.2, "breakaway": 1.5, "speed": 0.1, "give": 0.003, "settling": 0.002},
                 (ports["motion", 0],),
             ),
-            mujoco_forms.FoundEffect(
+            IdentifiedEffect(
                 "quadratic-drag@b", "quadratic-drag", {"drag": 0.1}, (ports["motion", 1],)
             ),
-            mujoco_forms.FoundEffect(
+            IdentifiedEffect(
                 "dead-time@mb_command", "dead-time", {"delay": 0.02}, (ports["command", 1],)
             ),
         ],
@@ -386,8 +387,8 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path
     done = write_back(
         mechanism,
         {p.parameter.name: p.parameter.value for p in mechanism.parameters},
-        [mujoco_forms.FoundEffect("backlash", "backlash", behind, (ports["transmission", 0],)),
-         mujoco_forms.FoundEffect("spring", "linear-stiffness", {"stiffness": 2.0, "rest": 0.3},
+        [IdentifiedEffect("backlash", "backlash", behind, (ports["transmission", 0],)),
+         IdentifiedEffect("spring", "linear-stiffness", {"stiffness": 2.0, "rest": 0.3},
                                   (ports["motion", 1],))],
     )  # fmt: skip
     model = done.file.model
@@ -411,7 +412,7 @@ def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
     done = write_back(
         mechanism,
         {**values, "joint_1_damping": 0.04},
-        [mujoco_forms.FoundEffect(k, "dahl-friction", dahl, (port,)) for k in ("one", "other")],
+        [IdentifiedEffect(k, "dahl-friction", dahl, (port,)) for k in ("one", "other")],
     )
     model = done.file.model
     assert model.dof_damping[1] == 0.04 and model.dof_dampingpoly[1].tolist() == [0.0, 0.3]
@@ -519,5 +520,5 @@ def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:
     rig = rig_named("one-dof")
     assembly = Assembly(rig, (), True)
     model: Any = SimpleNamespace(assembly=assembly, name="one-dof")
-    with pytest.raises(FileError, match="not made of a model file"):
+    with pytest.raises(FileError, match="does not come from a model file"):
         export_model(model, "mjcf", tmp_path / "a.xml")

@@ -68,7 +68,7 @@ def point(rig: CompiledMechanism, seed: int) -> tuple[dict[str, float], dict[str
     """States and inputs."""
     random = np.random.default_rng(seed)
     x = {s.name: float(random.choice([-1, 1]) * random.uniform(0.4, 1.5)) for s in rig.states}
-    x |= {a.state: 0.2 * x[a.state] for a in rig.mechanism.actuators if a.state}
+    x |= {n: 0.2 * x[n] for a in rig.mechanism.actuators for n, _ in a.states}
     return x, {column: float(random.normal()) for column in rig.inputs}
 
 

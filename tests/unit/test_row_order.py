@@ -62,7 +62,7 @@ def test_a_current_in_another_row_is_the_log(name: str, rows: int, order: str, c
     recording = logged(driven(name), rows)
     (one,) = found(recording, name)
     assert one.column == "current_a" and order in one.orders
-    assert one.mended < 0.3 * one.as_recorded
+    assert one.corrected < 0.3 * one.as_recorded
     text = one.text(recording)
     assert OF_THE_LOG in text and cure in text
 

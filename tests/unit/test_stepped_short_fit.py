@@ -52,9 +52,9 @@ def test_slopes_serve_other_measurements_of_the_same_inputs(stepped: FitData) ->
     worked_out = int(known.counts[0])
     assert worked_out > 0
     other = replace(stepped, weight=0.5 * stepped.weight)
-    assert problem.suits(other)
-    again = problem.along(other).at(sheet.s, sheet.x)
+    assert problem.matches_data(other)
+    again = problem.with_data(other).at(sheet.s, sheet.x)
     assert int(known.counts[0]) == worked_out
     assert np.allclose(again.errors, 0.25 * sheet.errors)
     turned = replace(stepped, track=replace(stepped.track, u=-stepped.track.u))
-    assert not problem.suits(turned)
+    assert not problem.matches_data(turned)

@@ -1,0 +1,294 @@
+"""Zero-order or first-order hold of the inputs between samples.
+
+Both are tried. Each trial is a short fit of the rig's parameters, with a start state for each of
+some windows. The two trials differ in this input alone. A zero-order and a first-order hold differ
+by a delay of half a sample, and by the course between samples. If the rig answers within a few
+samples, no parameter can make up for this difference, so the error decides. An unmodelled delay of
+half a sample looks the same.
+
+    better      an error at most BETTER times the other's, smaller in SURE of the windows
+
+`misstated_holds` only reports inputs whose stated hold is wrong. Two fits per input would mostly be
+in vain there. It only tries an input if the error falls to first order
+(`ShortFit.first_order_errors`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.base.metrics import motion
+from pamid.base.units import NONE, split_column, to_si
+from pamid.checks.short_fit import FitData, FittedWindows, ShortFit, fit_data_of
+from pamid.engine.program import Program
+from pamid.model.assembly import Assembly
+from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
+from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
+from pamid.recording.recording import Recording, match_column
+
+Array = NDArray[np.float64]
+
+BETTER, SURE = 0.9, 0.7
+# share of the error, to first order, below which an input is tried. Half way to BETTER, because a
+# fit gains more than the first-order prediction.
+MAYBE_BETTER = 0.95
+
+
+@dataclass(frozen=True)
+class InputHold:
+    """One input with both holds.
+
+    taken      "held" or "linear", as the rig or the recording states it
+    stated     True if one of them states it
+    better     the hold that fits clearly better, "" if neither does
+    channel    the output that shows the difference most
+    held, linear   root mean square error of this output over the windows, in its unit
+    windows    number of windows
+    """
+
+    column: str
+    taken: str
+    stated: bool
+    better: str
+    channel: str
+    held: float
+    linear: float
+    windows: int
+
+    @property
+    def wrong(self) -> bool:
+        """True if the hold that is not in use fits clearly better."""
+        return self.better not in ("", self.taken)
+
+    def text(self, recording: Recording) -> str:
+        """Finding, with the line that corrects it."""
+        unit = split_column(self.channel)[1]
+        unit = "" if unit == NONE else f" {unit}"
+        by = {HELD: self.held, LINEAR: self.linear}
+        way, rest = (self.better or self.taken), other(self.better or self.taken)
+        descriptions = {HELD: "held between samples", LINEAR: "linear between samples"}
+        figures = (
+            f"{self.channel} {by[way]:.3g}{unit} RMS against {by[rest]:.3g} {rest}, over "
+            f"{self.windows} windows"
+        )
+        if not self.better:
+            return (
+                f"{self.column} is taken as {descriptions[self.taken]}; this recording cannot "
+                f"decide ({figures})"
+            )
+        if not self.wrong:
+            return f"{self.column} is {descriptions[self.taken]}, which fits better ({figures})"
+        recorded_column = match_column(recording.columns, self.column)
+        return (
+            f"{self.column} is taken as {descriptions[self.taken]}, but {self.better} fits clearly "
+            f'better: {figures}. Write between = {{"{self.column}": "{self.better}"}} into the rig '
+            f'file, or [between] {recorded_column} = "{self.better}" into '
+            f"{recording.path.with_suffix('.toml').name}"
+        )
+
+
+def compare_holds(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
+) -> list[InputHold]:
+    """Compare both holds of the recording's inputs.
+
+    The list is empty if the rig cannot run on the recording. It is also empty for a rig that steps
+    by itself once a sample, because both holds are the same there. A command of a controller is
+    held, and is not tried.
+
+    Parameters
+    ----------
+    recording
+        Recording to fit.
+    rig
+        Rig, with the values that the recording states (`as_recorded`).
+    columns
+        Inputs to try; None tries all of them.
+    """
+    return _both_ways(recording, rig, columns, screened=False)
+
+
+def _both_ways(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None, screened: bool
+) -> list[InputHold]:
+    try:
+        trial = fit_data_of(recording, rig)
+        names = _open_inputs(recording, rig, rig.inputs if columns is None else columns)
+        if trial is None or not names:
+            return []
+        problem = ShortFit.of(trial, trial.rig)
+        # a rig that steps by itself gets its inputs at the beginning of a step, so that with one
+        # step a sample both holds are the same
+        if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
+            return []
+        return _compare_inputs(trial, names, problem, screened)
+    except (PamidError, FloatingPointError, np.linalg.LinAlgError):
+        return []
+
+
+def misstated_holds(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
+) -> list[InputHold]:
+    """Inputs that fit clearly better with the other hold.
+
+    An input is only tried if the error may fall to first order, which costs a fraction of
+    `compare_holds`.
+
+    Parameters
+    ----------
+    recording, rig, columns
+        As in `compare_holds`.
+    """
+    return [
+        outcome for outcome in _both_ways(recording, rig, columns, screened=True) if outcome.wrong
+    ]
+
+
+def unstated_inputs(rig: Rig) -> list[str]:
+    """Inputs whose hold neither the rig nor the recording states."""
+    return [column for column in rig.inputs if column not in rig.between]
+
+
+def _open_inputs(recording: Recording, rig: Rig, columns: Iterable[str]) -> list[str]:
+    sent = {loop.command for loop in rig.loops}
+    return [
+        c
+        for c in columns
+        if c not in sent and recording.has(c) and motion(recording.signal(c)) > 0.0
+    ]
+
+
+def _compare_inputs(
+    trial: FitData, names: list[str], problem: ShortFit, screened: bool
+) -> list[InputHold]:
+    """Compare the inputs one by one.
+
+    If several fit better with the other hold, the best one is corrected first, and the remaining
+    inputs are compared with this correction in place.
+    """
+    outcomes: dict[str, InputHold] = {}
+    base = trial.fitted(trial.rig, problem=problem)
+    if not np.isfinite(base.error):
+        return []  # the model runs away with both holds
+    while True:
+        left = [c for c in names if c not in outcomes]
+        worth = _worth_trying(trial, base, left) if screened else left
+        tried = {c: compare_hold(trial, base, c) for c in worth}
+        # a run that diverges with the other hold leaves nothing to compare
+        tried = {c: t for c, t in tried.items() if np.isfinite([t[0].held, t[0].linear]).all()}
+        wrong = [c for c, (outcome, _) in tried.items() if outcome.wrong]
+        if len(wrong) < 2:
+            outcomes |= {c: outcome for c, (outcome, _) in tried.items()}
+            return [outcomes[c] for c in names if c in outcomes]
+        best = min(wrong, key=lambda c: tried[c][1].error)
+        outcomes[best], base = tried[best]
+
+
+def compare_hold(
+    data: FitData, base: FittedWindows, column: str
+) -> tuple[InputHold, FittedWindows]:
+    """Fit both holds of an input, each also from the end point of the other.
+
+    Parameters
+    ----------
+    data
+        Windows of the recording.
+    base
+        Fit with the hold in use.
+    column
+        Input.
+
+    Returns
+    -------
+    InputHold, FittedWindows
+        Comparison, and the fit with the other hold.
+    """
+    assumed = between_of(base.rig, column)
+    other_way = stated(base.rig, {column: other(assumed)})
+    stepping = base.problem.runner.stepping
+    turned = data.fitted(other_way, base.point, stepping=stepping)
+    refit = data.fitted(base.rig, turned.point, base.problem)
+    best_fit = refit if refit.error < base.error else base
+    # an exact fit and one that runs away have no logarithm
+    logs = [
+        np.log(np.clip(fit.point.errors.mean(axis=0), 1e-300, 1e300)) for fit in (turned, best_fit)
+    ]
+    shows = int(np.argmax(np.abs(logs[0] - logs[1])))
+    both = {assumed: best_fit, other(assumed): turned}
+    rms = {way: _rms(data, windows_fit, shows) for way, windows_fit in both.items()}
+    better = next((way for way in both if _clear(both[way], both[other(way)])), "")
+    return (
+        InputHold(
+            column,
+            assumed,
+            column in base.rig.between,
+            better,
+            data.names[shows],
+            rms[HELD],
+            rms[LINEAR],
+            len(data.windows),
+        ),
+        turned,
+    )
+
+
+def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> list[str]:
+    """Inputs whose other hold would reduce the error of the fit to first order."""
+    # one model serves all holds, because an input that does not rise over a sample is held
+    moving = stated(base.rig, dict.fromkeys(columns, LINEAR))
+    program = Assembly(moving, outputs=data.names).for_fitting().program
+    if not columns or not isinstance(program, Program):
+        return columns
+    inputs, moves = program.inputs, [program.inputs[i] for i in program.linear]
+    rises = np.diff(data.track.u, axis=0, append=data.track.u[-1:])
+    ways = [{c: between_of(base.rig, c) for c in moves}]
+    ways += [ways[0] | {c: other(ways[0][c])} for c in columns]
+    alternatives = [
+        np.column_stack(
+            [data.track.u, *(rises[:, inputs.index(c)] * (way[c] == LINEAR) for c in moves)]
+        )
+        for way in ways
+    ]
+    reached = base.problem.first_order_errors(base.point, program, alternatives)
+    return [
+        c
+        for c, error in zip(columns, reached[1:], strict=True)
+        if not error > MAYBE_BETTER * reached[0]
+    ]
+
+
+def _rms(data: FitData, fit: FittedWindows, channel: int) -> float:
+    symbol_ = split_column(data.names[channel])[1]
+    mean = float(np.sqrt(fit.point.errors[:, channel].mean())) / data.weight[channel]
+    return mean / float(to_si(1.0, symbol_) - to_si(0.0, symbol_))
+
+
+def _clear(fit: FittedWindows, rest: FittedWindows) -> bool:
+    """True if the first fit is clearly better than the second."""
+    if not np.isfinite(fit.error) or fit.error > BETTER * rest.error:
+        return False
+    smaller = fit.point.errors.sum(axis=1) < rest.point.errors.sum(axis=1)
+    return float(smaller.mean()) >= SURE
+
+
+def figures(outcomes: Sequence[InputHold]) -> list[dict[str, object]]:
+    """Results as plain data."""
+    return [
+        {
+            "column": outcome.column,
+            "taken": outcome.taken,
+            "stated": outcome.stated,
+            "better": outcome.better,
+            "channel": outcome.channel,
+            "rms_held": outcome.held,
+            "rms_linear": outcome.linear,
+            "windows": outcome.windows,
+        }
+        for outcome in outcomes
+    ]
