@@ -648,7 +648,7 @@ def test_an_unanswered_period_is_asked_for_like_a_unit(
     mapping = tmp_path / "map.toml"
     guess = ["ingest", "--guess", str(tmp_path / "dryer.dat"), "--output", str(mapping)]
     assert frame.run(guess) == 0
-    assert "to be answered: time.period_s" in capsys.readouterr().out
+    assert "to be filled in: time.period_s" in capsys.readouterr().out
     tables = tomllib.loads(mapping.read_text())
     assert tables["time"]["period_s"] == "?" and "max_gap_s" not in tables["time"]
     with pytest.raises(FileError, match=r"time\.period_s is \"\?\"") as caught:
