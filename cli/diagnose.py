@@ -230,7 +230,7 @@ def _left(diagnosis: dict[str, Any]) -> list[str]:
     if not diagnosis["remainder"]:
         return []
     rest = read(Remainder, diagnosis["remainder"])
-    size = size_of(rest, beside=bool(diagnosis["causes"]))
+    size = size_of(rest, with_causes=bool(diagnosis["causes"]))
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
     if diagnosis["causes"] and (advice := advice_of(rest)):
         lines.append(f"          {advice}")

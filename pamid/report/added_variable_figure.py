@@ -101,11 +101,11 @@ def added_panels(run: RunData) -> Markup:
             tag("figcaption", prose(drawing.title)),
             tag("div", Markup(page_svg(drawing)), role="img", aria_label=drawing.title),
             class_="added-panel",
-            id=added_place(one.effect),
+            id=added_place(plot.effect),
             tabindex="-1",
         )
-        for one in alone
-        for drawing in [single_drawing(one, run.diagnosis)]
+        for plot in alone
+        for drawing in [single_drawing(plot, run.diagnosis)]
     ]
     hint = tag("p", "Choose a row of the ranking to see its added-variable plot.", class_="note")
     return tag("div", hint, figures, class_="added-panels") if figures else Markup("")

@@ -272,11 +272,11 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    one, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
+    unknown, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
     lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
-    if one is None:
+    if unknown is None:
         return lead, []
-    texts = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
+    texts = (*_free_forms(unknown), *nature_texts(unknown), *formula_texts(unknown))
     return lead, [text for text in texts if text]
 
 
@@ -413,7 +413,7 @@ def left_answer(run: RunData) -> AnswerText | None:
     at = f", at the {formatting.port_label(rest.port)} port" if rest.port else ""
     part = percent(max(rest.share, 0.0)) if caused and rest.share is not None else "all"
     lead = f"{part} of the gap{at}." if rest.real else "No material part of the gap."
-    size = set_figures(verdict_words.size_of(rest, beside=caused))
+    size = set_figures(verdict_words.size_of(rest, with_causes=caused))
     amount = set_figures(verdict_words.amount_of(rest))
     details = [sentence(f"remaining: {size}") if size else "", sentence(amount) if amount else ""]
     if caused and (term := missing_term(diagnosis)) is not None:
@@ -445,10 +445,14 @@ def next_answer(run: RunData) -> AnswerText:
         *(sentence(formatting.clean(text)) for text in experiment.cautions),
     ]
     # no file elsewhere is vouched for
-    own = [name for name in experiment.files if name == Path(name).name]
-    if own:
-        verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
-        files = formatting.join(f"`{formatting.clean(name)}`" for name in own)
+    local_files = [name for name in experiment.files if name == Path(name).name]
+    if local_files:
+        verb = (
+            "Its excitation is"
+            if len(local_files) == 1
+            else "Its excitations, one for each run, are"
+        )
+        files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [
         formatting.join(

@@ -96,8 +96,8 @@ def columns_of(rig: RigMap) -> dict[str, list[str]]:
     for port in rig.ports:
         kinds.setdefault(port.group or port.port, []).append(port.kind)
     columns: dict[str, list[str]] = {kind: [] for kind in order}
-    for group, own in kinds.items():
-        known = [kind for kind in own if kind in order]
+    for group, group_kinds in kinds.items():
+        known = [kind for kind in group_kinds if kind in order]
         acting = [kind for kind in known if kind != "reading"]
         if known:
             columns[max(acting or known, key=order.index)].append(group)
@@ -157,9 +157,9 @@ def _stepped(
 def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
     seen, waiting = {begin}, [begin]
     while waiting:
-        here = waiting.pop()
+        group = waiting.pop()
         for a, b in links:
-            if a == here and b not in seen:
+            if a == group and b not in seen:
                 if b == end:
                     return True
                 seen.add(b)
@@ -250,10 +250,10 @@ def _stack_height(boxes: Sequence[Box]) -> float:
 
 
 def _box(name: str, text: BlockText, wide: float) -> Box:
-    lines = [(one, "title") for one in _wrapped(text.title, wide, _EM_BOLD)]
+    lines = [(line, "title") for line in _wrapped(text.title, wide, _EM_BOLD)]
     for words, style in text.lines:
         lines += [
-            (one, style) for one in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
+            (line, style) for line in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
         ]
     tall = 2.0 * PAD + LINE * len(lines)
     return Box(
@@ -301,11 +301,11 @@ def _wide_links(
 def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> list[Link]:
     return [
         Link(
-            (placed[here[0]].x + placed[here[0]].wide + 3.0, middle),
+            (placed[column[0]].x + placed[column[0]].wide + 3.0, middle),
             (placed[there[0]].x - 3.0, middle),
             broad=True,
         )
-        for here, there in zip(columns, columns[1:], strict=False)
+        for column, there in zip(columns, columns[1:], strict=False)
     ]
 
 

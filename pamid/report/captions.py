@@ -167,23 +167,23 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
 def _changes(diagnosis: DiagnosisFile, row: ChannelErrors) -> str:
     """Verb phrase for the reduction of the error, in the number of the causes."""
     grows = (row.with_cause or 0.0) > (row.refitted or 0.0)
-    one = len(diagnosis.causes) == 1
-    verb = ("raise" if grows else "take") + ("s" if one else "")
-    return verb if one else f"together {verb}"
+    single = len(diagnosis.causes) == 1
+    verb = ("raise" if grows else "take") + ("s" if single else "")
+    return verb if single else f"together {verb}"
 
 
 def ports_title(where: Where) -> str:
     """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
     names another port."""
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
-    named = [one for one in ordered if one[0] == where.port]
+    named = [entry for entry in ordered if entry[0] == where.port]
     if named and named[0][1] < ordered[0][1]:
         return (
             f"{percent(ordered[0][1])} of the gap might enter at the "
             f"{formatting.port_label(ordered[0][0])} port; the verdict names the "
             f"{formatting.port_label(where.port)} port, with {percent(named[0][1])}"
         )
-    ordered = named + [one for one in ordered if one[0] != where.port]
+    ordered = named + [entry for entry in ordered if entry[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
     tail = (
         f", {percent(others[0][1])} at the {formatting.port_label(others[0][0])} port"

@@ -17,7 +17,7 @@ _DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
 def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Lines over the held-out windows: the loss of the reference and of the confidence set [noise
     floors] of the first step that has one."""
-    step = next((one for one in diagnosis.comparison if one.tied), None)
+    step = next((candidate for candidate in diagnosis.comparison if candidate.tied), None)
     if step is None or len(step.reference_losses) < 2:
         return None
     shown = step.tied[:MOST_CURVES]

@@ -279,7 +279,7 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
 def _told(value: object) -> str:
     """An option as people say it: a list by its members, nothing as a dash."""
     if isinstance(value, list | tuple):
-        return ", ".join(formatting.clean(str(one)) for one in value)
+        return ", ".join(formatting.clean(str(item)) for item in value)
     return "" if value is None else formatting.clean(str(value))
 
 

@@ -101,19 +101,22 @@ def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
         lower[k, : k + 1] = row
     whole = lower + np.tril(lower, -1).T
     spread = np.sqrt(np.maximum(np.diag(whole), 0.0))
-    own = [
+    indices = [
         k
         for k, name in enumerate(posterior.keys)
         if not name.startswith(_BACKGROUND) and spread[k] > 0.0
     ]
-    if len(own) < 2:
+    if len(indices) < 2:
         return [], np.zeros((0, 0))
     correlations = (whole / np.where(spread > 0.0, spread, 1.0)).T / np.where(
         spread > 0.0, spread, 1.0
     )
-    correlations = np.clip(correlations[np.ix_(own, own)], -1.0, 1.0)
-    if len(own) > _MOST:
-        strength = np.sort(np.abs(correlations - np.eye(len(own))), axis=1)[:, -1]
+    correlations = np.clip(correlations[np.ix_(indices, indices)], -1.0, 1.0)
+    if len(indices) > _MOST:
+        strength = np.sort(np.abs(correlations - np.eye(len(indices))), axis=1)[:, -1]
         strongest = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
-        own, correlations = [own[k] for k in strongest], correlations[np.ix_(strongest, strongest)]
-    return [posterior.keys[k] for k in own], correlations
+        indices, correlations = (
+            [indices[k] for k in strongest],
+            correlations[np.ix_(strongest, strongest)],
+        )
+    return [posterior.keys[k] for k in indices], correlations

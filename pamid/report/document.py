@@ -177,10 +177,10 @@ class Document:
     def contents(self) -> tuple[tuple[int, str, str], ...]:
         """(level, text, place) of every heading of level 2 and 3, in their order."""
         return tuple(
-            (2, one.title, one.place)
-            if isinstance(one, Interactive)
-            else (one.level, one.question or one.text, place_of(one))
-            for one in _listed(self.blocks)
+            (2, block.title, block.place)
+            if isinstance(block, Interactive)
+            else (block.level, block.question or block.text, place_of(block))
+            for block in _listed(self.blocks)
         )
 
 

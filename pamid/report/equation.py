@@ -152,9 +152,9 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
         return ()
     equations = []
     for label in run.fit.effects:
-        own = {
-            name.removeprefix(f"{label}:"): one
-            for name, one in run.fit.parameters.items()
+        parameters = {
+            name.removeprefix(f"{label}:"): parameter
+            for name, parameter in run.fit.parameters.items()
             if name.startswith(f"{label}:")
         }
         equations.append(
@@ -167,7 +167,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                     or_at=(),
                     instead=(),
                     figures={},
-                    parameters=own,
+                    parameters=parameters,
                     probability=None,
                     removes=None,
                     share=None,

@@ -85,10 +85,10 @@ def _scored(residual: Residual, channel: str) -> NDArray[np.bool_]:
 def _along(residual: Residual, name: str) -> FloatArray:
     """A signal at every row, a rate along each whole recording; nan where it is not known."""
     values = np.full(residual.columns["time_s"].size, np.nan)
-    for one in stretches_of(residual, values.size):
-        signal = signal_along(residual, name, one.rows)
+    for stretch in stretches_of(residual, values.size):
+        signal = signal_along(residual, name, stretch.rows)
         if signal is not None:
-            values[one.rows] = signal
+            values[stretch.rows] = signal
     return values
 
 

@@ -223,9 +223,9 @@ def ranking_drawing(
 ) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
     first. places: by effect, the figure of the page that its row leads to."""
-    shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][
-        :MOST_CANDIDATES
-    ]
+    shown = [
+        candidate for candidate in candidate_order(diagnosis) if candidate.shrinkage is not None
+    ][:MOST_CANDIDATES]
     if not shown:
         return None
     named = {cause.effect for cause in diagnosis.causes}
@@ -299,8 +299,10 @@ def ranking_drawing(
         for row, entry in enumerate(shown)
         for part in ("name", "line", "point")
     ]
-    tips = tuple((part, candidate_tip(one, diagnosis)) for part, one in parts)
-    leads = tuple((part, places[one.effect]) for part, one in parts if one.effect in places)
+    tips = tuple((part, candidate_tip(candidate, diagnosis)) for part, candidate in parts)
+    leads = tuple(
+        (part, places[candidate.effect]) for part, candidate in parts if candidate.effect in places
+    )
     title = ranking_title(diagnosis)
     return Drawing("ranking", title, draw, height, height, tips=tips, leads=leads)
 
@@ -405,7 +407,7 @@ def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
     """The shares from the largest; three or more that round to nothing stand in one row."""
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
-    large = [one for one in ordered if abs(one[1]) >= _NOTHING or one[0] == where.port]
+    large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
     small = len(ordered) - len(large)
     if small < 3:
         return ordered

@@ -135,11 +135,11 @@ def with_interval(
     has no width, as of what was read off."""
     if low is not None and low == high:
         low = high = None
-    known = [one for one in (value, low, high) if one is not None]
+    known = [bound for bound in (value, low, high) if bound is not None]
     if not known or not unit_text:
         return short(value, digits) + interval_tail(span(low, high, "", digits))
     factor, unit_text = _told_in(unit_text, *known)
-    middle, low, high = (None if one is None else factor * one for one in (value, low, high))
+    middle, low, high = (None if bound is None else factor * bound for bound in (value, low, high))
     interval = span(low, high, unit_text, digits)
     return f"{with_unit_text(middle, unit_text, digits)}{interval_tail(interval)}"
 
@@ -163,8 +163,8 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
     if low is None and high is None:
         return DASH
-    factor, unit_text = _told_in(unit_text, *(one for one in (low, high) if one is not None))
-    low, high = (None if one is None else factor * one for one in (low, high))
+    factor, unit_text = _told_in(unit_text, *(bound for bound in (low, high) if bound is not None))
+    low, high = (None if bound is None else factor * bound for bound in (low, high))
     tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None:
         return f"below {short(high, digits)}{tail}"

@@ -214,7 +214,7 @@ def _how_far_card(diagnosis: DiagnosisFile | None, rows: tuple[ChannelErrors, ..
     if row is None:
         return AnswerCard("How far", "Not scored", (), "how-far", True)
     unit_text, what = channel_unit(row.channel), channel_label(row.channel)
-    steps = [one for one in (row.refitted, row.with_cause) if one is not None]
+    steps = [error for error in (row.refitted, row.with_cause) if error is not None]
     if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
         steps = [row.data_sheet, row.refitted]
     lead = formatting.in_one_unit(steps, unit_text, " → ")
@@ -234,6 +234,6 @@ def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return []
-    size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
+    size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
     at = f", at the {port_label(rest.port)}" if rest.port else ""
     return [f"remaining: {size}{at}"]

@@ -56,9 +56,9 @@ class RunData:
         """Errors with the networks of the run, by channel: those that correct the replayed model,
         or those that correct the model in its own loop."""
         errors: dict[str, dict[str, float]] = {}
-        for one in (*self.beside, self.network):
-            if one is not None and one.in_loop == in_loop:
-                errors |= one.errors
+        for network in (*self.beside, self.network):
+            if network is not None and network.in_loop == in_loop:
+                errors |= network.errors
         return errors
 
     def network_on_causes(self, channel: str) -> bool:

@@ -135,8 +135,8 @@ class Typeset:
 
     def _product(self, node: Expr) -> tuple[Markup, int]:
         above, below = _factors(node)
-        factor = math.prod(one.value for one in above if one.op == "const")
-        rest = [one for one in above if one.op != "const"]
+        factor = math.prod(factor_node.value for factor_node in above if factor_node.op == "const")
+        rest = [factor_node for factor_node in above if factor_node.op != "const"]
         minus, factor = factor < 0.0, abs(factor)
         if (
             not below

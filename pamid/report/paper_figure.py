@@ -184,17 +184,17 @@ def excitation_picture(
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, 1, sharey=True)
         near = (time_s >= closer_s[0]) & (time_s < closer_s[1])
-        for one, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
+        for panel, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
             for values, role, word in (
                 (reference, "data_sheet", "reference"),
                 (error, "with_cause", "error signal: measured - analytic model"),
             ):
-                one.plot(
+                panel.plot(
                     time_s[rows], values[rows], color=colour(role), linewidth=width, label=word
                 )
-            grid(one, "y")
-            one.set_ylabel("scaled [-]")
-            one.margins(x=0.01)
+            grid(panel, "y")
+            panel.set_ylabel("scaled [-]")
+            panel.margins(x=0.01)
         legend_above(axes[0], 2)
         axes[-1].set_xlabel("time [s]")
 

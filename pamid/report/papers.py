@@ -161,8 +161,10 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
 def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> PaperStory:
     rows, cases = paper.rows, list(paper.rows[0].mae)
     training = [("", *_JOINT_TRAINING.values())]
-    for name, one in (("published", paper.published.training), ("here", paper.training)):
-        training.append((name, *(formatting.short(getattr(one, key)) for key in _JOINT_TRAINING)))
+    for name, training_row in (("published", paper.published.training), ("here", paper.training)):
+        training.append(
+            (name, *(formatting.short(getattr(training_row, key)) for key in _JOINT_TRAINING))
+        )
     sections = (
         Topic(
             "Errors on the steps",
@@ -310,11 +312,11 @@ def _coupling_topic(each: Sequence[ArmCoupling]) -> Topic:
     }
     body = [
         (
-            f"{channel_label(one.moved)}, joint {one.pulsed} pulsed",
-            number(one.swing_deg),
-            *(number(one.mae.get(key)) for key in columns),
+            f"{channel_label(coupling.moved)}, joint {coupling.pulsed} pulsed",
+            number(coupling.swing_deg),
+            *(number(coupling.mae.get(key)) for key in columns),
         )
-        for one in each
+        for coupling in each
     ]
     head = ("angle, deg", "moves by", *columns.values())
     words = (
@@ -337,10 +339,12 @@ def _arm_errors(
     title: str, variables: Mapping[str, ArmErrors], *, only: str = "", still: str = ""
 ) -> Topic:
     rows = [item for item in variables.items() if not only or item[1].unit == only]
-    models = [key for key in _ARM_MODELS if any(getattr(one, key) is not None for _, one in rows)]
+    models = [
+        key for key in _ARM_MODELS if any(getattr(errors, key) is not None for _, errors in rows)
+    ]
     body = [
-        (channel_label(name), one.unit, *(number(getattr(one, key)) for key in models))
-        for name, one in rows
+        (channel_label(name), errors.unit, *(number(getattr(errors, key)) for key in models))
+        for name, errors in rows
     ]
     return Topic(
         title,

@@ -57,9 +57,9 @@ def bare_rig_drawing(rig: RigMap) -> Drawing:
     texts = {
         group: BlockText(
             formatting.port_label(group),
-            tuple((f"[{unit}]", "") for unit in dict.fromkeys(own) if unit),
+            tuple((f"[{unit}]", "") for unit in dict.fromkeys(symbols) if unit),
         )
-        for group, own in units.items()
+        for group, symbols in units.items()
     }
     return _drawing(
         _plain_title(rig),

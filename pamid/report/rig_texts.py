@@ -61,7 +61,7 @@ def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
     for cause in diagnosis.causes:
         if cause.port == group:
             texts.append(f"{PIN}{either}{effect_label(cause.effect.partition('@')[0])}")
-            texts += [one for one in (_first_value(cause), _chance(cause)) if one]
+            texts += [pin for pin in (_first_value(cause), _chance(cause)) if pin]
     rest = diagnosis.remainder
     if rest is not None and rest.real and rest.port == group and not diagnosis.remark:
         left = f"{percent(rest.share)} left" if diagnosis.causes else "gap"
@@ -73,8 +73,8 @@ def _first_value(cause: Cause) -> str:
     parameter = first_parameter(cause)
     if parameter is None:
         return ""
-    name, one = parameter
-    return formatting.with_unit_text(one.value, channel_unit(name))
+    name, estimate = parameter
+    return formatting.with_unit_text(estimate.value, channel_unit(name))
 
 
 def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
@@ -89,13 +89,13 @@ def _chance(cause: Cause) -> str:
 
 def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> list[str]:
     """Sentences about a group of ports."""
-    own = [port for port in rig.ports if (port.group or port.port) == group]
+    ports = [port for port in rig.ports if (port.group or port.port) == group]
     named = [
         f"{formatting.port_label(name.port)}"
         + (f" [{formatting.unit_label(name.unit)}]" if formatting.unit_label(name.unit) else "")
-        for name in own
+        for name in ports
     ]
-    kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in own)
+    kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in ports)
     texts = [f"What passes here: {'; '.join(kinds)} ({formatting.join(named)})."]
     texts += _alike(diagnosis, group)
     for cause in diagnosis.causes:
@@ -155,7 +155,7 @@ def _tried(diagnosis: DiagnosisFile, group: str) -> str:
     if not tried:
         return "No candidate that acts here was worth a refit."
     shown = [
-        f"{effect_label(one.effect)} ({percent(one.shrinkage)})" for one in tried[:_MOST_TRIED]
+        f"{effect_label(other.effect)} ({percent(other.shrinkage)})" for other in tried[:_MOST_TRIED]
     ]
     more = f" and {len(tried) - len(shown)} more" if len(tried) > len(shown) else ""
     return (

@@ -110,8 +110,8 @@ def _listed(folder: Path) -> RunSummary:
 def _run_folders(folder: Path) -> Iterator[Path]:
     """Folders with a run.json, those inside a run left out; links are not followed."""
     count, depth = 0, len(folder.parts)
-    for here, below, files in os.walk(folder):
-        path = Path(here)
+    for place, below, files in os.walk(folder):
+        path = Path(place)
         below.sort()
         if _RECORD in files:
             count += 1

@@ -118,8 +118,8 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
     windows = stretches(residual, np.flatnonzero(allowed & (columns["window"] >= 0)))
     plotted = []
     for number in np.unique(columns["recording"][usable]):
-        own = usable[columns["recording"][usable] == number]
-        rows = own[allowed[own]]
+        recorded = usable[columns["recording"][usable] == number]
+        rows = recorded[allowed[recorded]]
         rows = rows[np.unique(columns["time_s"][rows], return_index=True)[1]]
         if rows.size < 2:
             continue
@@ -134,8 +134,8 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
             Stretch(
                 int(number),
                 rows,
-                tuple(sorted(one for one in inside if 0 <= one[0] < one[1])),
-                rows.size < own.size,
+                tuple(sorted(window for window in inside if 0 <= window[0] < window[1])),
+                rows.size < recorded.size,
             )
         )
     return plotted

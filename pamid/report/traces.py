@@ -92,10 +92,10 @@ class Traces:
 
 def traces_scripts() -> tuple[str, ...]:
     """Scripts of the plots: the library with its licence, then our own."""
-    library, licence, own = (
+    library, licence, player = (
         asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )
-    return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", own
+    return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", player
 
 
 def traces_style() -> str:

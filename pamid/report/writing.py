@@ -138,17 +138,19 @@ def write_report(
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document).encode(errors="replace")
     paper = {pdf: printed(html)} if pdf is not None else {}
-    own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
-    drawn = [file for file, name in own.items() if name in pictures]
-    outputs = [one for one in (page, pdf) if one is not None]
-    for one in outputs:
-        make_folder(one.parent)
+    figure_names = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
+    drawn = [file for file, name in figure_names.items() if name in pictures]
+    outputs = [path_ for path_ in (page, pdf) if path_ is not None]
+    for item in outputs:
+        make_folder(item.parent)
     run = Run.open(run_folder)
-    run.remove(*(file for file in own if file not in drawn))
-    figures = run.claim(*drawn, *(one.name for one in outputs if one.parent == run_folder))[
+    run.remove(*(file for file in figure_names if file not in drawn))
+    figures = run.claim(*drawn, *(item.name for item in outputs if item.parent == run_folder))[
         : len(drawn)
     ]
-    files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}
+    files = {
+        path: pictures[figure_names[file]].png for path, file in zip(figures, drawn, strict=True)
+    }
     write_together({**files, **paper, page: html})
     return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
 
@@ -246,8 +248,8 @@ def write_comparison(
         _require_ours(page, pdf)
     html = html_of(comparison_document(runs)).encode(errors="replace")
     paper = {pdf: printed(html)} if pdf is not None else {}
-    for one in filter(None, (page, pdf)):
-        make_folder(one.parent)
+    for path in filter(None, (page, pdf)):
+        make_folder(path.parent)
     write_together({**paper, page: html})
 
 
@@ -262,12 +264,12 @@ def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
     if not page.exists():
         return
     try:
-        own = is_own(read_data(page, PAGE))
+        is_report = is_own(read_data(page, PAGE))
     except OSError as error:
         raise FileError(
             f"{page} cannot be replaced: {error.strerror}.", "Choose another name."
         ) from error
-    if not own:
+    if not is_report:
         raise FileError(
             f"{page} exists and is not a report.",
             "Choose another name, or replace it by --overwrite.",

@@ -138,12 +138,12 @@ def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
     """Expected calibration error on every machine, by weights that were learnt from the others;
     machines whose answers are all the same, or whose others are, are left out."""
     errors = {}
-    for own in dict.fromkeys(k.machine for k in lessons):
-        train = _examples([k for k in lessons if k.machine != own])
-        test = _examples([k for k in lessons if k.machine == own])
+    for machine in dict.fromkeys(k.machine for k in lessons):
+        train = _examples([k for k in lessons if k.machine != machine])
+        test = _examples([k for k in lessons if k.machine == machine])
         if len({e.yes for e in train}) == 2 and test:
             weights = learnt(train)
-            errors[own] = calibration_error(
+            errors[machine] = calibration_error(
                 [logistic(weights, e.features) for e in test], [e.yes for e in test]
             )
     return errors
@@ -171,10 +171,10 @@ def learnt(examples: Sequence[Example]) -> dict[str, float]:
 
 def _examples(lessons: Sequence[Lesson]) -> list[Example]:
     return [
-        Example(one["figures"], m.is_right(one), taught.machine)
+        Example(candidate["figures"], m.is_right(candidate), taught.machine)
         for taught in lessons
         for m in taught.cases
-        for one in _weighed(m)
+        for candidate in _weighed(m)
     ]
 
 
@@ -183,7 +183,9 @@ def _weighed(m: Marked) -> list[dict[str, Any]]:
     leading: dict[str, dict[str, Any]] = {}
     for cause in [*m.causes, *m.ranking]:
         leading.setdefault(str(cause["family"]), cause)
-    return [one for one in list(leading.values())[:FAMILIES] if one.get("figures")]
+    return [
+        candidate for candidate in list(leading.values())[:FAMILIES] if candidate.get("figures")
+    ]
 
 
 def _spread(cases: Sequence[Marked]) -> float:

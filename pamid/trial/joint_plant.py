@@ -154,8 +154,10 @@ def machine_record(
     specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN
 ) -> Any:
     """The machine's constants as compiled code reads them."""
-    own = {f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"}
-    return packed(**own, **known, inertia=inertia_kg_m2)
+    record = {
+        f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"
+    }
+    return packed(**record, **known, inertia=inertia_kg_m2)
 
 
 def record(

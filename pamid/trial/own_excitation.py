@@ -83,11 +83,11 @@ def made_excitation(rig: Rig, loop: str, amplitude: float, seed: int) -> dict[st
     for k, column in enumerate(driven_columns(rig, loop)):
         centre, half = stated_reach(rig, column)
         half = amplitude * (half if math.isfinite(half) else UNSTATED)
-        count, own = round(seconds / period), (seed, k)
+        count, stream = round(seconds / period), (seed, k)
         if integrating and column not in rig.ramped:
-            wave = centre + half * _there_and_back(count, period, hold, own)
+            wave = centre + half * _there_and_back(count, period, hold, stream)
         else:
-            wave = aprbs(count * period, period, half, hold, seed=own, offset=centre)
+            wave = aprbs(count * period, period, half, hold, seed=stream, offset=centre)
         low, high = bounds_of(rig, column)
         wave = np.clip(wave, low, high)
         columns[column] = ramps(wave) if column in rig.ramped else wave

@@ -436,9 +436,9 @@ def draw_specimen(
         values={b.key: _drawn(b, random) for b in plain.parameters if b.fitted},
         waves=_draw_roughness(rig, sizes, random, c.background),
         steps={
-            name: c.noise * one * float(random.uniform(*CONVERTER_STEPS))
-            for name, one in noise.items()
-            if one
+            name: c.noise * level * float(random.uniform(*CONVERTER_STEPS))
+            for name, level in noise.items()
+            if level
         },
         probe=probe,
     )

@@ -157,7 +157,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
 def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     """Two faults at once, and one taken for two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
-    one = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
+    named = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
     return {
         "both_of_two": _rate(doubles, lambda m: m.caught == 2),
         "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
@@ -165,7 +165,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
         "wrong_beside_right": _rate(
             (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
         ),
-        "extra_causes": _rate(one, lambda m: len(m.causes) > 1),
+        "extra_causes": _rate(named, lambda m: len(m.causes) > 1),
     }
 
 

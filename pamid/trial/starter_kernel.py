@@ -117,14 +117,16 @@ def bristles(v: float, load: float, level: float, z: Array, f: Any, h: float) ->
     """Dry friction of contacts that bend before they slide, at velocity v; load, level: what
     presses the surfaces together, in the unit that the sizes count it in."""
     force = 0.0
-    own = f.dahl + f.load_share * abs(load) + f.level_share * level * level / (level + f.level_knee)
-    own += f.forward if z[BRISTLE] > 0.0 else f.backward  # at rest, too, as it was left
-    if own > 0.0:
+    friction = (
+        f.dahl + f.load_share * abs(load) + f.level_share * level * level / (level + f.level_knee)
+    )
+    friction += f.forward if z[BRISTLE] > 0.0 else f.backward  # at rest, too, as it was left
+    if friction > 0.0:
         y = z[BRISTLE]
         yielding = 1.0 - y * np.sign(v)
         y += h * v / f.dahl_reach * abs(yielding) ** 1.5 * np.sign(yielding)
         z[BRISTLE] = min(max(y, -1.0), 1.0)
-        force += own * z[BRISTLE]
+        force += friction * z[BRISTLE]
     if f.spread > 0.0:
         force += f.spread * bundle(z[SPREAD:], h * v, f.spread_reach, 2.0)
     if f.rounded > 0.0:

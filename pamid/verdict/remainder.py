@@ -249,8 +249,8 @@ def missing_value(
         times.append(
             np.array([(track.first + over.start) * track.period_s for over in sliced.slices])
         )
-        own = next(i for i, r in enumerate(recordings) if r is span.recording)
-        numbers.append(np.full(len(sliced.slices), own))
+        index = next(i for i, r in enumerate(recordings) if r is span.recording)
+        numbers.append(np.full(len(sliced.slices), index))
     table = np.array(rows)
     return (
         np.concatenate(numbers),
