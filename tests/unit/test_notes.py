@@ -123,4 +123,4 @@ def test_a_channel_that_no_model_explains_is_always_told(
     good = Reach(mae_data_sheet=5.0, mae_with_cause=0.2, noise_floor=0.1)
     said = unexplained({"current_a": reach, "angle_deg": good})
     assert len(said) == told
-    assert not said or "No model explains current_a" in said[0] and " A, with" in said[0]
+    assert not said or "No model explains current_a" in said[0] and " A with" in said[0]
