@@ -100,7 +100,7 @@ class ChannelBuilder:
 
         Returns False, and leaves the array out, if it is too wide for a group of signals (an image
         then costs no memory) or exceeds the whole budget alone. item_bytes: of one value in the
-        file. FileError where the sum of all arrays exceeds the budget.
+        file. FileError if the sum of all arrays exceeds the budget.
         """
         lengths = [int(length) for length in shape if length != 1]
         if len(lengths) > 2 or len(lengths) == 2 and min(lengths) > MAX_COLUMNS:

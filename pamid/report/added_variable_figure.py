@@ -1,4 +1,4 @@
-"""Added-variable plots: what the refitted model leaves, over what an effect adds to it."""
+"""Added-variable plots: the residual of the refitted model over the contribution of an effect."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
 
 
 def usable_plots(run: RunData) -> list[AddedVariable]:
-    """The plots of a run that hold two points or more."""
+    """Plots of a run with two points or more."""
     plots = run.added.plots if run.added is not None else ()
     return [
         plot for plot in plots if len(plot.added) == len(plot.residual) >= 2 and any(plot.added)
@@ -112,7 +112,7 @@ def added_panels(run: RunData) -> Markup:
 
 
 def added_places(run: RunData) -> dict[str, str]:
-    """Where the plot of each candidate stands on the page, by effect."""
+    """Place of each candidate's plot on the page, by effect."""
     return {
         usable_plot.effect: added_place(usable_plot.effect)
         for usable_plot in usable_plots(run)
@@ -125,7 +125,7 @@ def added_place(effect: str) -> str:
 
 
 def card_svg(run: RunData) -> str:
-    """The plot of the leading candidate for a notebook, its ink that of what it stands on."""
+    """Plot of the leading candidate for a notebook, in the text colour of its surroundings."""
     leaders = added_leaders(run)
     if not leaders or run.diagnosis is None:
         return ""

@@ -68,7 +68,7 @@ def where_answer(run: RunData) -> AnswerText:
     if diagnosis is None:
         return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
-        return AnswerText("Nowhere: no gap is left to place.")
+        return AnswerText("Nowhere: there is no gap.")
     if diagnosis.remark:
         return AnswerText("Undetermined.")
     where = diagnosis.where
@@ -159,7 +159,7 @@ def _regime(regime: Regime) -> str:
 
 
 def which_answer(run: RunData) -> AnswerText:
-    """Which effect causes it, what looks like it, and the runner-up."""
+    """Cause of the gap, similar effects, and the runner-up."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
@@ -240,7 +240,7 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
             f"{effect_label(cause.effect)} accounts for {percent(cause.share)}"
             for cause in diagnosis.causes
         ]
-        details.append(f"Of what they remove one by one, {formatting.join(shares)}.")
+        details.append(f"Of the sum of their shares, {formatting.join(shares)}.")
     return details
 
 
@@ -298,7 +298,7 @@ def _free_forms(unknown: Unknown) -> list[str]:
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    return "No effect is needed beyond retuned parameters and the background.", []
+    return "No effect is needed beyond refitted parameters and the tolerances.", []
 
 
 def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
@@ -343,7 +343,7 @@ def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
         for value, name in steps
         if value is not None
     ]
-    return formatting.join(texts) or "not told"
+    return formatting.join(texts) or "unknown"
 
 
 def _cause_label(run: RunData) -> str:
@@ -351,7 +351,7 @@ def _cause_label(run: RunData) -> str:
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
-    """The noise floor, and what it means for the best model so far."""
+    """Noise floor, compared with the error of the best model."""
     best = row.with_cause if row.with_cause is not None else row.refitted
     texts = []
     if row.noise_floor is not None:
@@ -435,7 +435,7 @@ def next_answer(run: RunData) -> AnswerText:
         )
     experiment = run.diagnosis.next_experiment
     if experiment is None:
-        none = "The diagnosis asks for no further experiment."
+        none = "The diagnosis recommends no further experiment."
         return AnswerText(formatting.clean(run.diagnosis.withheld) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
@@ -488,7 +488,7 @@ def _expected(experiment: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
-    """A line to copy: names of the run are single words of it, whatever they hold."""
+    """A command line to copy; names of the run are quoted as single words."""
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
     files = [

@@ -189,7 +189,7 @@ def gathered(
 
 
 def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
-    """Columns side by side."""
+    """Columns next to each other."""
     columns, texts = gathered(columns_of(rig), texts)
     count = max(1, len(columns))
     gap = GAP_X if count > _FEW else 2.0 * GAP_X
@@ -211,7 +211,7 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
 
 
 def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
-    """Columns below each other, two blocks beside each other, one arrow between them."""
+    """Columns below each other, with two blocks per row and one arrow between columns."""
     columns, texts = gathered(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
@@ -234,7 +234,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
 
 
 def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
-    """Between two blocks of one column that stand side by side, where one leads to the other."""
+    """Arrow between two adjacent blocks of one column, if they are connected."""
     links = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall

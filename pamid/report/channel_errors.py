@@ -1,4 +1,4 @@
-"""The errors of a run in one row per channel, from whichever of its files knows them, and the
+"""The errors of a run in one row per channel, from any of its files that has them, and the
 headline channel."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _AGREE = 0.02  # two files that agree on an MAE within this share are not worth 
 
 @dataclass(frozen=True)
 class ChannelErrors:
-    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of
+    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None if no file of
     the run states it."""
 
     channel: str
@@ -164,7 +164,7 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
 
 
 def whole_recording(residual: Residual, channel: str, recording: int) -> WorstWindow | None:
-    """The whole of a recording with the MAE of the free runs; None where there is none of the
+    """The whole of a recording with the MAE of the free runs; None if there is none of the
     refitted model, as of an earlier version or where it became unstable."""
     rows = np.flatnonzero(residual.columns["recording"] == recording)
     if not rows.size:

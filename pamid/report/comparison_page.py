@@ -1,5 +1,4 @@
-"""Runs side by side: what each found, their parameters, their errors, and what changed in the data
-and in how they were run."""
+"""Comparison of runs: results, parameters, errors, and differences in data and settings."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ _OPTIONS = {"effects": "effects of one's own", "without": "effects left out (--w
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run beside others: name, what it holds, its errors."""
+    """One of the compared runs: name, content and errors."""
 
     name: str
     run: RunData
@@ -60,7 +59,7 @@ def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The last part of each path, as many as it takes to tell them apart."""
+    """The last parts of each path, as many as needed to distinguish them."""
     parts = [folder.resolve().parts for folder in folders]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(part[-count:]) for part in parts]
@@ -244,7 +243,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
 
 
 def _agreement(known: Sequence[Interval]) -> TableCell:
-    """Do all intervals overlap?"""
+    """Whether all intervals overlap."""
     if len(known) < 2:
         return TableCell("in one run only")
     lows = [name.low for name in known if name.low is not None]
@@ -277,7 +276,7 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
 
 
 def _told(value: object) -> str:
-    """An option as people say it: a list by its members, nothing as a dash."""
+    """An option as text: a list by its members, an empty value as a dash."""
     if isinstance(value, list | tuple):
         return ", ".join(formatting.clean(str(item)) for item in value)
     return "" if value is None else formatting.clean(str(value))
@@ -288,7 +287,7 @@ def _sum(recordings: Sequence[RecordingUsed]) -> str:
 
 
 def changes_of(runs: Sequence[ComparedRun]) -> list[str]:
-    """The facts in which the runs differ, by what they are called."""
+    """Names of the settings and data in which the runs differ."""
     facts = [_facts(run) for run in runs]
     names = list(dict.fromkeys(name for each in facts for name in each))
     return [name for name in names if len({each.get(name, "") for each in facts}) > 1]

@@ -1,4 +1,5 @@
-"""Which fitted parameters cannot be told apart: their correlations as a heat map."""
+"""Correlations of the fitted parameters as a heat map, which show parameters that cannot be
+separated."""
 
 from __future__ import annotations
 

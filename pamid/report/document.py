@@ -21,7 +21,7 @@ _ID_WORDS = 6  # of a heading in its id
 
 @dataclass(frozen=True)
 class Heading:
-    """level: 2 to 4; question: what an answer's heading answers, shown above it."""
+    """A heading of level 2 to 4; question: the question of an answer, shown above it."""
 
     kind: ClassVar[str] = "heading"
     text: str
@@ -66,7 +66,7 @@ class Table:
     fixed: bool = False
 
     def again(self, row: int, column: int) -> bool:
-        """Does this cell, with all to its left, say what stands above it already?"""
+        """Whether this cell, with all cells to its left, repeats the row above."""
         return (
             row > 0
             and column not in self.numeric
@@ -82,7 +82,7 @@ class FigureBlock:
 
 @dataclass(frozen=True)
 class Image:
-    """A PNG that the run has already drawn."""
+    """A PNG in the run folder."""
 
     kind: ClassVar[str] = "image"
     name: str
@@ -94,7 +94,7 @@ class Image:
 
 @dataclass(frozen=True)
 class Equation:
-    """math: MathML; code: shown as it stands, where an equation is too long to be set."""
+    """An equation in MathML (math), or as plain text (code) if it is too long."""
 
     kind: ClassVar[str] = "equation"
     title: str
@@ -105,7 +105,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Details:
-    """Folded until the reader opens it; open on paper."""
+    """Content that is folded until the reader opens it; on paper it is open."""
 
     kind: ClassVar[str] = "details"
     summary: str
@@ -160,7 +160,7 @@ class AnswerCard:
 
 @dataclass(frozen=True)
 class Document:
-    """title: of the browser's tab; cards: the answers side by side; todo:
+    """title: of the browser's tab; cards: the answers next to each other; todo:
     one line, what to do next; scripts, styles: of ours, that the interactive blocks need."""
 
     title: str
@@ -185,7 +185,7 @@ class Document:
 
 
 def place_of(heading: Heading) -> str:
-    """The id of a heading: what it answers or says, in small letters and hyphens."""
+    """Id of a heading: its question or text, in lower case with hyphens."""
     words = re.findall(r"[a-z0-9]+", (heading.question or heading.text).lower())
     return "-".join(words[:_ID_WORDS]) or "section"
 

@@ -53,7 +53,7 @@ _LONGEST_PLAIN = 700
 
 
 class _NamedSignals:
-    """Signals as names; what a rig offers as a function becomes a call of that name."""
+    """Signals as names; a function of the rig becomes a call of that name."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> 
 
 
 def cause_equations(run: RunData) -> tuple[Equation, ...]:
-    """The equations of the causes, or the formula of what is missing where there is none."""
+    """Equations of the causes, or the formula of the missing term without a cause."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return ()
@@ -141,7 +141,7 @@ def cause_equations(run: RunData) -> tuple[Equation, ...]:
 
 
 def remainder_equations(run: RunData) -> tuple[Equation, ...]:
-    """The formula of what is missing beside the causes."""
+    """Formula of the missing term, in addition to the causes."""
     term = missing_term(run.diagnosis) if run.diagnosis and run.diagnosis.causes else None
     return _unknown_equation(term) if term is not None and term.formula else ()
 

@@ -50,7 +50,7 @@ class ErrorOverSignal:
 
 def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | None:
     """The error of a channel over the measured or sent signal, or the rate of a measured one, that
-    explains most of its variance; None where no sample is scored."""
+    explains most of its variance; None if no sample is scored."""
     scored = _scored(residual, channel)
     if scored.sum() < 2:
         return None
@@ -73,7 +73,7 @@ def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | Non
 
 
 def _scored(residual: Residual, channel: str) -> NDArray[np.bool_]:
-    """Rows that are scored, of what was held out where there are any."""
+    """Scored rows; only held-out ones, if there are any."""
     columns, refitted = residual.columns, residual.of(channel, "refitted")
     if refitted is None or channel not in columns:
         return np.zeros(columns["window"].size, bool)

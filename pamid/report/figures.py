@@ -405,7 +405,7 @@ def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing 
 
 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
-    """The shares from the largest; three or more that round to nothing stand in one row."""
+    """Shares from the largest on; three or more that round to zero share one row."""
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
     large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
     small = len(ordered) - len(large)
@@ -421,7 +421,7 @@ def _large_shares(where: Where) -> list[tuple[str, float]]:
 
 
 def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> str:
-    """A model beside its bar or in a legend; a cause that would be cut off goes by that word."""
+    """Label of a model at its bar or in a legend; too long a cause is called "cause"."""
     name = model_label(field, diagnosis)
     if field == "with_cause" and len(name) > (_LONG_NARROW if narrow else _LONG):
         name = MODEL_NAMES[field]
@@ -495,7 +495,7 @@ def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
 
 
 def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
-    """Names beside rows 0, 1, ... from the top."""
+    """Names next to the rows 0, 1, ... from the top."""
     lines = ["\n".join(label(line, longest) for line in name.split("\n")) for name in names]
     axes.set_yticks(range(len(names)), lines)
     axes.set_ylim(len(names) - 0.4, -0.6)

@@ -68,7 +68,7 @@ def channel_unit(name: str) -> str:
 
 
 def unit_label(symbol: str) -> str:
-    """ "kg m2" -> "kg m²"; "" where there is no unit."""
+    """ "kg m2" -> "kg m²"; "" if there is no unit."""
     symbol = clean(symbol)
     if symbol in ("", NONE):
         return ""
@@ -76,7 +76,7 @@ def unit_label(symbol: str) -> str:
 
 
 def axis_label(what: str, unit_text: str) -> str:
-    """ "angle", "deg" -> "angle [deg]"; a quantity without unit says so: "[-]"."""
+    """ "angle", "deg" -> "angle [deg]"; a quantity without unit gets "[-]"."""
     return f"{what} [{unit_text or '-'}]"
 
 
@@ -103,7 +103,7 @@ def superscript(exponent: int) -> str:
 
 
 def short(value: float | None, digits: int = 3) -> str:
-    """As `number`, without zeros at the end: for sentences and bars, where nothing stands in
+    """As `number`, without zeros at the end: for sentences and bars, where nothing is aligned in
     columns."""
     text = number(value, digits)
     head, times, power = text.partition(f"{SPACE}×")
@@ -185,7 +185,7 @@ def chance(probability: float | None) -> str:
 
 
 def interval_tail(interval: str) -> str:
-    """ " (95 % interval 74 to 82 %)"; "" where there is none."""
+    """ " (95 % interval 74 to 82 %)"; "" if there is none."""
     return "" if interval == DASH else f" ({INTERVAL} {interval})"
 
 

@@ -62,7 +62,7 @@ def _refitted(residual: Residual, channel: str) -> FloatArray:
 
 
 def _judged(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
-    """Windows as (stretch, first, last), of the held-out ones only if there are any."""
+    """Windows as (stretch, first, last); only held-out ones, if there are any."""
     every = [(stretch, *window) for stretch in stretches for window in stretch.windows]
     held_out = any(window[3] for window in every)
     return [(part, first, last) for part, first, last, held in every if held == held_out]
@@ -117,7 +117,7 @@ def _named(
 def _regime(
     residual: Residual, error: FloatArray, stretches: Sequence[Stretch], regime: Regime
 ) -> Highlight | None:
-    """The window with most error within the regime; None where its signal does not stand in
+    """The window with most error within the regime; None if its signal does not stand in
     residual.csv."""
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
@@ -183,7 +183,7 @@ def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> Floa
 
 
 def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Times between which the mask holds."""
+    """Intervals of time in which the mask is true."""
     return tuple(
         (float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True)
     )

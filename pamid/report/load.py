@@ -68,7 +68,7 @@ class RunData:
 
     @property
     def rig(self) -> str:
-        """The rig's name, "" if no file says it."""
+        """Name of the rig, "" if no file states it."""
         if self.fit is not None:
             return self.fit.rig
         return self.named_rig
@@ -178,7 +178,7 @@ def _beside(folder: Path) -> tuple[NetworkFile, ...]:
 
 
 def read_diagnosis(path: Path) -> DiagnosisFile | None:
-    """The diagnosis in a file; None if there is no such file, FileError where it is damaged."""
+    """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
     if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
         needed = f"a list with at least one effect, as the verdict is {diagnosis.verdict!r}"

@@ -155,7 +155,7 @@ class Typeset:
         )
 
     def _factors(self, factors: list[Expr]) -> Markup:
-        """Factors side by side, equal ones as powers."""
+        """Product of factors, with equal ones as powers."""
         parts: list[Part] = []
         for factor in dict.fromkeys(factors):
             body, level = self._set(factor)

@@ -83,7 +83,7 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
     """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of
     the run's name.
 
-    FileError where there is none, it is another one, or it has no pose.
+    FileError if there is none, it is another one, or it has no pose.
     """
     if named is None and run.rig not in rigs():
         raise FileError(
@@ -114,7 +114,7 @@ def motion_of(
     """Poses every `step_s` of the recording whose held-out window is the worst: between two times
     [s], or without them over at most 12 s of the held-out part around that window.
 
-    DataError where the run does not hold what the pose needs or has nothing at these times.
+    DataError if the run does not hold what the pose needs or has nothing at these times.
     """
     if run.residual is None:
         raise DataError(

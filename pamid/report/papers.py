@@ -116,7 +116,7 @@ class Still:
 
 @dataclass(frozen=True)
 class PaperStory:
-    """lead: what came out, in a sentence."""
+    """A topic of a paper; lead: the result, in a sentence."""
 
     subtitle: str
     lead: str
@@ -126,7 +126,7 @@ class PaperStory:
 
 
 def read_paper(folder: Path) -> PaperStory | None:
-    """The reproduced paper in a folder; None where there is none, FileError where its file is
+    """The reproduced paper in a folder; None if there is none, FileError if its file is
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
@@ -358,7 +358,7 @@ def _arm_errors(
 def _known_rows(
     parameters: Mapping[str, ArmEstimate], columns: Mapping[str, str]
 ) -> tuple[tuple[str, ...], ...]:
-    """Values with their intervals, a star where the interval does not hold the truth."""
+    """Values with their intervals, and a star if the interval does not contain the true value."""
     body = []
     for name, parameter in parameters.items():
         cells = []

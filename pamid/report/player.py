@@ -80,13 +80,13 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
 
 
 def _widest(motion: Motion) -> int:
-    """The frame in which the models are farthest from what was measured."""
+    """Frame with the largest error of the models."""
     gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
     return int(np.argmax(np.max(gaps, axis=0)))
 
 
 def _class(motion: Motion, kind: str) -> str:
-    """measured, or the place of a model and the role its colour goes by."""
+    """Role of a line for its colour: measured, or the index of a model."""
     kinds = list(motion.lines)
     return (
         kind

@@ -1,4 +1,4 @@
-"""Reading the tables of a run with complaints that say which file, and what is wrong with it."""
+"""Reading the tables of a run, with errors that name the file and its fault."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ _SVG_STYLE = "max-width:56em;width:100%;height:auto;display:block;margin:.5em 0"
 
 
 def rig_svg(diagnosis: DiagnosisFile | None) -> str:
-    """The diagram as HTML; "" where the run does not say which ports its rig has."""
+    """The diagram as HTML; "" if the run does not say which ports its rig has."""
     if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
         return ""
     rig = diagnosis.rig

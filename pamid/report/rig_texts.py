@@ -19,7 +19,7 @@ _MOST_TRIED = 4
 
 
 def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
-    """Group of ports -> what its block says."""
+    """Group of ports -> text of its block."""
     shares = _shares(diagnosis)
     unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
     blocks = {}
@@ -51,7 +51,7 @@ def _share_lines(share: float | None, unseen: bool, gap: bool) -> list[str]:
         return []
     if unseen and not share:
         return ["not seen"]
-    return [f"{percent(share)} of gap" if share is not None else "no share told"]
+    return [f"{percent(share)} of gap" if share is not None else "share unknown"]
 
 
 def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
@@ -78,7 +78,7 @@ def _first_value(cause: Cause) -> str:
 
 
 def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
-    """The parameter that says most of an effect: the first that is not 0."""
+    """The most informative parameter of an effect: the first that is not 0."""
     every = list(cause.parameters.items())
     return next((item for item in every if item[1].value), every[0] if every else None)
 
@@ -96,7 +96,7 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
         for name in ports
     ]
     kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in ports)
-    texts = [f"What passes here: {'; '.join(kinds)} ({formatting.join(named)})."]
+    texts = [f"Quantity at this port: {'; '.join(kinds)} ({formatting.join(named)})."]
     texts += _alike(diagnosis, group)
     for cause in diagnosis.causes:
         if cause.port == group:
@@ -104,7 +104,7 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
     rest = diagnosis.remainder
     if rest is not None and rest.real and rest.port == group and rest.formula:
         texts.append(
-            f"What is left here looks like {formula_text(formatting.clean(rest.formula))}."
+            f"The remainder here is similar to {formula_text(formatting.clean(rest.formula))}."
         )
     return [*texts, _tried(diagnosis, group)]
 
@@ -128,7 +128,7 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     if split is not None:
         texts.append(f"Measuring {sensor_label(split)} as well would separate them.")
     if group in where.unseen:
-        texts.append("These sensors say nothing of what happens here.")
+        texts.append("These sensors do not respond to this port.")
     return texts
 
 
@@ -153,9 +153,10 @@ def _tried(diagnosis: DiagnosisFile, group: str) -> str:
         if candidate.port == group and candidate.shrinkage is not None
     ]
     if not tried:
-        return "No candidate that acts here was worth a refit."
+        return "No candidate at this port was promising enough for a refit."
     shown = [
-        f"{effect_label(other.effect)} ({percent(other.shrinkage)})" for other in tried[:_MOST_TRIED]
+        f"{effect_label(other.effect)} ({percent(other.shrinkage)})"
+        for other in tried[:_MOST_TRIED]
     ]
     more = f" and {len(tried) - len(shown)} more" if len(tried) > len(shown) else ""
     return (

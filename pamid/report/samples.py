@@ -31,7 +31,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Packed:
-    """Values offset + step * k, k from `text`; k = -1 where there is none."""
+    """Values offset + step * k with k from `text`; k = -1 for a missing value."""
 
     offset: float
     step: float
@@ -78,7 +78,7 @@ def text_of(numbers: IntArray) -> str:
 
 
 def channels_of(residual: Residual) -> list[str]:
-    """Measured columns beside which a refitted model stands."""
+    """Measured columns for which there is a refitted model."""
     return [
         name
         for name, values in residual.columns.items()

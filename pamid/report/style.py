@@ -142,7 +142,7 @@ def colour(role: str) -> str:
 
 
 def label(text: str, longest: int = 34) -> str:
-    """Text as it may stand in a figure: one line, not too long, only letters that the font has."""
+    """Text for a figure: one line, not too long, only characters of the font."""
     known = _letters()
     shown = "".join(
         letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " ")
@@ -156,7 +156,7 @@ def grid(axes: Axes, axis: str = "x") -> None:
 
 
 def bare(axes: Axes) -> None:
-    """No line and no ticks beside the names of bars."""
+    """Remove the line and the ticks at the names of bars."""
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0, labelcolor=colour("ink"))
 

@@ -70,7 +70,7 @@ _HUGE = 4.0
 
 @dataclass(frozen=True)
 class Traces:
-    """The section, "" where nothing was sampled, and the places that its plots can be sent to."""
+    """The section, "" if nothing was sampled, and the places that its plots can be sent to."""
 
     section: Markup = Markup("")
     places: tuple[Highlight, ...] = field(default=())
@@ -269,7 +269,7 @@ def _values(residual: Residual, column: str, kind: str) -> FloatArray:
 
 
 def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[str]) -> list[str]:
-    """How exact the numbers are, and what is left out."""
+    """Note on the resolution of the numbers and on omitted samples."""
     exact = []
     for channel in channels:
         traces = [

@@ -1,4 +1,4 @@
-"""trial.json read into frozen nouns (schema pamid.trial/1), and what it finds in sentences."""
+"""trial.json read into dataclasses (schema pamid.trial/1), and its findings in sentences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FEW_CASES = 10  # below, any share may be chance
 
 @dataclass(frozen=True)
 class Scored:
-    """A row of the table with its figure and interval in the row's unit, None where there were no
+    """A row of the table with its figure and interval in the row's unit, None if there were no
     cases; cases: how many; texts: its cells as the terminal shows them."""
 
     row: FigureRow
@@ -54,12 +54,12 @@ class Trial:
     digest: str
 
     def of(self, key: str) -> Scored | None:
-        """The row of a figure; None where the file does not hold it."""
+        """The row of a figure; None if the file does not hold it."""
         return next((score for score in self.scored if score.row.key == key), None)
 
 
 def read_trial(path: Path) -> Trial | None:
-    """The trial in a file; None if there is no such file, FileError where it is damaged."""
+    """The trial in a file; None if there is no such file, FileError if it is damaged."""
     trial = read_result(path, TrialFile)
     if trial is None:
         return None

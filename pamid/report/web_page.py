@@ -65,12 +65,12 @@ def page_script() -> str:
 
 
 def asset(name: str) -> str:
-    """A script, style sheet or licence that goes into pages."""
+    """A script, style sheet or licence for pages."""
     return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
 
 
 def _style_sheet() -> str:
-    """Light and dark as the system asks, unless the reader has chosen; prints are light."""
+    """Light or dark theme by the system's setting or the reader's choice; prints are light."""
     light, dark = (
         "".join(f"--{role.replace('_', '-')}:{pair[k]};" for role, pair in COLOURS.items())
         for k in (0, 1)

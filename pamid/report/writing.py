@@ -188,7 +188,7 @@ def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
     """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
-    where there is one."""
+    if there is one."""
     if not (run_folder / "diagnosis.json").exists():
         return Content((), [], partial(paper_document, paper, steps, None, ()))
     run = load_run(run_folder)

@@ -136,7 +136,7 @@ class FittedModel(Model):
 
 
 class Rival(Model):
-    """One of several causes that the recordings cannot tell apart."""
+    """One of several causes that the recordings cannot separate."""
 
     probability: Number = Field(description="calibrated frequency with which such a cause acts")
     model: FittedModel = Field(description="the model with it")

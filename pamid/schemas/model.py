@@ -171,9 +171,9 @@ class _MayLack:
 MAY_LACK = _MayLack()
 
 
-#: pamid always writes it; None where an older or partial file lacks it
+#: pamid always writes it; None if an older or partial file lacks it
 Written = Annotated[T | None, _NeverNull()]
-#: written only where there is something to say; None where it is missing
+#: written only where there is something to say; None if it is missing
 Sometimes = Annotated[T | None, _NeverNull(), MAY_LACK]
 
 

@@ -43,7 +43,7 @@ class Step(Model):
 
     @property
     def rig(self) -> str:
-        """The rig as it was named, by name or by file; "" where none was."""
+        """The rig as it was named, by name or by file; "" if none was."""
         return self.options.get("rig") or ""
 
 

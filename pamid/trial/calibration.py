@@ -150,7 +150,7 @@ def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
 
 
 def learnt(examples: Sequence[Example]) -> dict[str, float]:
-    """Weights by feature, and the constant. DataError where the examples all have one answer."""
+    """Weights by feature, and the constant. DataError if the examples all have one answer."""
     from sklearn.linear_model import LogisticRegression
 
     answers = np.array([e.yes for e in examples])

@@ -61,7 +61,7 @@ class Case:
     planted     fault, or fault@place -> sizes
     removed     effects taken out of the tool's catalogue
     conditions  as the machine draws them
-    own         the machine, where there is none of the name of the rig to be found
+    own         the machine, if there is none of the name of the rig to be found
     bare        what the rig states of its tolerances is taken away from the tool
     world       "closed" or "open"
     further     candidates for the further effects of an open case -> sizes before they are scaled

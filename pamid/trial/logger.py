@@ -62,7 +62,7 @@ class Logger:
         return self.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
 
     def gauged(self, readings: list[str]) -> str:
-        """The reading with the coarse gauge; "" where there is none."""
+        """The reading with the coarse gauge; "" if there is none."""
         if self.gauge_steps == 0.0 or not readings:
             return ""
         return readings[min(int(self.gauge * len(readings)), len(readings) - 1)]

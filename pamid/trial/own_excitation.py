@@ -28,7 +28,7 @@ UNSTATED = 1.0  # half range of an input of which the rig says nothing, in its o
 
 def driven_columns(rig: Rig, loop: str) -> tuple[str, ...]:
     """The columns that are sent: references of the loops, or else their commands, and all other
-    inputs that the rig needs. UsageError where there are none."""
+    inputs that the rig needs. UsageError if there are none."""
     commands = {q.command for q in rig.loops}
     first = [q.reference if loop == "closed" else q.command for q in rig.loops]
     columns = (*first, *(c for c in rig.inputs if c not in rig.optional and c not in commands))

@@ -29,7 +29,7 @@ FORM_DRAWS: dict[str, Draw] = {
 
 def planted_places(rig: Rig) -> dict[str, Attachment]:
     """Everything that can be planted, by the name of its fault: effect@port, or nameless:word@port.
-    UsageError where nothing fits."""
+    UsageError if nothing fits."""
     known = {
         f"{a.effect.name}@{a.label.partition('@')[2] or a.group(rig)}": a
         for a in attachments(rig, effects().values())

@@ -253,7 +253,7 @@ class RigSpecimen:
         noise: float = 0.0,
         seed: int = 0,
     ) -> dict[str, Array]:
-        """Readings before the converters. DataError where the machine flies apart."""
+        """Readings before the converters. DataError if the machine flies apart."""
         assembly, p = self._model(faults, rough)
         return virtual_recording(assembly, sent, p, noise=noise, seed=seed, fineness=FINENESS)
 

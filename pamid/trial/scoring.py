@@ -95,7 +95,7 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> tuple[FailedJob, ...]:
 
 
 def _share(hits: int, of: int) -> Rate:
-    """The share of cases that count with its 95 % Wilson interval; None where there were none."""
+    """The share of cases that count with its 95 % Wilson interval; None if there were none."""
     low, high = wilson_interval(hits, of)
     return Rate(share=hits / of if of else None, low=low, high=high, hits=hits, of=of)
 

@@ -2,7 +2,7 @@
 a motion.
 
 The forms are those of `starter_kernel`, none of them the catalogue's. Left out is what refitted
-parameters take up whole (a gain, a linear damper where there is one): it leaves no gap.
+parameters take up whole (a gain, a linear damper if there is one): it leaves no gap.
 """
 
 from __future__ import annotations

@@ -125,7 +125,7 @@ def free_runs_of(d: Diagnosis) -> bytes:
 
 def models_json(d: Diagnosis, notes: Sequence[str] = ()) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it; of causes
-    that cannot be told apart a model each. notes: sentences."""
+    that cannot be separated a model each. notes: sentences."""
     model = d.budget.model
     if d.cause is None:
         return fit_json(model, d.seed, notes=notes)

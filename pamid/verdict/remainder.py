@@ -72,7 +72,7 @@ class Missing:
 
 def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | None:
     """The missing term beside the causes, at the port with the largest latent evidence, or where a
-    free form takes it up; of ports that the recordings cannot tell apart, at the one whose own
+    free form takes it up; of ports that the recordings cannot separate, at the one whose own
     signals describe it best. None where nothing is missing, or no function of these signals
     fits."""
     located = d.left_at
@@ -111,7 +111,7 @@ class _Describing(Work[str, Missing | None]):
 
 
 def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
-    """Port, formula, nature and free forms of what remains; None where the smoother finds
+    """Port, formula, nature and free forms of what remains; None if the smoother finds
     nothing."""
     located, group_of = d.left_at, d.evidence.rig.group_of
     if located is None or located.most <= 0.0:

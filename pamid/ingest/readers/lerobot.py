@@ -38,7 +38,7 @@ _SAID_BY = {
 
 
 def data_set_of(path: Path) -> Path | None:
-    """The folder of the data set that a folder is, or a file lies in; None where it is none."""
+    """The folder of the data set that a folder is, or a file lies in; None if it is none."""
     folders = [path] if path.is_dir() else list(path.absolute().parents)[:3]
     return next((folder for folder in folders if _features(folder)), None)
 

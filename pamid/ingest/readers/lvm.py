@@ -35,7 +35,7 @@ class _Way:
 
 def read_lvm(path: Path) -> Log:
     """Channels by name ("segment 2/name" where there are several segments), stamped by their X
-    column or, where there is none, by X0 and Delta_X."""
+    column or, if there is none, by X0 and Delta_X."""
     builder = ChannelBuilder(path)
     text, encoding = decode(builder.budget)
     lines = text.split("\n")

@@ -57,7 +57,7 @@ class _Topic:
     count: int = 0
     values: dict[str, array[float]] = field(default_factory=dict)
     places: dict[str, array[int]] = field(default_factory=dict)
-    # stamps in ns: of the header, fewer than messages where there is none; of the recorder
+    # stamps in ns: of the header, fewer than messages if there is none; of the recorder
     measured: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
     robot: dict[str, RobotValue] = field(default_factory=dict)

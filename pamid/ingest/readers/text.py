@@ -167,7 +167,7 @@ def add_table(
 
 
 def _joined_dates(builder: ChannelBuilder, frame: Any, dialect: TextDialect) -> int | None:
-    """The column of dates that was put before the times of day in another one; None where there
+    """The column of dates that was put before the times of day in another one; None if there
     are not one of each."""
     places: dict[str, list[int]] = {}
     for column in range(dialect.width):
@@ -212,7 +212,7 @@ def _signal_per_column(
 
 
 def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
-    """(column of words, of stamps, those of values) of a table with one value a row; None where the
+    """(column of words, of stamps, those of values) of a table with one value a row; None if the
     words name no signals."""
     column = frame[words]
     if column.dtype.kind in "biuf" or not column.notna().all():
