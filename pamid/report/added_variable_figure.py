@@ -65,8 +65,8 @@ def usable_plots(run: RunData) -> list[AddedVariable]:
 
 
 def added_drawing(run: RunData) -> Drawing | None:
-    """Points and a line per leading candidate: residual over what the candidate adds, in the unit
-    of the channel."""
+    """Points and a line per leading candidate: residual over the contribution of the candidate, in
+    the unit of the channel."""
     leaders = added_leaders(run)
     if not leaders or run.diagnosis is None:
         return None

@@ -63,8 +63,8 @@ def gif_of(
     count = motion.time.size
     if count > MOST_FRAMES:
         raise DataError(
-            f"{count} frames are too many for a GIF; {MOST_FRAMES} is the most.",
-            "Show a shorter stretch (--from, --to) or a faster one (--speed).",
+            f"{count} frames are too many for a GIF; the limit is {MOST_FRAMES}.",
+            "Show a shorter part (--from, --to) or a faster one (--speed).",
             code="frames",
         )
     with matplotlib.style.context(

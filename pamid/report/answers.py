@@ -62,8 +62,8 @@ class AnswerText:
 
 
 def where_answer(run: RunData) -> AnswerText:
-    """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band,
-    windows."""
+    """Answer to where the gap lies: port, inseparable ports and a sensor that separates them,
+    regimes, band and windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
@@ -220,8 +220,7 @@ def _with_chance(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> st
 
 
 def _removed(diagnosis: DiagnosisFile) -> list[str]:
-    """The share of the gap that every cause removes, and how they share what they remove
-    together."""
+    """Share of the gap that every cause removes, and the parts of the causes in the sum."""
     several = len(diagnosis.causes) > 1
     company = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
     if diagnosis.verdict == "ambiguous":
@@ -245,7 +244,7 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _sizes(diagnosis: DiagnosisFile) -> list[str]:
-    """The causes' own parameters with their intervals."""
+    """Parameters of the causes with their intervals."""
     texts = []
     for cause in diagnosis.causes:
         for name, parameter in cause.parameters.items():
@@ -306,8 +305,8 @@ def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 
 def _beside(diagnosis: DiagnosisFile) -> list[str]:
-    """The confidence set where it is too large to be named; the ranking and its tooltips hold the
-    other candidates."""
+    """The confidence set, if it is too large for the lead; the ranking shows the other
+    candidates."""
     details = []
     if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
         names = formatting.join(map(effect_label, diagnosis.tied))

@@ -66,8 +66,8 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """An arrow between two points; both: with a head at either end; broad: stands for many;
-    corners: points at which it turns, on its way below what stands between."""
+    """An arrow between two points. both: with a head at either end; broad: for many arrows;
+    corners: points at which it turns below a block in its way."""
 
     begin: tuple[float, float]
     end: tuple[float, float]
@@ -88,9 +88,8 @@ class Diagram:
 
 
 def columns_of(rig: RigMap) -> dict[str, list[str]]:
-    """Kind -> groups of ports that stand in its column, in the rig's order; a group of several
-    kinds stands where its last one does, except that what reads stands with the sensors only if
-    all of it reads."""
+    """Kind -> groups of ports in its column, in the rig's order. A group of several kinds is in the
+    last of their columns; it is with the sensors only if all its ports are readings."""
     order = list(STAGES)
     kinds: dict[str, list[str]] = {}
     for port in rig.ports:
@@ -146,8 +145,8 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
 def _stepped(
     a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
 ) -> tuple[str, str]:
-    """A force that reaches a moving part through what stands behind it (a muscle, its chain, the
-    joint) is drawn to the part, which is joined to what stands behind it in both ways."""
+    """Arrows of a force that reaches a moving part through further blocks (a muscle, its chain, the
+    joint): one to the part, and one in both directions between the part and these blocks."""
     for begin, end in sorted(mutual):
         if begin == b and stage[a] < stage[end] < stage[b]:
             return a, end
@@ -170,8 +169,8 @@ def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
 def gathered(
     columns: dict[str, list[str]], texts: dict[str, BlockText]
 ) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
-    """Columns of more than `MOST_IN_COLUMN` blocks, with those in which nothing is taken
-    together."""
+    """Columns in which blocks without effects are joined, if there are more than
+    `MOST_IN_COLUMN`."""
     texts, merged = dict(texts), {}
     for kind, groups in columns.items():
         quiet = [g for g in groups if texts[g].weight < 0.005 and not texts[g].named]
@@ -323,8 +322,8 @@ def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
 
 
 def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
-    """From side to side; below what stands between, where that is in the way; aside: links that
-    pass below already, each on a line of its own."""
+    """Arrow from side to side, below a block in its way. aside: arrows that already pass below,
+    each on a separate line."""
     if a.x == b.x:
         return _within_column(a, b, both, boxes)
     way = 1.0 if a.x < b.x else -1.0

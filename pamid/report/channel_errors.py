@@ -57,8 +57,8 @@ class WorstWindow:
 
 
 def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
-    """One row per channel. The diagnosis goes before the fit, so that the columns it has share one
-    set of windows."""
+    """One row per channel. The diagnosis takes precedence over the fit, so that all its columns
+    belong to one set of windows."""
     fitted = run.fit.mae if run.fit is not None else {}
     reached = run.diagnosis.how_far if run.diagnosis is not None else {}
     names = list(run.fit.channels) if run.fit is not None else []

@@ -58,8 +58,8 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 
 
 def _title(step: ComparisonStep) -> str:
-    """The finding: in how many windows the first of the set has the smaller error, and with what
-    it ties."""
+    """Title: number of windows in which the first model of the set has the smaller error, and the
+    models tied with it."""
     first = step.tied[0]
     fewer = sum(a < b for a, b in zip(first.losses, step.reference_losses, strict=True))
     text = (

@@ -48,7 +48,7 @@ def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
     FileError as of a report."""
     if not 2 <= len(folders) <= MOST_COMPARED:
         raise UsageError(
-            f"--compare puts 2 to {MOST_COMPARED} runs side by side; {len(folders)} were named.",
+            f"--compare needs 2 to {MOST_COMPARED} runs, but {len(folders)} were given.",
             "pamid report --compare RUN1 RUN2",
         )
     names = _names(folders)

@@ -92,8 +92,8 @@ def correlation_title(names: list[str], correlations: FloatArray) -> str:
 
 
 def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
-    """Names of the rig's own parameters and their correlations (n, n); empty where the covariance
-    does not fit its names."""
+    """Names of the rig's parameters and their correlations (n, n); empty if the covariance does not
+    fit its names."""
     size = len(posterior.keys)
     if [len(row) for row in posterior.covariance] != list(range(1, size + 1)):
         return [], np.zeros((0, 0))

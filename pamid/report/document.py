@@ -148,8 +148,8 @@ Block = (
 
 @dataclass(frozen=True)
 class AnswerCard:
-    """An answer at a glance, above the fold. lead: the answer; lines: what else stands there;
-    place: the heading that it leads to; quiet: nothing was found."""
+    """A short answer at the top of the page. lead: the answer; lines: details; place: linked
+    heading; quiet: there is no finding."""
 
     question: str
     lead: str
@@ -160,8 +160,8 @@ class AnswerCard:
 
 @dataclass(frozen=True)
 class Document:
-    """title: of the browser's tab; cards: the answers next to each other; todo:
-    one line, what to do next; scripts, styles: of ours, that the interactive blocks need."""
+    """A page. title: of the browser's tab; cards: the short answers; todo: the next step in one
+    line; scripts, styles: of pamid, for the interactive blocks."""
 
     title: str
     subtitle: str

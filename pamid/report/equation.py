@@ -94,8 +94,8 @@ class _Symbols:
 
 @dataclass(frozen=True)
 class Acting:
-    """An effect at a port: what it makes of the value (letter, what that is), the rates of its
-    states; names: parameter -> its name outside."""
+    """An effect at a port: letter and meaning of the value, the rates of its states, and names:
+    parameter -> its name outside."""
 
     effect: Effect
     letter: str

@@ -26,9 +26,9 @@ _ERROR_KINDS = {"refitted": "refitted", "cause": "with cause"}
 
 @dataclass(frozen=True)
 class ErrorOverSignal:
-    """Scored samples: a signal (n,) in its unit; errors by model, measured less modelled, in the
-    channel's unit; share: of the variance of the refitted error, what lies between parts of the
-    signal beyond chance. A signal and an error that both drift agree by chance."""
+    """Scored samples: a signal (n,) in its unit, errors by model (measured less modelled) in the
+    channel's unit, and the share of the variance of the refitted error between parts of the signal,
+    beyond chance. A signal and an error that both drift agree by chance."""
 
     signal: str
     unit: str

@@ -1,5 +1,5 @@
-"""The picture of an excitation: what is sent, which amplitudes, frequencies and changes it covers,
-and which not."""
+"""Picture of an excitation: its columns, and the amplitudes, frequencies and changes that it covers
+or misses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DASHED = (0, (4, 2))
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A column to draw: samples (n,) while it is excited, what they cover, the band asked for and
+    """A column to draw: samples (n,) of its excited part, their coverage, the requested band and
     the rate limit."""
 
     column: str
@@ -47,8 +47,8 @@ class Shown:
 
     @property
     def reach(self) -> str:
-        """Where its power lies; what is slower than a spectrum of such a length tells apart counts
-        as covered."""
+        """Band with its power; frequencies below the resolution of the spectrum count as
+        covered."""
         low, high = self.covers.band_20db_hz
         lowest = spectrum(self.samples, self.period_s)[0][0]
         return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"
@@ -56,7 +56,7 @@ class Shown:
 
 def richness_picture(shown: Sequence[Shown]) -> Picture:
     """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the
-    title says what the column that covers least covers, and what it cannot show."""
+    title is about the column with the least coverage."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]

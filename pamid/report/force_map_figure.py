@@ -1,5 +1,5 @@
-"""The picture of a measured force map: its points over the curves of two laws, and what each is off
-by."""
+"""Picture of a measured force map: its points over the curves of two laws, and the errors of
+both."""
 
 from __future__ import annotations
 

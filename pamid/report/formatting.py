@@ -131,8 +131,8 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
 def with_interval(
     value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
 ) -> str:
-    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval where it
-    has no width, as of what was read off."""
+    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval if it has
+    no width."""
     if low is not None and low == high:
         low = high = None
     known = [bound for bound in (value, low, high) if bound is not None]
@@ -214,7 +214,7 @@ def join(parts: Iterable[str], last: str = "and") -> str:
 
 
 def not_converged(what: str, why: str) -> str:
-    """ "the fit did not converge: iterations used up", as every page and picture says it."""
+    """ "the fit did not converge: iterations used up", the wording of all pages and pictures."""
     return f"{what} did not converge: {clean(why) or 'no reason given'}"
 
 

@@ -92,8 +92,8 @@ def _whole(number: int) -> Markup:
 
 
 class Typeset:
-    """Sets expressions; `shown` says how each symbol looks. functions: those that were used, to be
-    explained."""
+    """Typesetter of expressions; `shown` is the notation of each symbol. functions: used ones, to
+    be explained."""
 
     def __init__(self, shown: Shown) -> None:
         self._shown, self.functions = shown, dict[str, None]()

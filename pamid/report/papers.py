@@ -146,11 +146,9 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
             with Image.open(io.BytesIO(png), formats=("PNG",)) as picture:
                 wide, tall = picture.size
         except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise FileError(f"{path} is no picture: {error}.", REMEDY, code="damaged") from None
+            raise FileError(f"{path} is not a picture: {error}.", REMEDY, code="damaged") from None
         if wide * tall > _MOST_PIXELS:
-            raise FileError(
-                f"{path} is too large a picture: {wide} x {tall}.", REMEDY, code="damaged"
-            )
+            raise FileError(f"{path} is too large: {wide} x {tall} pixels.", REMEDY, code="damaged")
         stills.append(Still(name, png, wide, tall))
     return tuple(stills)
 

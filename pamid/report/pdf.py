@@ -55,7 +55,7 @@ def printed(html: bytes) -> bytes:
     browser = installed_browser()
     if browser is None:
         raise FileError(
-            "There is no browser that could print the page.",
+            "No browser for printing the page is installed.",
             "Install Chromium, Chrome or Edge, or open the page in any browser and print it there.",
             code="no-browser",
         )

@@ -31,8 +31,8 @@ ENDINGS = {
 
 
 def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
-    """The rows of a run, from the held-out part of its residual.csv; in closed loop as fit.json
-    has them, with the network's beside. None where it has no residual.csv."""
+    """Rows of a run, from the held-out part of its residual.csv; in closed loop those of fit.json
+    and of the network. None without residual.csv."""
     rows = tuple(_rows(run))
     if run.fit is None or run.fit.loops is None:
         return rows

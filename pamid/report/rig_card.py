@@ -1,5 +1,5 @@
-"""The rig's diagram for a notebook: one SVG that carries its own looks, takes its ink from what it
-stands on, light or dark, and leads nowhere."""
+"""Diagram of a rig for a notebook: one SVG with its style, which adopts the text colour of its
+surroundings and has no links."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
 
 
 def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
-    """Shares of the gap by group; none where there is no gap to be shared out."""
+    """Shares of the gap by group; none without a gap."""
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return {}
     return {port.port: port.share for port in diagnosis.where.ports}

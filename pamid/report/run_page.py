@@ -104,8 +104,8 @@ def answer_sections(
     which: Sequence[Block] = (),
     how_far: Sequence[Block] = (),
 ) -> tuple[Section, ...]:
-    """The three answers, what is left and the next experiment; where, which, how_far: what else
-    stands below these answers."""
+    """The three answers, the remainder and the next experiment; where, which, how_far: further
+    blocks below these answers."""
     unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
     left = left_answer(run)
     # the ranking leads, unless no effect of it is the answer
@@ -172,8 +172,8 @@ def _answer(
     *,
     listed: bool = True,
 ) -> Section:
-    """Lead sentence, pictures, list, sentences, what stands below them; listed: no picture shows
-    what the list says."""
+    """Lead sentence, pictures, list, sentences and further blocks; listed: the list is shown
+    because no picture has its content."""
     points = [Bullets(answer.points)] if answer.points and listed else []
     heading = Heading(answer.lead, question=question)
     return Section((heading, *above, *points, Paragraphs(answer.details), *below), "answer")

@@ -75,14 +75,14 @@ def command_name(step: Step) -> str:
 
 
 def runs_below(folder: Path) -> list[RunSummary]:
-    """Every run in the folder and below it, by path; a damaged one is listed with what is wrong.
+    """Every run in the folder and below it, by path; a damaged run is listed with its fault.
 
     FileError if there is no such folder.
     """
     if not folder.is_dir():
         raise FileError(
             f"{folder} is not a folder.",
-            "Name the folder that holds your run folders.",
+            "Give the folder that contains your run folders.",
             code="no-folder",
         )
     return [_listed(run_folder) for run_folder in _run_folders(folder)]

@@ -50,8 +50,8 @@ class Stretch:
 
 
 def packed(values: FloatArray) -> Packed:
-    """Quantised to 65535 levels between the least and the largest value; what is not finite stays
-    missing."""
+    """Values quantised to 65535 levels between the smallest and the largest one; values that are
+    not finite are missing."""
     usable = np.isfinite(values)
     if not usable.any():
         return Packed(0.0, 1.0, text_of(np.full(values.size, MISSING_SAMPLE)))
@@ -108,8 +108,8 @@ def inputs_of(residual: Residual) -> list[str]:
 
 
 def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
-    """Every recording in order of time, each time once; rows beyond `most_rows` in all are left out
-    from the end of the list of recordings, of what was fitted before what was held out."""
+    """Every recording in order of time, without repeated times. Beyond `most_rows` rows in total
+    the last recordings are left out, fitted ones before held-out ones."""
     columns = residual.columns
     usable = np.flatnonzero(np.isfinite(columns["time_s"]))
     chosen = usable[np.argsort(columns["part"][usable] != 1, kind="stable")][:most_rows]

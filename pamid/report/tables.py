@@ -78,7 +78,7 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def loop_table(errors: Mapping[str, LoopError]) -> Table:
-    """MAE of the model in its own loop, with the band that small parameter changes cause."""
+    """MAE of the model in closed loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
@@ -96,8 +96,8 @@ def loop_table(errors: Mapping[str, LoopError]) -> Table:
 def parameter_table(
     parameters: Mapping[str, Estimate], without_cause: Mapping[str, Estimate]
 ) -> Table:
-    """Value, interval, prior, unit, how well it is known, strain, and what to think of it;
-    without_cause: the refitted model's, where the answer has causes."""
+    """Value, interval, prior, unit, certainty, strain and a remark; without_cause: those of the
+    refitted model, if the answer has causes."""
     compared = any(name in without_cause for name in parameters)
     heads = [
         "parameter",

@@ -91,7 +91,7 @@ class Traces:
 
 
 def traces_scripts() -> tuple[str, ...]:
-    """Scripts of the plots: the library with its licence, then our own."""
+    """Scripts of the plots: the library with its licence, then pamid's."""
     library, licence, player = (
         asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )
@@ -106,8 +106,8 @@ def traces_style() -> str:
 def traces_of(
     run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES
 ) -> Traces:
-    """Every sample of residual.csv up to this many values; nothing where no measured channel has a
-    model beside it."""
+    """Every sample of residual.csv up to this number of values; empty if no measured channel has a
+    model."""
     residual = run.residual
     if residual is None or not (channels := channels_of(residual)):
         return Traces()
@@ -198,8 +198,8 @@ def _kind_label(kind: str, run: RunData) -> str:
 
 
 def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
-    """Is the model off by so much, in the channel that leads, that nothing else could be read
-    beside it?"""
+    """Whether the error of the model in the leading channel is so large that it would hide the
+    others."""
     row = headline(rows)
     error = getattr(row, _FIELDS[kind]) if row is not None and kind in _FIELDS else None
     return (

@@ -43,7 +43,7 @@ class Scored:
 @dataclass(frozen=True)
 class Trial:
     """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer ->
-    cases; content: the file as it stands, every part of it checked."""
+    cases; content: the checked content of the file."""
 
     content: Mapping[str, Any]
     scored: tuple[Scored, ...]
@@ -54,7 +54,7 @@ class Trial:
     digest: str
 
     def of(self, key: str) -> Scored | None:
-        """The row of a figure; None if the file does not hold it."""
+        """Row of a figure; None if it is not in the file."""
         return next((score for score in self.scored if score.row.key == key), None)
 
 

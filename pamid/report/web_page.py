@@ -1,6 +1,5 @@
-"""A document as one HTML page (Jinja2, autoescaped). Nothing in it is loaded from elsewhere and
-nothing runs but our own scripts; a Content-Security-Policy in its head says so to the browser, too.
-"""
+"""A document as one HTML page (Jinja2, autoescaped). It loads nothing and runs only pamid's
+scripts, which a Content-Security-Policy enforces."""
 
 from __future__ import annotations
 

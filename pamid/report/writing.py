@@ -82,8 +82,8 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Report:
-    """Written report; `errors` are the rows of the MAE table, `recordings` those per recording,
-    `pdf` is there where it was requested, `notes` state what could not be shown."""
+    """Written report; `errors`: rows of the MAE table, `recordings`: errors per recording, `pdf`:
+    path if requested, `notes`: remarks about omitted parts."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -174,8 +174,7 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
 
 
 def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
-    """The rig that was named, for its pose; without one the page has no animation, which is
-    said."""
+    """The given rig, for its pose; a page without one has no animation, and a note states it."""
     if rig is None:
         return None, ()
     try:
@@ -187,8 +186,8 @@ def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...
 
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
-    """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
-    if there is one."""
+    """Content of a reproduced paper: its pictures, and the drawn ones of its diagnosis, if there is
+    one."""
     if not (run_folder / "diagnosis.json").exists():
         return Content((), [], partial(paper_document, paper, steps, None, ()))
     run = load_run(run_folder)
@@ -227,7 +226,7 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
 
 
 def _windows(run: RunData, channel: str) -> list[Drawing]:
-    """The worst window with the cause, and again with the network where its trace was written."""
+    """The worst window with the cause, and with the network if its trace exists."""
     residual = run.residual
     window = worst_window(residual, channel) if residual is not None else None
     if residual is None or window is None:
@@ -242,8 +241,8 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
 def write_comparison(
     runs: Sequence[ComparedRun], page: Path, pdf: Path | None = None, *, overwrite: bool = False
 ) -> None:
-    """The page of several runs, and the same on paper; FileError if one of them exists and is no
-    report, unless it may be overwritten."""
+    """Write the page of several runs, also as PDF; FileError if a file exists and is not a report,
+    unless it may be overwritten."""
     if not overwrite:
         _require_ours(page, pdf)
     html = html_of(comparison_document(runs)).encode(errors="replace")
@@ -260,7 +259,7 @@ def _require_ours(page: Path, pdf: Path | None) -> None:
 
 
 def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
-    """Raise unless pamid wrote the file: only its own files are replaced without a question."""
+    """Raise unless pamid wrote the file, since pamid replaces only its files without a question."""
     if not page.exists():
         return
     try:

@@ -191,7 +191,8 @@ def record_arm(
     )
     if not np.isfinite(readings).all():
         raise UsageError(
-            f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+            f"The arm becomes unstable with {', '.join(faults) or 'no fault'}.",
+            "Draw smaller sizes.",
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)

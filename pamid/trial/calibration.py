@@ -84,8 +84,8 @@ def lesson(
     """The same from labels and results."""
     if any(label["part"] != "calibration" for label in labels):
         raise DataError(
-            "the probabilities of a verdict are fitted to the calibration part alone",
-            "give the folder of a trial with --part calibration",
+            "The probabilities of a verdict are fitted only to the calibration part.",
+            "Give the folder of a trial with --part calibration.",
         )
     known = {label["number"]: label for label in labels}
     return Lesson(
@@ -156,8 +156,8 @@ def learnt(examples: Sequence[Example]) -> dict[str, float]:
     answers = np.array([e.yes for e in examples])
     if len(set(answers.tolist())) < 2:
         raise DataError(
-            "a probability cannot be learnt from cases that all have the same answer",
-            "draw more cases: pamid trial --part calibration --cases 60",
+            "All cases have the same answer, so no probability can be fitted.",
+            "Draw more cases: pamid trial --part calibration --cases 60.",
         )
     names = sorted(examples[0].features)
     table = np.array([[e.features[k] for k in names] for e in examples])

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 @njit
 def advance_joint(x: Array, m: Any, f: Any, torque: float, h: float) -> None:
-    """Speed, then angle, under `torque`; what is hung on behind the joint pulls back."""
+    """Speed, then angle, under `torque`; a part attached behind the joint reacts."""
     inertial = m.inertia
     torque -= bristles(x, f, h)
     if f.outboard > 0.0:

@@ -84,7 +84,7 @@ class Excitation:
 
     def __post_init__(self) -> None:
         if (self.reference_deg is None) == (self.command is None):
-            raise UsageError("an excitation is a reference or a command", "give one of the two")
+            raise UsageError("An excitation is a reference or a command.", "Give one of the two.")
 
 
 def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
@@ -204,7 +204,8 @@ def record(
     )
     if not np.isfinite(readings).all():
         raise UsageError(
-            f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+            f"The machine becomes unstable with {', '.join(faults) or 'no fault'}.",
+            "Draw smaller sizes.",
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)

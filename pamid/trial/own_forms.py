@@ -137,7 +137,7 @@ def _amount(value: float) -> Parameter:
 
 
 class SwayingGain(Effect):
-    """A gain that comes and goes with the clock."""
+    """A gain that varies periodically with time."""
 
     family = "nameless"
     general_kinds = ("command", "flow", "rate", "actuator-force", "motion", "reading")
@@ -151,7 +151,7 @@ class SwayingGain(Effect):
 
 
 class RememberedGain(Effect):
-    """A gain that grows with what has lately passed, either way."""
+    """A gain that grows with the recent values, of either sign."""
 
     family = "nameless"
     general_kinds = ("command", "flow", "rate", "actuator-force", "motion")
@@ -185,7 +185,7 @@ class SpeedAcrossPlace(Effect):
 
 
 class LopsidedCross(Effect):
-    """A share of what passes one way, and only there, that goes with the velocity."""
+    """A share of the value of one sign that depends on the velocity."""
 
     family = "nameless"
     general_kinds = ("motion", "actuator-force")

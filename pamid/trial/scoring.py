@@ -1,4 +1,4 @@
-"""The scorer: alone opens the labels, and reads nothing of the diagnosis but what it wrote.
+"""The scorer, which alone reads the labels, and reads only the written result of the diagnosis.
 
 Naming counts only where the fault shows: visibility is the refitted model's error over that of a
 twin recording without the fault, in the channel where it is largest.
@@ -155,7 +155,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
 
 
 def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
-    """Two faults at once, and one taken for two."""
+    """Rates for two faults at once, and for single faults named as two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
     named = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
     return {
@@ -170,7 +170,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
 
 
 def _open(singles: list[Marked]) -> dict[str, Rate]:
-    """One planted effect among lesser ones: is what removes most named, and the rest reported?"""
+    """Rates for one planted effect among lesser ones: largest effect named, remainder reported."""
     seen = [m for m in singles if m.material]
     named = [m for m in seen if m.names]
     answers = Counter(m.open_answer for m in seen)

@@ -42,9 +42,8 @@ CLOCK = "clock"  # the place of what is planted in the logger
 
 @dataclass(frozen=True)
 class LoggedColumn:
-    """A column as it is logged: `per_si` of its unit are one of the SI unit, after `shift` is
-    taken off; noise and the steps of the converter in its own unit; port: what it passes on its
-    way."""
+    """A column of the log: `per_si` of its unit are one SI unit, after `shift` is subtracted; noise
+    and the steps of the converter in its unit; port: the port that it passes."""
 
     per_si: float = 1.0
     shift: float = 0.0
@@ -53,8 +52,8 @@ class LoggedColumn:
     port: str = ""
 
     def written(self, x: Array, jitter: Array, step: float) -> Array:
-        """The column for what the sensor shows (SI), with its noise (in standard deviations) and
-        the step of its converter, 0 for none."""
+        """Column for a reading of the sensor (SI), with its noise (in standard deviations) and the
+        step of its converter, 0 for none."""
         shown = (x - self.shift) * self.per_si + self.noise * jitter
         return np.floor(shown / step + 0.5) * step if step > 0.0 else shown
 
@@ -184,8 +183,8 @@ class StarterMachine:
                 place = self._place(self.faults[name], key)
                 if (place, key) in occupied:
                     raise UsageError(
-                        f"fault {name!r} sets {key!r}, which another one has set",
-                        "plant one of the two",
+                        f"Fault {name!r} sets {key!r}, which another fault has set.",
+                        "Plant one of the two.",
                     )
                 occupied.add((place, key))
                 places[place] = replace(places[place], **{key: float(value)})
@@ -242,8 +241,8 @@ class StarterMachine:
         )
         if not np.isfinite(y).all():
             raise UsageError(
-                f"the machine flies apart with {', '.join(faults) or 'no fault'}",
-                "draw smaller sizes",
+                f"The machine becomes unstable with {', '.join(faults) or 'no fault'}.",
+                "Draw smaller sizes.",
             )
         stamps = np.arange(n + AHEAD, dtype=np.float64) * self.period_s
         time, clock = stamps[:n], places[CLOCK]

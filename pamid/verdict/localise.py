@@ -1,4 +1,4 @@
-"""Where the gap lies: regimes (stretches of a signal's values), frequency band, windows of time."""
+"""Place of the gap: regimes (ranges of a signal), frequency band, and windows of time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ WORST_WINDOWS = 3  # stated
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A regime with what it is chosen by: gain over its share of the time, and the samples
+    """A regime with the figures of its choice: gain over its share of the time, and the samples
     inside."""
 
     regime: Regime
@@ -176,8 +176,8 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
 
 
 def recorded_units(evidence: DataSplit) -> dict[str, str]:
-    """Quantity -> the unit in which it, or what it is the rate of, was recorded first. Not degC: a
-    temperature inside a model may be a difference."""
+    """Quantity -> unit in which it, or its integral, was first recorded. Not degC: a temperature
+    inside a model may be a difference."""
     units: dict[str, str] = {}
     for symbol in (split_column(name)[1] for name in (*evidence.channels, *evidence.rig.inputs)):
         if quantity_of(symbol) == "dimensionless" or unit_of(symbol).offset:
@@ -257,8 +257,7 @@ def _followed(
 
 
 def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; while it is still it keeps the sign it
-    had."""
+    """Samples since the velocity last changed its sign; a resting velocity keeps its sign."""
     moving = np.abs(velocity) > STILL_SHARE * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))

@@ -29,7 +29,7 @@ class RefittedParameters:
     undetermined: tuple[str, ...] = ()
 
     def remark(self) -> str:
-        """The parameters left out, in words; "" if all are shown."""
+        """Sentence about the omitted parameters; "" if all are shown."""
         rest = self.total - len(self.shown)
         if not rest:
             return ""

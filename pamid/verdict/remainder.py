@@ -261,8 +261,7 @@ def missing_value(
 
 
 def parity(m: Missing) -> str:
-    """Is the missing value an odd or an even function of what moves it? "odd", "even" or
-    "mixed"."""
+    """Parity of the missing value as a function of its signal: "odd", "even" or "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
     # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in bins of |x| that were visited both ways

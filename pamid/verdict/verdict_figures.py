@@ -1,4 +1,4 @@
-"""A diagnosis as the figures of diagnosis.json."""
+"""Content of diagnosis.json from a diagnosis."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
 
 
 def _how_far(d: Diagnosis, i: int) -> result.Reach:
-    """One channel's errors on windows that had no part in the choice, in the column's unit."""
+    """Errors of one channel on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]

@@ -229,7 +229,7 @@ def _floors_text(floors: float) -> str:
 
 
 def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """"of the friction family, in a form that is not in the catalogue"; "" without such a curve."""
+    """ "of the friction family, in a form that is not in the catalogue"; "" without such a curve."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
