@@ -44,7 +44,7 @@ class PlannedExcitation:
     about      entries of the JSON
     sentences  lines for people
     meta       tables of the TOML next to the excitation
-    shown      fields of a `report.excitation_figure.Shown` per column
+    shown      fields of a `report.excitation_figure.ExcitedColumn` per column
     """
 
     columns: dict[str, NDArray[Any]]

@@ -207,10 +207,10 @@ def _write(
     pictures = {}
     if figure is not None:
         from pamid.base.files import make_folder
-        from pamid.report.excitation_figure import Shown, richness_picture
+        from pamid.report.excitation_figure import ExcitedColumn, richness_picture
 
         pictures[figure] = richness_picture(
-            [Shown(period_s=period, **column) for column in planned.shown]
+            [ExcitedColumn(period_s=period, **column) for column in planned.shown]
         ).png
         make_folder(figure.parent)
     about = write_excitation(

@@ -100,7 +100,7 @@ def where_answer(run: RunData) -> AnswerText:
 def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
-    alike = sorted(where.not_told_from(where.port))
+    alike = sorted(where.inseparable_from(where.port))
     # the form of an effect separates ports that the sensors alone cannot
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         ports = dict.fromkeys(formatting.port_label(cause.port) for cause in diagnosis.causes)
@@ -173,7 +173,7 @@ def which_answer(run: RunData) -> AnswerText:
     }
     lead, details = leads[diagnosis.verdict](diagnosis)
     details += _refits(diagnosis)
-    return AnswerText(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
+    return AnswerText(lead, (*details, *_confidence_set(diagnosis), _confidence(diagnosis)))
 
 
 def _refits(diagnosis: DiagnosisFile) -> list[str]:
@@ -304,7 +304,7 @@ def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     return "Undetermined.", []
 
 
-def _beside(diagnosis: DiagnosisFile) -> list[str]:
+def _confidence_set(diagnosis: DiagnosisFile) -> list[str]:
     """The confidence set, if it is too large for the lead; the ranking shows the other
     candidates."""
     details = []

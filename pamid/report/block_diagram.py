@@ -126,7 +126,7 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
     direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
     drawn = (
-        {_stepped(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
+        {_with_bypass(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
         | back
         | (level - one_way)
     )
@@ -142,7 +142,7 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     return sorted(links, key=lambda item: (rank[item[0]], rank[item[1]]))
 
 
-def _stepped(
+def _with_bypass(
     a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
 ) -> tuple[str, str]:
     """Arrows of a force that reaches a moving part through further blocks (a muscle, its chain, the
@@ -166,7 +166,7 @@ def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
     return False
 
 
-def gathered(
+def merged_columns(
     columns: dict[str, list[str]], texts: dict[str, BlockText]
 ) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
     """Columns in which blocks without effects are joined, if there are more than
@@ -189,7 +189,7 @@ def gathered(
 
 def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
     """Columns next to each other."""
-    columns, texts = gathered(columns_of(rig), texts)
+    columns, texts = merged_columns(columns_of(rig), texts)
     count = max(1, len(columns))
     gap = GAP_X if count > _FEW else 2.0 * GAP_X
     each = min(_MOST_WIDE, max(_LEAST_WIDE, (wide - gap * (count - 1)) / count))
@@ -211,7 +211,7 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
 
 def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
     """Columns below each other, with two blocks per row and one arrow between columns."""
-    columns, texts = gathered(columns_of(rig), texts)
+    columns, texts = merged_columns(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
     led = {(a, b): both for a, b, both in links_of(rig, columns_of(rig))}

@@ -78,7 +78,7 @@ def comparison_document(runs: Sequence[ComparedRun]) -> Document:
         else "The same data, run in the same way."
     )
     sections: list[tuple[str, tuple[Block, ...]]] = [
-        ("What was found", (_found(runs),)),
+        ("What was found", (_result_rows(runs),)),
         ("Errors", _errors(runs)),
         ("Parameters", _parameters(runs)),
         ("What changed", (_data(runs), notes(differs))),
@@ -130,12 +130,12 @@ def _heads(runs: Sequence[ComparedRun], *first: str, last: str = "") -> list[str
     return [*first, *(run.name for run in runs), *([last] if last else [])]
 
 
-def _found(runs: Sequence[ComparedRun]) -> Table:
+def _result_rows(runs: Sequence[ComparedRun]) -> Table:
     columns: dict[str, Callable[[ComparedRun], str]] = {
         "verdict": lambda item: item.run.diagnosis.verdict if item.run.diagnosis else "fit only",
         "causes": _causes,
         "port": _port,
-        "share of the gap left": _left,
+        "share of the gap left": _remainder_text,
         "do next": _next,
     }
     return table(
@@ -167,7 +167,7 @@ def _port(compared_run: ComparedRun) -> str:
     return formatting.port_label(where.port) if where is not None else ""
 
 
-def _left(compared_run: ComparedRun) -> str:
+def _remainder_text(compared_run: ComparedRun) -> str:
     rest = compared_run.run.diagnosis.remainder if compared_run.run.diagnosis is not None else None
     if rest is None:
         return ""
@@ -260,7 +260,7 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
     step = compared_run.run.steps[0]
     recordings = compared_run.run.fit.recordings if compared_run.run.fit is not None else ()
     options = {
-        _OPTIONS.get(key, f"option {formatting.clean(key)}"): _told(value)
+        _OPTIONS.get(key, f"option {formatting.clean(key)}"): _option_text(value)
         for key, value in step.options.items()
         if key != "rig"
     }
@@ -275,7 +275,7 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
     }
 
 
-def _told(value: object) -> str:
+def _option_text(value: object) -> str:
     """An option as text: a list by its members, an empty value as a dash."""
     if isinstance(value, list | tuple):
         return ", ".join(formatting.clean(str(item)) for item in value)

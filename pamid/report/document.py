@@ -65,7 +65,7 @@ class Table:
     numeric: frozenset[int] = frozenset()
     fixed: bool = False
 
-    def again(self, row: int, column: int) -> bool:
+    def repeats_above(self, row: int, column: int) -> bool:
         """Whether this cell, with all cells to its left, repeats the row above."""
         return (
             row > 0

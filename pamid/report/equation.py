@@ -93,7 +93,7 @@ class _Symbols:
 
 
 @dataclass(frozen=True)
-class Acting:
+class ActingEffect:
     """An effect at a port: letter and meaning of the value, the rates of its states, and names:
     parameter -> its name outside."""
 
@@ -105,7 +105,7 @@ class Acting:
     names: Mapping[str, str]
 
 
-def acting(rig: str, label: str) -> Acting | None:
+def acting(rig: str, label: str) -> ActingEffect | None:
     """The effect of this label on a rig of the catalogue; None for rigs and effects from users'
     files, which are code that a report does not run."""
     try:
@@ -117,7 +117,7 @@ def acting(rig: str, label: str) -> Acting | None:
         return None
 
 
-def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> Acting:
+def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> ActingEffect:
     offered = frozenset(port.signals) | {"time", "period"}
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
     at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
@@ -125,7 +125,7 @@ def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> 
     change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = change if isinstance(change, tuple) else (change, {})
     names = {name: b.name for name, b in bounds.items()}
-    return Acting(
+    return ActingEffect(
         effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
     )
 
@@ -213,7 +213,7 @@ def _title(cause: Cause) -> str:
     return f"The equation of {effect_label(cause.effect)}{at}{values}"
 
 
-def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
+def _rows(act: ActingEffect, typeset: Typeset) -> list[list[Markup]]:
     after = tag("mrow", name(act.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(act.value))]]
     for state, rate in act.rates.items():
@@ -224,7 +224,7 @@ def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
     return rows
 
 
-def _plain(act: Acting, values: Mapping[str, Estimate]) -> str:
+def _plain(act: ActingEffect, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
     shown = {
         key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
@@ -242,7 +242,7 @@ def _plain(act: Acting, values: Mapping[str, Estimate]) -> str:
     )
 
 
-def _shown(act: Acting, values: Mapping[str, Estimate]) -> Any:
+def _shown(act: ActingEffect, values: Mapping[str, Estimate]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Markup:
@@ -256,7 +256,7 @@ def _shown(act: Acting, values: Mapping[str, Estimate]) -> Any:
     return shown
 
 
-def _legend(act: Acting, typeset: Typeset) -> Iterator[str]:
+def _legend(act: ActingEffect, typeset: Typeset) -> Iterator[str]:
     """Meanings of the letters and the functions."""
     letter = act.letter
     yield (

@@ -70,7 +70,7 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     if where is None or not where.ports:
         return None
     shares = _large_shares(where)
-    alike = where.not_told_from(where.port)
+    alike = where.inseparable_from(where.port)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

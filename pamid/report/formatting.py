@@ -115,14 +115,14 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     millionths: "0.405 µm"."""
     if value is None or not unit_text:
         return short(value, digits)
-    factor, unit_text = _told_in(unit_text, value)
+    factor, unit_text = _scaled_unit(unit_text, value)
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
 
 
 def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     """ "5.98 → 2.63 mm": the unit is that of the largest."""
     if values and unit_text:
-        factor, unit_text = _told_in(unit_text, *values)
+        factor, unit_text = _scaled_unit(unit_text, *values)
         values = [factor * value for value in values]
     text = between.join(short(value) for value in values)
     return f"{text}{SPACE}{unit_text}" if unit_text else text
@@ -138,13 +138,13 @@ def with_interval(
     known = [bound for bound in (value, low, high) if bound is not None]
     if not known or not unit_text:
         return short(value, digits) + interval_tail(span(low, high, "", digits))
-    factor, unit_text = _told_in(unit_text, *known)
+    factor, unit_text = _scaled_unit(unit_text, *known)
     middle, low, high = (None if bound is None else factor * bound for bound in (value, low, high))
     interval = span(low, high, unit_text, digits)
     return f"{with_unit_text(middle, unit_text, digits)}{interval_tail(interval)}"
 
 
-def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
+def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
     """Factor and unit for display: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))
     if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
@@ -163,7 +163,9 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
     if low is None and high is None:
         return DASH
-    factor, unit_text = _told_in(unit_text, *(bound for bound in (low, high) if bound is not None))
+    factor, unit_text = _scaled_unit(
+        unit_text, *(bound for bound in (low, high) if bound is not None)
+    )
     low, high = (None if bound is None else factor * bound for bound in (low, high))
     tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None:

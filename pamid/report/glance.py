@@ -55,7 +55,7 @@ def todo_of(run: RunData) -> str:
     experiment = diagnosis.next_experiment
     if experiment is None and diagnosis.withheld:
         return (
-            "Record again under a controller: without one every experiment leaves the safe range."
+            "Record again in closed loop: in open loop every experiment leaves the recorded range."
         )
     if experiment is None:
         return "This answer needs no further measurement."
@@ -124,7 +124,7 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
         return []
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         return sorted({port for cause in diagnosis.causes for port in cause.or_at})
-    return sorted(where.not_told_from(where.port))
+    return sorted(where.inseparable_from(where.port))
 
 
 # ---- which ---------------------------------------------------------------------------------------

@@ -61,7 +61,7 @@ def _refitted(residual: Residual, channel: str) -> FloatArray:
     return values
 
 
-def _judged(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
+def _scored_windows(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
     """Windows as (stretch, first, last); only held-out ones, if there are any."""
     every = [(stretch, *window) for stretch in stretches for window in stretch.windows]
     held_out = any(window[3] for window in every)
@@ -74,7 +74,7 @@ def _worst(
     """The windows in which the refitted model is off most, worst first."""
     scored = [
         (float(np.nanmean(error[stretch.rows[first : last + 1]])), stretch, first, last)
-        for stretch, first, last in _judged(stretches)
+        for stretch, first, last in _scored_windows(stretches)
         if np.isfinite(error[stretch.rows[first : last + 1]]).any()
     ]
     time, places = residual.columns["time_s"], []
@@ -135,7 +135,7 @@ def _regime(
             first,
             last,
         )
-        for part, first, last in _judged(stretches)
+        for part, first, last in _scored_windows(stretches)
     ]
     if not scored:
         return None

@@ -114,7 +114,7 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     if where is None:
         return []
     texts = []
-    others = where.not_told_from(group)
+    others = where.inseparable_from(group)
     if others:
         order = [port.port for port in where.ports]
         named = sorted(others, key=lambda item: order.index(item) if item in order else len(order))

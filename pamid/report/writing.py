@@ -168,12 +168,12 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    drawn_by, notes = _drawn_by(run, rig)
+    drawn_by, notes = _posed_rig(run, rig)
     document_of = partial(run_document, run, rows, drawn_by=drawn_by)
     return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run), notes)
 
 
-def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
+def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
     """The given rig, for its pose; a page without one has no animation, and a note states it."""
     if rig is None:
         return None, ()
@@ -253,12 +253,14 @@ def write_comparison(
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
-    _require_own(page, lambda found: found.startswith(MARK.encode()))
+    _require_replaceable(page, lambda found: found.startswith(MARK.encode()))
     if pdf is not None:
-        _require_own(pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK))
+        _require_replaceable(
+            pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK)
+        )
 
 
-def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
+def _require_replaceable(page: Path, is_own: Callable[[bytes], bool]) -> None:
     """Raise unless pamid wrote the file, since pamid replaces only its files without a question."""
     if not page.exists():
         return

@@ -229,7 +229,7 @@ class Where(Model):
         (), description="[begin, end] of the worst windows, s of the recording"
     )
 
-    def not_told_from(self, port: str) -> set[str]:
+    def inseparable_from(self, port: str) -> set[str]:
         """The other ports that these sensors or recordings cannot tell from this one."""
         return {o for group in self.indistinguishable if port in group for o in group} - {port}
 

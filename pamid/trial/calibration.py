@@ -171,14 +171,14 @@ def learnt(examples: Sequence[Example]) -> dict[str, float]:
 
 def _examples(lessons: Sequence[Lesson]) -> list[Example]:
     return [
-        Example(candidate["figures"], m.is_right(candidate), taught.machine)
-        for taught in lessons
-        for m in taught.cases
-        for candidate in _weighed(m)
+        Example(candidate["figures"], m.is_right(candidate), lesson.machine)
+        for lesson in lessons
+        for m in lesson.cases
+        for candidate in _leading_candidates(m)
     ]
 
 
-def _weighed(m: Marked) -> list[dict[str, Any]]:
+def _leading_candidates(m: Marked) -> list[dict[str, Any]]:
     """The causes that a case names, and the best of the leading families of its ranking."""
     leading: dict[str, dict[str, Any]] = {}
     for cause in [*m.causes, *m.ranking]:

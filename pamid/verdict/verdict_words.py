@@ -47,7 +47,7 @@ def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if diagnosis.verdict == "unknown-effect":
         return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
     if diagnosis.verdict == "cannot-tell":
-        return _unsure(diagnosis, spelling)
+        return _undecided(diagnosis, spelling)
     if diagnosis.verdict == "ambiguous":
         return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
     if len(diagnosis.causes) > 1:
@@ -73,7 +73,9 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         at = (
-            _entrance(diagnosis.where, spelling) if diagnosis.where and diagnosis.where.port else ""
+            _entry_port(diagnosis.where, spelling)
+            if diagnosis.where and diagnosis.where.port
+            else ""
         )
         return f"A curve at one of the ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
@@ -229,7 +231,7 @@ def _floors_text(floors: float) -> str:
 
 
 def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "of the friction family, in a form that is not in the catalogue"; "" without such a curve."""
+    """ "of the friction family, in a form that is not in the catalogue"; "" without a curve."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
@@ -276,11 +278,11 @@ def advice_of(rest: Remainder) -> str:
     return "" if rest.real or (rest.floors or 0.0) < LEAST_FLOORS else LOOK_FURTHER
 
 
-def _entrance(where: Where, spelling: Spelling) -> str:
+def _entry_port(where: Where, spelling: Spelling) -> str:
     """Port at which the gap enters, and inseparable ports with the same share or a larger one."""
     shares = {item.port: item.share for item in where.ports}
     port_share = shares.get(where.port, 0.0)
-    alike = where.not_told_from(where.port)
+    alike = where.inseparable_from(where.port)
     others = sorted(port for port in alike if shares.get(port, 0.0) >= port_share > 0.0)
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
@@ -289,7 +291,7 @@ def _entrance(where: Where, spelling: Spelling) -> str:
     return f"{first}, or at {rest}: these sensors cannot separate them."
 
 
-def _unsure(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+def _undecided(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """First candidate of the ranking, and the reason why it is not named."""
     tied = diagnosis.comparison[0].tied if diagnosis.comparison else ()
     if len(tied) > 1:
