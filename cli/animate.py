@@ -9,7 +9,7 @@ import click
 from . import frame
 from .terminal import progress_line
 
-PLACE = 130
+HELP_ORDER = 130
 EXAMPLE = """
 pamid animate fitted --output arm.gif
 """
@@ -59,10 +59,10 @@ def command(
     size: int,
     overwrite: bool,
 ) -> frame.Result:
-    """Show how the rig of the run folder RUN moved and how its models would have: an animated GIF.
+    """Draw the measured and the simulated motion of the run folder RUN as an animated GIF.
 
-    Measured dark and thick, the best model over it, the one before it dashed; below, by how much
-    they are off. For any rig that has a pose.
+    The measured motion is dark and thick, the best model lies over it, and the model before it is
+    dashed. A plot below shows the errors. The rig needs a pose.
     """
     from pamid.base.files import make_folder, require_new, write_atomically
     from pamid.base.run_folder import FIGURES_FOLDER, Run

@@ -6,7 +6,7 @@ import click
 
 from . import frame
 
-PLACE = 180
+HELP_ORDER = 180
 EXAMPLE = """
 pamid completion bash
 """

@@ -13,7 +13,7 @@ from .table import COMMANDS
 if TYPE_CHECKING:
     from pamid.schemas.command_files import OptionSetting
 
-PLACE = 170
+HELP_ORDER = 170
 EXAMPLE = """
 pamid config diagnose
 """
@@ -22,14 +22,15 @@ pamid config diagnose
 @frame.command("config", example=EXAMPLE)
 @click.argument("commands", nargs=-1, metavar="[COMMAND]...")
 def command(commands: tuple[str, ...]) -> frame.Result:
-    """Show the options of all commands, or of these, with their values and where each value comes
-    from.
+    """Show the options of all commands, or of these, with their values and sources.
 
-    The command line goes first, then the environment (PAMID_DIAGNOSE_JOBS=4), then the nearest
-    pamid.toml, in this folder or above it, then the default. A pamid.toml holds a table per
-    command, and [defaults] for all that have the option. One that others may have written, or of a
-    folder above and outside your home, is ignored; files to run, a cluster and leave to replace
-    files are taken only from one that is yours and in your home:
+    The command line takes precedence. The environment (PAMID_DIAGNOSE_JOBS=4) comes next, then the
+    nearest pamid.toml in this folder or above it, then the default. A pamid.toml has one table per
+    command, and [defaults] for all commands that have the option.
+
+    A pamid.toml that others may have written is ignored, and one in a folder above and outside your
+    home. Files to run, a cluster, and permission to replace files are read only from a pamid.toml
+    that you own and that lies in your home:
 
     \b
         [defaults]
@@ -41,7 +42,7 @@ def command(commands: tuple[str, ...]) -> frame.Result:
 
     path = settings_files.settings_file()
     if path is not None:
-        # every mistake in it, not only those that concern the commands asked for
+        # checks the whole file, also the tables of other commands
         settings_files.read_settings(path)
     for name in commands:
         frame.require_command(name)
@@ -57,7 +58,7 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     lines = [f"Ignored: {file}: {why}." for file, why in ignored.items()]
     if limited:
         lines.append(
-            f"No rig or effect file, cluster, force or overwrite is taken from it: {limited}."
+            f"Its rig and effect files, cluster, force and overwrite are ignored: {limited}."
         )
     return frame.Result(settings, _text(shown, path, bool(commands), lines))
 
@@ -68,17 +69,17 @@ def _values(name: str) -> dict[str, OptionSetting]:
     context = frame.blank_context(name)
     return {
         option: OptionSetting(
-            value=_plain(context.params.get(str(made.name))),
-            origin=settings_files.origin_of(context, made),
+            value=_plain(context.params.get(str(parameter.name))),
+            origin=settings_files.origin_of(context, parameter),
         )
-        for option, made in settings_files.options_of(context.command).items()
-        if not made.hidden
+        for option, parameter in settings_files.options_of(context.command).items()
+        if not parameter.hidden
     }
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
 
 
@@ -95,17 +96,17 @@ def _text(
         *about_files,
     ]
     for name, options in shown.items():
-        told = {
+        listed = {
             k: v
             for k, v in options.items()
             if all_of_them or v.origin not in ("default", "required")
         }
-        if not told:
+        if not listed:
             continue
         lines += ["", f"[{name}]"]
-        for option, about in told.items():
-            value = "-" if about.value in (None, []) else about.value
-            lines.append(f"{option:22s} {value!s:24s} {about.origin}")
+        for option, setting in listed.items():
+            value = "-" if setting.value in (None, []) else setting.value
+            lines.append(f"{option:22s} {value!s:24s} {setting.origin}")
     if not all_of_them and len(lines) == 1 + len(about_files):
         lines.append("Every option has its default; `pamid config fit` lists those of fit.")
     return "\n".join(lines)

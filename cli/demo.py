@@ -1,4 +1,4 @@
-"""`pamid demo`: Everything above on a virtual rig, in about a minute."""
+"""`pamid demo`: Run the whole workflow on a virtual rig, in about a minute."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from .job import parameter_values
 from .options import jobs_option, run_output_option, seed_option
 from .terminal import aside, progress_line, quoted
 
-PLACE = 190
+HELP_ORDER = 190
 EXAMPLE = """
 pamid demo --output demo-run --seed 1
 """
 _BEGUN = (
-    "A virtual joint is recorded with a fault that is withheld; then it is fitted, diagnosed, a "
-    "network is trained and the page is written: about a minute."
+    "Recording a virtual joint with a hidden fault, then fit, diagnosis, training of a network and "
+    "report: about a minute."
 )
-_BEGUN_OTHER = (
-    "A virtual machine is recorded with a fault that is withheld; then it is fitted and diagnosed, "
-    "and the page is written."
-)
+_BEGUN_OTHER = "Recording a virtual machine with a hidden fault, then fit, diagnosis and report."
 
 
 @frame.command("demo", example=EXAMPLE)
@@ -33,29 +30,29 @@ _BEGUN_OTHER = (
     "--rig",
     default="one-dof",
     show_default=True,
-    help="Rig by name, or the path of a rig file (it is run): a virtual machine is made of it.",
+    help="Rig of the virtual machine, by name or by the path of a rig file (it is run).",
 )
-@seed_option("Draws what is withheld, the excitation and the noise.", 1)
+@seed_option("Seed of the hidden fault, the excitation and the noise.", 1)
 @jobs_option("Threads to use.")
 @click.option(
     "--duration",
     type=click.FloatRange(15.0, 3600.0),
     default=60.0,
     show_default=True,
-    help="Length of the recording of the one-dof in s; on another rig its usual holds decide.",
+    help="Length of the recording of the one-dof in s. The hold times of another rig "
+    "determine its length.",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(
     output: Path, rig: str, seed: int, jobs: int, duration: float, overwrite: bool
 ) -> frame.Result:
-    """Build a virtual joint with an effect that is withheld and parameters that are off, record it,
-    diagnose it, train a network on what is left over, write the report page, and compare what was
-    named with what was withheld.
+    """Build a virtual joint with a hidden effect and wrong parameters, record and diagnose it,
+    train a network on the residual, write the report, and compare the diagnosis with the truth.
 
-    With --rig the same for a machine that is made of that rig as `pamid trial` makes them, without
-    the network. What is withheld is drawn from all that fits its ports, and need not show.
+    With --rig the machine is built from that rig, as in `pamid trial`, and no network is trained.
+    The hidden effect is drawn from all effects that fit its ports, and may be too small to show.
     """
-    # before what takes seconds to load
+    # before the imports, which take seconds
     aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
     from pamid.base.run_folder import Run
     from pamid.model.registry import code_files
@@ -85,9 +82,9 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
     """Withheld effect and diagnosed cause, as text."""
     truth = result["withheld"]
     judged = {
-        "right": "Right: the withheld effect's family is the one named.",
-        "among": "Among those named is the withheld effect's family.",
-        "missed": "Missed: the withheld effect's family was not named.",
+        "right": "Right: the family of the withheld effect is the one named.",
+        "among": "Partly right: the family of the withheld effect is among those named.",
+        "missed": "Missed: the family of the withheld effect was not named.",
     }[result["hit"]]
     lines = [
         f"Withheld  {truth['effect']} ({truth['family']}): {', '.join(truth['as_simulated'])}",

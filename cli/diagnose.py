@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .fail_if import Condition, exit_code_of, fail_if_option
-from .job import cluster_option, failed_text, parameter_values, said_of
+from .job import cluster_option, failed_text, finished_result, parameter_values
 from .options import (
     figure_option,
     jobs_option,
@@ -23,9 +23,9 @@ from .options import (
 )
 from .terminal import progress_line, quoted, warning
 
-PLACE = 80
+HELP_ORDER = 80
 _SETTLED = 0.95
-_HOLD_HINT = "(TOML next to the recording: [known] holds one, [free] fits one that is held)"
+_HOLD_HINT = "(TOML next to the recording: [known] fixes a parameter, [free] releases a fixed one)"
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """
@@ -44,8 +44,8 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option(
     "--horizon",
     metavar="SECONDS|whole",
-    help="Time that the model predicts from one estimated state, in whole windows; whole: over "
-    "whole recordings. [default: as long as the noise of that state allows]",
+    help="Time to predict from one estimated state, rounded to whole windows; whole: over whole "
+    "recordings. [default: as long as the noise of that state allows]",
 )
 @click.option(
     "--setting",
@@ -60,11 +60,11 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @no_check_option
 @cluster_option
 @click.option(
-    "--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted."
+    "--resume", is_flag=True, help="Continue the same diagnosis where it was interrupted."
 )
 @figure_option(
-    "the rig as a block diagram, with the shares of the gap and the effects found; below it the "
-    "residual over what the leading candidates add"
+    "the rig as a block diagram, with the shares of the gap and the identified effects; below it "
+    "the residual over the contribution of the leading candidates"
 )
 @fail_if_option(
     "'remainder > 0.3' (share of the gap that no cause explains, 0 without a structural gap), "
@@ -90,13 +90,13 @@ def command(
     conditions: tuple[Condition, ...],
     overwrite: bool,
 ) -> frame.Result:
-    """Say where a model departs from its recordings, which effect of the catalogue causes it, and
-    how far the gap shrinks once that effect is added, on recordings that neither the parameters nor
-    the choice have seen.
+    """Find where a model departs from its recordings, which effect of the catalogue causes it, and
+    how far the gap shrinks when that effect is added. The last figure comes from recordings that
+    were used neither to fit the parameters nor to choose the effect.
 
-    Interrupted or killed, it keeps every finished job in the run folder (jobs/, removed when all is
-    done); the same command with --resume repeats none of them. Where single jobs fail the rest is
-    written, and the exit code is 6.
+    If the command is interrupted or killed, every finished job stays in the run folder (jobs/,
+    removed at the end). The same command with --resume repeats none of them. If single jobs fail,
+    the other results are written, and the exit code is 6.
     """
     from pamid.api.diagnosing import diagnose
 
@@ -121,7 +121,7 @@ def command(
             warn=warning,
             command=frame.command_line(),
         )
-    content, text = said_of(
+    content, text = finished_result(
         output / "diagnosis.json", lambda content: diagnosis_text(content, output)
     )
     if figure is not None:
@@ -144,8 +144,9 @@ def _figures(diagnosis: dict[str, Any]) -> dict[str, float | None]:
 
 
 def diagnosis_text(diagnosis: dict[str, Any], output: Path) -> str:
-    """The three answers, the ranking, and what to do next; where the recordings show nothing of the
-    model, that alone.
+    """The three answers, the ranking and the next command, as text.
+
+    If the recordings do not depend on the model, the text states only that and the errors.
     """
     if diagnosis.get("remark"):
         return "\n".join(
@@ -170,7 +171,7 @@ def diagnosis_text(diagnosis: dict[str, Any], output: Path) -> str:
 
 
 def _where(where: dict[str, Any]) -> list[str]:
-    """Ports, the regimes in which the gap shows, and a sensor that would tell more."""
+    """Lines about the ports, the regimes in which the gap shows, and a useful further sensor."""
     from pamid.base.share_words import plain_number
 
     shares = [
@@ -183,7 +184,7 @@ def _where(where: dict[str, Any]) -> list[str]:
         f"{r['unit']}".rstrip()
         for r in where["regimes"][:2]
     ]
-    # where one port holds nearly all of it, there is nothing left to split
+    # a further sensor separates ports, which is pointless if one port has nearly all of the gap
     if where.get("sensors") and max((p["share"] for p in where["ports"]), default=0.0) < _SETTLED:
         split = " or ".join(", ".join(g) for g in where["sensors"][0]["splits"][:2])
         lines.append(f"          measuring {where['sensors'][0]['sensor']} would separate {split}")
@@ -191,7 +192,7 @@ def _where(where: dict[str, Any]) -> list[str]:
 
 
 def _which(causes: list[dict[str, Any]]) -> list[str]:
-    """Every cause with its parameters and what it removes, beside the others."""
+    """One line per cause with its parameters and the share of the gap that it removes."""
     lines = []
     for i, c in enumerate(causes):
         values = parameter_values(c["parameters"])
@@ -203,7 +204,7 @@ def _which(causes: list[dict[str, Any]]) -> list[str]:
 
 
 def _refitted(parameters: dict[str, Any]) -> list[str]:
-    """The parameters of the answer's model that moved off the data sheet, with intervals."""
+    """Parameters of the chosen model that left the data sheet, with intervals."""
     from pamid.schemas.estimates import Estimate
     from pamid.schemas.model import read
     from pamid.verdict.refitted_parameters import refitted_parameters
@@ -229,7 +230,7 @@ def _left(diagnosis: dict[str, Any]) -> list[str]:
     if not diagnosis["remainder"]:
         return []
     rest = read(Remainder, diagnosis["remainder"])
-    size = size_of(rest, beside=bool(diagnosis["causes"]))
+    size = size_of(rest, with_causes=bool(diagnosis["causes"]))
     lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
     if diagnosis["causes"] and (advice := advice_of(rest)):
         lines.append(f"          {advice}")
@@ -237,13 +238,13 @@ def _left(diagnosis: dict[str, Any]) -> list[str]:
     if rest.port:
         amount = amount_of(rest)
         lines.append(f"          at the {rest.port} port{f', {amount}' if amount else ''}")
-        condition = ", with the parameters estimated anew beside it"
+        condition = ", with the parameters estimated again together with it"
         lines += [f"          {formula}{condition}"] if formula else []
     return lines
 
 
 def _free_forms(unknown: dict[str, Any]) -> list[str]:
-    """Families whose free forms take up what has no name, each with a few points of its curve."""
+    """Families whose nonparametric curves fit the unnamed effect, with a few points of each."""
     lines = []
     for i, form in enumerate(unknown.get("free_forms") or []):
         curve = form["curve"]
@@ -261,16 +262,16 @@ def _free_forms(unknown: dict[str, Any]) -> list[str]:
 
 
 def _ranking(diagnosis: dict[str, Any]) -> list[str]:
-    """The candidates, the one that removes most first, after the meaning of the figures."""
+    """Explanation of the figures, then the candidates in the order of the ranking."""
     from pamid.base.share_words import percent_text, percents_text
     from pamid.verdict.verdict_words import chance_figure
 
     rows = [r for r in diagnosis["ranking"] if r["removes"]][:8]
     return [
         "",
-        "Share of the gap that each candidate removes by itself (95 % interval, paired), standard",
-        "errors behind the first, and P: how often an effect of that family acted, among virtual",
-        "machines with figures like these.",
+        "Share of the gap that each candidate removes by itself (95 % interval, paired), and its",
+        "distance from the first in standard errors. P: how often an effect of that family was",
+        "present on virtual machines with similar figures.",
         f"{'effect':36s} {'family':20s} {'share':>6s} {'95 %':>12s} {'behind':>7s} {'P':>6s}",
         *(
             f"{r['effect']:36s} {r['family']:20s} {percent_text(r['removes']['share']):>6s} "
@@ -300,8 +301,7 @@ def _further(diagnosis: dict[str, Any], output: Path) -> list[str]:
 
 
 def _scoring(diagnosis: dict[str, Any]) -> list[str]:
-    """Over which time and on which windows the errors are, and the prediction for a new
-    recording."""
+    """Lines about the horizon and windows of the errors, and the prediction for a new recording."""
     from pamid.base.share_words import percent_text, percents_text, plain_number
 
     horizon = (

@@ -6,7 +6,7 @@ import click
 
 from . import frame, names
 
-PLACE = 140
+HELP_ORDER = 140
 EXAMPLE = """
 pamid effects
 pamid effects --symptom stops-short
@@ -26,8 +26,8 @@ pamid effects coulomb-friction --rig one-dof
     "--free-forms",
     "free",
     is_flag=True,
-    help="List the free forms of the families, too, which say what an effect outside the catalogue "
-    "is like.",
+    help="Also list the nonparametric curves of the families, which describe effects outside the "
+    "catalogue.",
 )
 @click.option(
     "--symptom",
@@ -41,9 +41,8 @@ def command(
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
     file. The name of a family, such as friction, lists its effects.
 
-    The story of an effect: what it is, what it looks like in a recording, what it is mistaken for,
-    its equation, references, parameters with their ranges and sources, and the ports at which it
-    fits.
+    An explanation has a description, the appearance in a recording, similar effects, the equation,
+    references, parameters with ranges and sources, and the ports where the effect fits.
     """
     from pamid.base.errors import FileError, UsageError, nearest
     from pamid.base.symptoms import SYMPTOMS

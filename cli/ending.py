@@ -1,10 +1,9 @@
-"""How a command ends when it is signalled (SIGTERM, or SIGINT of Ctrl-C).
+"""End of a command after a signal (SIGTERM, or SIGINT of Ctrl-C).
 
-Python runs a signal handler between two of its own instructions, so native code that runs for a
-minute hears nothing for a minute. A KeyboardInterrupt raised in a callback of native code is lost.
-Therefore a thread waits for the first signal. It raises a lost interrupt again, and ends the
-process when the grace is over. Files are written whole or not at all, so nothing half-written takes
-a file's place.
+Python runs a signal handler between two bytecode instructions, so native code that runs for a
+minute delays it by a minute. A KeyboardInterrupt raised in a callback of native code is lost.
+Therefore a thread waits for the first signal. It repeats a lost interrupt, and ends the process
+when the grace period is over. Files are written atomically, so no half-written file is left.
 """
 
 from __future__ import annotations
@@ -37,14 +36,14 @@ _STATE = _Signals()
 
 
 def was_signalled() -> bool:
-    """Was this process asked to end?"""
+    """Whether this process has received a signal to end."""
     return _STATE.came
 
 
 def watch_signals(last_words: Callable[[], None]) -> None:
-    """End the command on SIGTERM as on Ctrl-C, within the grace in any case.
+    """End the command on SIGTERM as on Ctrl-C, within the grace period in any case.
 
-    last_words: says that the command was interrupted, where it did not come to say so itself.
+    last_words: prints that the command was interrupted, if the command could not do so itself.
     """
     signal.signal(signal.SIGTERM, _interrupt)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -57,20 +56,20 @@ def watch_signals(last_words: Callable[[], None]) -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """SIGTERM: what is finished is kept. Asking again changes nothing."""
+    """Handle SIGTERM. Finished work is kept, and a second SIGTERM has no effect."""
     if not _STATE.came or _STATE.lost:
         _interrupt_again(number, frame)
 
 
 def _interrupt_again(number: int, frame: FrameType | None) -> None:
-    """SIGINT: every Ctrl-C interrupts, also what tidies up after the one before."""
+    """Handle SIGINT. Every Ctrl-C interrupts, also the clean-up after an earlier one."""
     _STATE.came, _STATE.lost = True, False
     raise KeyboardInterrupt
 
 
 def _note_lost(lost: sys.UnraisableHookArgs) -> None:
     if _STATE.came and issubclass(lost.exc_type, KeyboardInterrupt):
-        _STATE.lost = True  # the watching thread raises it again: here it would be lost as well
+        _STATE.lost = True  # raised here it would be lost as well; the watching thread repeats it
     else:
         sys.__unraisablehook__(lost)
 
@@ -90,7 +89,7 @@ def _watch(signals: int, last_words: Callable[[], None]) -> None:
 
 
 def _kill_children() -> None:
-    """Those of native code hear no signal either, and would outlive this process."""
+    """Kill child processes of native code; they ignore the signal and would outlive this one."""
     for task in Path("/proc/self/task").glob("*/children"):  # on Linux
         with contextlib.suppress(OSError):
             for child in task.read_text().split():

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from pamid.excitation.aprbs import Coverage
     from pamid.model.rig import Rig
 
-DUTY = 0.3  # usual highest one of a staircase: what comes after it is no small command
+DUTY = 0.3  # default largest duty of a staircase, whose purpose is small commands
 # on references and commands
 _SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")
-#: options that only some signals and experiments take; valve pulses and gravity tests have always
-#: taken a seed
+#: options that only some signals and experiments accept; valve pulses and gravity tests accept a
+#: seed, without using it, for old command lines
 _TAKEN_BY: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("loop", "column", "offset", "limits", "speed_limit"), _SIGNALS),
     **dict.fromkeys(("amplitude", "rate_limit", "figure"), (*_SIGNALS, "torque-loops")),
@@ -39,18 +39,23 @@ _TAKEN_BY: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class PlannedExcitation:
-    """Columns to send, what to note of them, what to say, the tables of the TOML beside them, and
-    what to draw: the fields of a `report.excitation_figure.Shown` per column."""
+    """Columns of an excitation with their description.
+
+    about      entries of the JSON
+    sentences  lines for people
+    meta       tables of the TOML next to the excitation
+    shown      fields of a `report.excitation_figure.ExcitedColumn` per column
+    """
 
     columns: dict[str, NDArray[Any]]
     about: dict[str, Any]
-    said: list[str]
+    sentences: list[str]
     meta: dict[str, Any] = field(default_factory=dict)
     shown: list[dict[str, Any]] = field(default_factory=list)
 
 
 def refuse_other_options(experiment: str, signal: str) -> None:
-    """UsageError for an option on the command line that this experiment or signal does not take."""
+    """Raise UsageError for an option that this experiment or signal does not accept."""
     from pamid.base.errors import UsageError
 
     context = click.get_current_context()
@@ -62,19 +67,21 @@ def refuse_other_options(experiment: str, signal: str) -> None:
     sort = "signal" if given("signal") else "experiment"
     if experiment != "aprbs" and given("signal"):
         raise UsageError(
-            f"--signal says nothing to --experiment {experiment}.", "Leave out one of the two."
+            f"--signal does not apply to --experiment {experiment}.", "Leave out one of the two."
         )
     for name, takers in _TAKEN_BY.items():
         if kind not in takers and given(name):
             raise UsageError(
-                f"--{name.replace('_', '-')} says nothing to --{sort} {kind}.",
+                f"--{name.replace('_', '-')} does not apply to --{sort} {kind}.",
                 f"It belongs to {' and '.join(takers)}.",
             )
 
 
-def settled(request: dict[str, Any]) -> dict[str, Any]:
-    """The options with what the rig calls usual in the place of those not given: period, holds
-    and length, which go together."""
+def with_rig_defaults(request: dict[str, Any]) -> dict[str, Any]:
+    """Options with the rig's defaults for period, hold times and length.
+
+    The three go together: a slower rig has longer hold times, and needs a longer excitation.
+    """
     from pamid.base.errors import PamidError
     from pamid.excitation.waveforms import SIGNAL_SETTINGS
     from pamid.model.registry import rig_named
@@ -83,7 +90,7 @@ def settled(request: dict[str, Any]) -> dict[str, Any]:
     try:
         rig = rig_named(request["rig"])
     except PamidError:
-        # a rig is only noted for columns that are named by hand; elsewhere it is asked for again
+        # columns named by hand need no rig
         if request["column"] is None:
             raise
         rig = Rig()
@@ -152,7 +159,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
                 "unit": unit,
                 "range": list(reach),
                 **item.own,
-                "coverage": _noted(covers),
+                "coverage": _coverage_entry(covers),
             }
         )
         shown.append(
@@ -168,8 +175,8 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         lines += [f"  {column}:"] if len(sent) > 1 else []
         lines += [f"  {sentence}" for sentence in covers.sentences()]
         if column in sending.ramped:
-            lines += [f"  {column} is imposed: it goes from level to level in ramps."]
-    lines += [f"  {sentence}" for sentence in (*sending.notes, *safe.said)]
+            lines += [f"  {column} is imposed: ramps connect its levels."]
+    lines += [f"  {sentence}" for sentence in (*sending.notes, *safe.sentences)]
     columns = {column: safe.samples(column, item) for column, item in sent.items()}
     samples = len(next(iter(columns.values())))
     held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
@@ -179,7 +186,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
     return PlannedExcitation(
         {**held, **columns},
-        _about_signals(request, settings, each, columns, meta) | safe.noted,
+        _about_signals(request, settings, each, columns, meta) | safe.entry,
         lines,
         meta,
         shown,
@@ -193,7 +200,7 @@ def _about_signals(
     columns: dict[str, NDArray[Any]],
     meta: dict[str, Any],
 ) -> dict[str, Any]:
-    """Notes on the signals: of one column in the settings, of several in a list."""
+    """JSON entries of the signals: of one column at the top level, of several in a list."""
     alone = each[0] if len(each) == 1 else {}
     return {
         "signal": request["signal"],
@@ -210,7 +217,7 @@ def _about_signals(
     }
 
 
-def _noted(covers: Coverage) -> dict[str, Any]:
+def _coverage_entry(covers: Coverage) -> dict[str, Any]:
     changes = covers.changes
     return {
         **{
@@ -243,8 +250,7 @@ def _noted(covers: Coverage) -> dict[str, Any]:
 def _valves_shut(
     request: dict[str, Any], columns: dict[str, NDArray[Any]]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Commands at rest, and the TOML of a recording with the valves shut, at the pressure asked
-    for."""
+    """Commands at rest, and the TOML of a recording with shut valves at the requested pressure."""
     from pamid.excitation.experiments import at_rest
     from pamid.model.registry import rig_named
     from pamid.rigs.muscle_experiments import held_pressure
@@ -258,8 +264,13 @@ def _valves_shut(
 
 @dataclass(frozen=True)
 class _Sending:
-    """The columns to write: amplitude, centre and begin of each, in its unit, those that go from
-    level to level in ramps, and the inputs that stay at one value. notes: sentences."""
+    """Columns to drive, each value in the unit of its column.
+
+    amplitudes, offsets, rests  amplitude, centre and first value of each column
+    held                        value of each constant input
+    ramped                      columns with ramps between the levels
+    notes                       sentences for people
+    """
 
     amplitudes: dict[str, float]
     offsets: dict[str, float]
@@ -270,7 +281,7 @@ class _Sending:
 
 
 def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | None]:
-    """The columns to excite with their usual amplitudes, and the rig, where they are its own."""
+    """Columns to excite with their default amplitudes, and the rig if the columns belong to it."""
     from pamid.base.errors import PamidError
     from pamid.base.units import NONE, split_column
     from pamid.excitation.experiments import excitable, external_columns, usual_half
@@ -314,7 +325,7 @@ def _sending(request: dict[str, Any]) -> _Sending:
         amplitude = given.get(name, given.get("", usual))
         if amplitude is None:
             raise UsageError(
-                f"{name} needs an --amplitude: the rig does not state by how much it is excited.",
+                f"{name} needs an --amplitude: the rig states no default for it.",
                 f"Write --amplitude {name}=A, in the unit of the column, and --offset for its "
                 f'centre; or state excited = {{"{name}": A}} and centre in the rig.',
             )
@@ -327,7 +338,7 @@ def _sending(request: dict[str, Any]) -> _Sending:
             reach = max(centre + amplitude, amplitude - centre)
             raise UsageError(
                 f"{name} lies within {allowed}; amplitude and offset reach {reach:g}.",
-                "Both are in the unit of the column, as the limits that the rig states are.",
+                "Give both in the unit of the column, as the rig's limits are.",
             )
         if offset is None and centre != (stated := limits.centre.get(name, 0.0)):
             notes.append(
@@ -335,13 +346,12 @@ def _sending(request: dict[str, Any]) -> _Sending:
             )
         amplitudes[name], centres[name] = amplitude, centre
     rests = {name: rest_level(limits, name, centres[name], amplitudes[name]) for name in amplitudes}
-    held, kept = _held(limits, amplitudes) if request["signal"] != "torque-loops" else ({}, [])
-    return _Sending(amplitudes, centres, rests, held, limits.ramped, (*notes, *kept))
+    held, remarks = _held(limits, amplitudes) if request["signal"] != "torque-loops" else ({}, [])
+    return _Sending(amplitudes, centres, rests, held, limits.ramped, (*notes, *remarks))
 
 
 def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[str]]:
-    """Inputs that the rig needs and that are not excited, with the value at which they stay; and
-    notes on them."""
+    """Required inputs of the rig that are not excited, with their constant value, and notes."""
     from pamid.excitation.experiments import held_level
 
     held, notes = dict[str, float](), list[str]()
@@ -351,7 +361,7 @@ def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[st
         level = held_level(rig, name)
         if level is None:
             notes.append(
-                f"{name} is not excited and left out: add it as recorded, or state "
+                f"{name} is not excited and left out. Add it as recorded, or state "
                 f'centre = {{"{name}": ...}} in the rig.'
             )
         else:
@@ -371,7 +381,7 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
             values[name.strip()] = float(number)
         except ValueError:
             raise UsageError(
-                f"--amplitude {text!r} is no number.", "Write 20, or reference_2_deg=30."
+                f"--amplitude {text!r} is not a number.", "Write 20, or reference_2_deg=30."
             ) from None
     return values
 
@@ -395,8 +405,8 @@ def _pulses(request: dict[str, Any]) -> PlannedExcitation:
     lines = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
         f"{request['level']:g}.",
-        f"  A fit would hold out the last 30 %, with muscle {pulsed[-1]}: record "
-        "another order for --held-out.",
+        f"  A fit would hold out the last 30 %, the pulses of muscle {pulsed[-1]}. Record another "
+        "order for --held-out.",
     ]
     return PlannedExcitation(
         columns,
@@ -418,14 +428,17 @@ def _gravity(request: dict[str, Any]) -> PlannedExcitation:
     )
     seconds = RELEASE_S if request["duration"] is None else request["duration"]
     if not 0.0 < request["period"] < seconds < math.inf:
-        raise UsageError(f"{seconds:g} s sampled every {request['period']:g} s are no recording.")
+        raise UsageError(
+            f"A period of {request['period']:g} s in {seconds:g} s gives no recording.",
+            "Give a period above 0 and a longer duration.",
+        )
     columns = nothing_sent(rig, round(seconds / request["period"]))
     lines = [
         "  Nothing is sent: "
         + ", ".join(f"{name} = {value:g}" for name, value in known.items())
         + ".",
-        "  Cannot show: valves, and what of the muscles grows with their pressure.",
-        "  A fit would hold out the last 30 %, the end of the swing: record another release for "
+        "  Cannot show: valves, and the properties of the muscles that depend on pressure.",
+        "  A fit would hold out the last 30 %, the end of the swing. Record another release for "
         "--held-out.",
     ]
     return PlannedExcitation(
@@ -434,7 +447,7 @@ def _gravity(request: dict[str, Any]) -> PlannedExcitation:
 
 
 def _about(
-    request: dict[str, Any], columns: dict[str, NDArray[Any]], own: dict[str, Any]
+    request: dict[str, Any], columns: dict[str, NDArray[Any]], details: dict[str, Any]
 ) -> dict[str, Any]:
     from pamid.base.units import split_column
 
@@ -446,7 +459,7 @@ def _about(
         "experiment": request["experiment"],
         "loop": "open",
         "columns": ranges,
-        **own,
+        **details,
         **_clock(request, columns),
     }
 

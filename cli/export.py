@@ -9,13 +9,13 @@ import click
 
 from . import frame, names
 from .options import parse_known
-from .terminal import aside, told_progress
+from .terminal import aside, staged_progress
 
 if TYPE_CHECKING:
     from pamid.export.plain_check import PlainCheck
     from pamid.schemas.command_files import PlainMujoco
 
-PLACE = 120
+HELP_ORDER = 120
 FORMS = names.export_forms()
 EXAMPLE = """
 pamid export run --to fmu --output joint.fmu
@@ -27,9 +27,11 @@ pamid export run --to fmu --output joint.fmu
 @click.option(
     "--to",
     "form",
-    type=click.Choice([name for own, (also, _) in FORMS.items() for name in (own, *also)]),
+    type=click.Choice([name for form, (also, _) in FORMS.items() for name in (form, *also)]),
     required=True,
-    help="; ".join(f"{', also '.join((own, *also))}: {line}" for own, (also, line) in FORMS.items())
+    help="; ".join(
+        f"{', also '.join((form, *also))}: {line}" for form, (also, line) in FORMS.items()
+    )
     + ".",
 )
 @click.option(
@@ -41,35 +43,33 @@ pamid export run --to fmu --output joint.fmu
     "--which",
     default="best",
     show_default=True,
-    help="cause (of a diagnosis), network (the model that the network of the run was trained on, "
-    "with it: the refitted one, or after train-residual --on causes the one with the causes), "
-    "refitted, or best: causes and network where both go together, else the first of these there "
-    "is.",
+    help="Model to export. cause: that with the causes of a diagnosis; network: the model that "
+    "the network was trained on, together with the network; refitted; best: causes and network if "
+    "they go together, else the first of these that the run has.",
 )
 @click.option(
     "--known",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Parameter that is known to be otherwise there.",
+    help="Parameter with another known value in that application.",
 )
-@click.option("--rig", help="The rig file that the run was made with (it is run), or its model.")
+@click.option("--rig", help="Rig file of the run (it is run), or its model.")
 @click.option(
     "--effect",
     "effects",
     multiple=True,
-    help="An effect file that the run was made with (it is run).",
+    help="Effect file of the run (it is run).",
 )
 @click.option(
     "--choose",
     default="",
     metavar="EFFECT",
-    help="Of several causes that the run could not tell apart the one to write. [default: the most "
-    "probable]",
+    help="Cause to write if the run could not separate several. [default: the most probable]",
 )
 @click.option(
     "--anyway",
     is_flag=True,
-    help="Write a model file (mjcf, urdf) that is worse in MuJoCo than the one it is made of.",
+    help="Write a model file (mjcf, urdf) even if it is worse in MuJoCo than the original.",
 )
 @click.option(
     "--randomise",
@@ -91,19 +91,18 @@ def command(
     randomise: Path | None,
     overwrite: bool,
 ) -> frame.Result:
-    """Write the model that RUN found (rig, effects and a network, if there is one) for use in
-    another tool.
+    """Write the model identified in RUN (rig, effects and network, if any) for use in another tool.
 
-    Every form but mjcf and urdf gives, sample by sample, what `pamid simulate --model RUN --noise
-    none` gives. Inputs and outputs are the columns of a recording, in their units; an input holds
-    over the sample. mjcf and urdf are the model file of the rig with the finding in it. That file
-    is run in MuJoCo, and its errors on held-out data are printed next to those of the old one.
+    Every form except mjcf and urdf reproduces `pamid simulate --model RUN --noise none` sample by
+    sample. Inputs and outputs are the columns of a recording, in their units. An input is constant
+    over a sample. mjcf and urdf are the model file of the rig with the identified values. That file
+    is run in MuJoCo, and its errors on held-out data are printed next to those of the old file.
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
     from pamid.schemas.command_files import WrittenExport
 
-    with told_progress("export") as progress:
+    with staged_progress("export") as progress:
         progress.say("reading")
         identified = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
         model = identified.knowing(parse_known(known))
@@ -158,7 +157,7 @@ def _plain(check: PlainCheck) -> PlainMujoco:
 
 
 def _plain_text(check: PlainCheck) -> str:
-    """Errors before and now by channel, then the step that reaches the stated ones."""
+    """Errors of the old and the new file by channel, then the step that reaches the stated ones."""
     lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({check.settings}):"]
     for name, c in check.channels.items():
         stated = "" if c.stated is None else f"; the run states {c.stated:.4g}"

@@ -29,8 +29,10 @@ class Condition:
     limit: float
 
     def holds(self, figures: Mapping[str, float | None]) -> bool:
-        """Whether it holds; a figure of an unstable model (None) is beyond every limit.
-        UsageError where there is no such figure."""
+        """Whether the condition is met. A figure of an unstable model (None) exceeds every limit.
+
+        Raises UsageError for an unknown figure.
+        """
         if self.name not in figures:
             raise click.UsageError(
                 f"--fail-if: there is no figure {self.name!r}. {suggest(self.name, figures)}"
@@ -65,25 +67,26 @@ def _finite(text: str) -> float | None:
 
 
 def fail_if_option(figures: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """`--fail-if`; figures: those that it may name, for the help."""
+    """The `--fail-if` option; figures: names of the figures, for the help."""
     return click.option(
         "--fail-if",
         "conditions",
         multiple=True,
         type=_ConditionType(),
         metavar="CONDITION",
-        help=f"End with exit code {MET} if this holds: {figures}. The result is printed all the "
-        "same.",
+        help=f"Exit with code {MET} if this condition is met: {figures}. The result is printed in "
+        "any case.",
     )
 
 
 def exit_code_of(
     conditions: Sequence[Condition], figures: Mapping[str, float | None], otherwise: int = 0
 ) -> int:
-    """7 where a condition holds, which is stated on stderr; else `otherwise`."""
+    """Exit code 7 if a condition is met, else `otherwise`; stderr names the conditions met."""
     met = [condition for condition in conditions if condition.holds(figures)]
-    for one in met:
-        value = figures[one.name]
+    for condition in met:
+        value = figures[condition.name]
         shown = "unstable" if value is None else f"{value:.4g}"
-        aside(f"pamid: {one.name} is {shown}, which is {one.comparison} {one.limit:g} (--fail-if)")
+        limit = f"{condition.comparison} {condition.limit:g}"
+        aside(f"pamid: {condition.name} is {shown}, which is {limit} (--fail-if)")
     return MET if met else otherwise

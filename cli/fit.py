@@ -8,11 +8,11 @@ from typing import Any
 import click
 
 from . import frame
-from .job import cluster_option, failed_text, said_of
+from .job import cluster_option, failed_text, finished_result
 from .options import jobs_option, no_check_option, recording_options, run_output_option, seed_option
 from .terminal import progress_line, quoted, warning
 
-PLACE = 50
+HELP_ORDER = 50
 EXAMPLE = """
 pamid fit rec.csv --rig one-dof --output fitted
 """
@@ -30,8 +30,8 @@ pamid fit rec.csv --rig one-dof --output fitted
     "--from",
     "earlier",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Run of an earlier fit of the same rig: what it knew becomes the prior of this one, and "
-    "the data sheet serves only where it knew nothing.",
+    help="Run of an earlier fit of the same rig. Its estimates become the priors of this fit; "
+    "parameters that it did not determine keep the prior of the data sheet.",
 )
 @click.option(
     "--bootstrap",
@@ -48,8 +48,8 @@ pamid fit rec.csv --rig one-dof --output fitted
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with the same fit where it was interrupted: draws of the bootstrap "
-    "that are finished stay.",
+    help="Continue the same fit where it was interrupted. Finished draws of the bootstrap are "
+    "reused.",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(
@@ -67,14 +67,15 @@ def command(
     resume: bool,
     overwrite: bool,
 ) -> frame.Result:
-    """Fit the parameters of a rig to recordings and judge the model on what was held out.
+    """Fit the parameters of a rig to recordings and score the model on held-out data.
 
     Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word:
-    settled, weak (the prior still speaks) or silent (the recordings say nothing about it).
-    Parameters that are known only in combination are named with it.
+    settled (the recordings determine it), weak (the prior contributes) or silent (the recordings
+    do not depend on it). Parameters that only a combination determines are listed with that
+    combination.
 
-    Tests can be fitted in stages, each on its own recordings: the first with its --output, the next
-    --from that run.
+    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
+    to the next one with --from.
     """
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
@@ -100,12 +101,12 @@ def command(
             warn=warning,
             command=frame.command_line(),
         )
-    content, text = said_of(output / FIT_FILE, lambda content: fit_text(content, output))
+    content, text = finished_result(output / FIT_FILE, lambda content: fit_text(content, output))
     return frame.Result(content, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
 
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:
-    """Parameters, what is known only in combination, and held-out errors as a table."""
+    """Parameters, identifiable combinations and held-out errors as a table."""
     from pamid.correction.residual_data import one_period
     from pamid.estimation.identifiable_combinations import tied_text
 
@@ -115,14 +116,14 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
         word = "" if edge and p["word"] == "settled" else p["word"]
         null = p.get("null")
         within = null is not None and p["low"] <= null <= p["high"]
-        nothing = f", not told from {null:g}, at which the effect vanishes" if within else ""
+        nothing = f", may be {null:g}, at which the effect vanishes" if within else ""
         strain = f", {p['strain']:.1f} prior sd from its data sheet" if p["strain"] > 3.0 else ""
         lines.append(
             f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  "
             f"{', '.join(filter(None, (word, edge)))}{strain}{nothing}"
         )
     if not fit["parameters"]:
-        lines = ["The rig has no parameters to fit: its errors are those of the model as it is."]
+        lines = ["The rig has no parameters to fit; the errors are those of the unchanged model."]
     lines += tied_text(fit)
     lines += [
         f"From {fit['from']['path']}: {remark}" for remark in fit.get("from", {}).get("remarks", ())

@@ -1,4 +1,4 @@
-"""`pamid force-law`: Train a muscle's force law on a measured map, beside the analytic ones."""
+"""`pamid force-law`: Train a muscle's force law on a measured map and compare analytic laws."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from . import frame, names
 from .options import run_output_option, seed_option
 from .terminal import aside, progress_line, quoted
 
-PLACE = 70
+HELP_ORDER = 70
 EXAMPLE = """
 pamid force-law data/example/muscle_map.csv --output law
 pamid check law/rig.py
@@ -43,14 +43,14 @@ pamid check law/rig.py
     default=3,
     show_default=True,
     metavar="K",
-    help="One point in K is held out, in all K ways.",
+    help="Cross-validation in K folds: each holds out one point in K.",
 )
 @click.option(
     "--strict/--no-strict",
     default=True,
     show_default=True,
-    help="Refuse a map by which the force falls with pressure or grows with contraction. (A law "
-    "that does so where its map does not is constrained.)",
+    help="Refuse a map in which the force falls with pressure or grows with contraction. (If only "
+    "the law does so, it is constrained.)",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(
@@ -64,17 +64,17 @@ def command(
     overwrite: bool,
 ) -> frame.Result:
     """Train an ANFIS on MAP, the measured force map of a muscle, compare it with the analytic force
-    laws on points that none of them has seen, and make it the force law of a rig.
+    laws on held-out points, and make it the force law of a rig.
 
     MAP is a CSV file with the columns contraction (share of the length at rest), pressure_kpa
-    (gauge) and force_n, one row per point; other units of these will do, as pressure_bar. The
-    analytic laws are judged as printed and with their factor `scale` fitted to the points that are
-    not held out. Where the muscle is slack, the network learns how slack it is from the nearest
-    analytic law: the reading of zero does not say.
+    (gauge) and force_n, one row per point. Other units of these are accepted, as pressure_bar. The
+    analytic laws are scored as published, and with their factor `scale` fitted to the other points.
+    A slack muscle reads zero force, so the network learns the amount of slack from the nearest
+    analytic law.
 
-    Writes network.json, network.npz, force-law.json, figures/force-map.png and rig.py, which serves
-    wherever a rig is named: --rig OUTPUT/rig.py. A rig file is code and is run when you name it;
-    nothing else in the folder is.
+    Writes network.json, network.npz, force-law.json, figures/force-map.png and rig.py, which works
+    as any rig: --rig OUTPUT/rig.py. A rig file is code and is run when you name it. Nothing else in
+    the folder is run.
     """
     from pamid.base.errors import DataError
     from pamid.base.run_folder import Run
@@ -103,9 +103,9 @@ def command(
             )
         if strict and not validated.monotone:
             remedies = [
-                *["take fewer --sets"] * (sets > 2),
-                "measure more there",
-                "or accept it with --no-strict (and --overwrite: this run has taken the folder)",
+                *["use fewer --sets"] * (sets > 2),
+                "measure more points there",
+                "or accept the law with --no-strict (and --overwrite: the folder exists now)",
             ]
             raise DataError(
                 validated.guard, f"{', '.join(remedies).capitalize()}.", code="not-monotone"
@@ -119,7 +119,7 @@ def command(
 
 
 def law_text(about: dict[str, Any], output: Path) -> str:
-    """The table of all laws on what was held out, what the guard finds, and what to do next."""
+    """Table of all laws on held-out points, the result of the monotonicity check, and advice."""
     anfis, points, rig = about["anfis"], about["map"], output / about["rig"]["file"]
     spans = ", ".join(
         f"{name} {points[name]['low']:.4g} to {points[name]['high']:.4g}"
@@ -150,8 +150,7 @@ def law_text(about: dict[str, Any], output: Path) -> str:
     widths = (9, 9, 14, 8, 24)
     lines = [
         f"{points['points']} points, {points['slack_points']} of them slack: {spans}",
-        f"one point in {about['held_out_every']} held out, in all ways; ANFIS each way: {each} N "
-        "RMS",
+        f"{about['held_out_every']}-fold cross-validation; ANFIS by fold: {each} N RMS",
         "",
         f"{'law':18s}"
         + "".join(

@@ -1,7 +1,6 @@
-"""The frame around every command: one JSON object or human text on stdout, errors on stderr, exit
-codes.
+"""Frame around every command: one JSON object or a text on stdout, errors on stderr, exit codes.
 
-Nothing heavy is imported here, so that `pamid --help` answers at once.
+Nothing heavy is imported here, so that `pamid --help` responds at once.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ if TYPE_CHECKING:
 PACKAGES = "pamid.packages"  # of a context: the values of --package
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = (
-    "Options may also stand in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
+    "Options can also be set in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
     "done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done, "
-    "7 a condition of --fail-if holds."
+    "7 a condition of --fail-if is met."
 )
 
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a command: `json` for scripts (a model of pamid.schemas, or its written form),
-    `text` for people; exit_code 0, or 4 to 7 where the result is written but falls short."""
+    """Result of a command: `json` for scripts (a model of pamid.schemas, or its written form), and
+    `text` for people. The exit code is 0, or 4 to 7 for a written result with shortcomings."""
 
     json: Model | dict[str, Any] = field(default_factory=dict)
     text: str = ""
@@ -49,11 +48,10 @@ class Result:
 def command(
     name: str, *, example: str, **settings: Any
 ) -> Callable[[Callable[..., Result]], click.Command]:
-    """Decorator for the one function of a command file. It takes the options, returns a `Result`;
-    the frame prints it.
+    """Decorator for the function of a command file, which takes the options and returns a `Result`.
 
-    The docstring is the help; `example` holds the shell lines that end it (a test runs them).
-    `--json` and `--debug` are added, and `--package` where a model file can be given.
+    The docstring is the help, and `example` is the shell lines at its end (a test runs them). The
+    options `--json` and `--debug` are added, and `--package` if the command accepts a model file.
     """
 
     def wrap(function: Callable[..., Result]) -> click.Command:
@@ -82,7 +80,7 @@ def command(
 
 
 def _package_option() -> click.Option:
-    """--package: folders of ROS packages, which hold while the command runs."""
+    """--package: folders of ROS packages, valid while the command runs."""
 
     def state(ctx: click.Context, _: click.Parameter, pairs: tuple[str, ...]) -> None:
         if pairs and not ctx.resilient_parsing:
@@ -104,14 +102,14 @@ def _package_option() -> click.Option:
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `pamid` with these arguments (default: those of the process) and exit."""
-    # small matrices: the cores are shared out over jobs instead
+    # matrices are small, so threads of BLAS cost more than they gain; jobs use the cores instead
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     _keep_streams_apart()
     words = sys.argv[1:] if arguments is None else arguments
     watch_signals(_last_words("--json" in _flags(words)))
     code = run(words)
-    # what is left in them would fail once more as Python ends
+    # Python flushes both at exit, and would fail there without a message of ours
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
@@ -122,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _last_words(as_json: bool) -> Callable[[], None]:
-    """Prints that the command was interrupted, past all buffers."""
+    """Function that prints, unbuffered, that the command was interrupted."""
 
     def print_them() -> None:
         described, _ = _explain(KeyboardInterrupt())
@@ -135,14 +133,16 @@ def _last_words(as_json: bool) -> Callable[[], None]:
 
 
 def _keep_streams_apart() -> None:
-    """Where a stream is closed, the next file opened would take its number, and be written to by
-    what prints there."""
+    """Open the null device for each closed stream.
+
+    The next opened file would otherwise get the number of that stream, and output would go into it.
+    """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # what its encoding does not know is spelt out
+    if isinstance(sys.stdout, io.TextIOWrapper):  # escapes characters that it cannot encode
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
@@ -161,9 +161,9 @@ def run(arguments: Sequence[str]) -> int:
             )
     except BaseException as error:
         if isinstance(error, SystemExit) and not error.code:
-            return 0  # click has answered a shell that asked for completions
+            return 0  # click has printed the completions for a shell
         if isinstance(error, Exception) and was_signalled():
-            error = KeyboardInterrupt()  # the signal came where only another error could follow
+            error = KeyboardInterrupt()  # the error is only a consequence of the signal
         return _print_error(error, as_json, debug)
     try:
         if stray.getvalue() and isinstance(result, Result):
@@ -191,8 +191,7 @@ _OLD = "force"
 def overwrite_option(
     text: str, *, formerly_force: bool = False
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """`--overwrite`, with this help; formerly_force: commands that once called it --force still
-    hear that word."""
+    """The `--overwrite` option with this help; formerly_force: also accept the earlier --force."""
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
         old = (
@@ -217,29 +216,26 @@ class _Command(click.Command):
         parent: click.Context | None = None,
         **extra: Any,
     ) -> click.Context:
-        if extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
+        if extra.get("resilient_parsing"):  # completion in a shell needs no values
             return super().make_context(info_name, args, parent, **extra)
-        # first: it may be why an option is missing
+        # warn before parsing: an ignored file may be the reason of a missing option
         for path, why in settings_files.ignored_files().items():
             aside(f"Warning: {path} is ignored: {why}.")
         extra.setdefault("default_map", settings_files.defaults_for(self))
         context = super().make_context(info_name, args, parent, **extra)
-        for sentence in settings_files.not_taken(context):
+        for sentence in settings_files.ignored_entries(context):
             aside(f"Warning: {sentence}")
         return context
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if "" in args:
-            ctx.fail(
-                "One of the words is empty; a variable of the shell that is not set makes such a "
-                "word."
-            )
+            ctx.fail("An argument is empty. An unset variable of the shell may be the reason.")
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         if ctx.params.pop(_OLD, False):
             ctx.params["overwrite"] = True
-        _SAID[:] = settings_files.said_elsewhere(ctx)
+        _IMPLIED_WORDS[:] = settings_files.implied_words(ctx)
         return super().invoke(ctx)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -249,17 +245,19 @@ class _Command(click.Command):
         )
 
 
-_SAID: list[str] = []  # options of the command being run that were given elsewhere than on its line
+_IMPLIED_WORDS: list[str] = []  # options of the running command that were not set on its line
 
 
 def command_line() -> list[str]:
-    """The words of the command being run, those options included that pamid.toml or the environment
-    gave: what a run notes of itself repeats it anywhere."""
-    return [*sys.argv, *_SAID]
+    """Words of the running command, with the options from pamid.toml and the environment.
+
+    A run records them, so that the command can be repeated on another machine.
+    """
+    return [*sys.argv, *_IMPLIED_WORDS]
 
 
 def require_command(name: str) -> None:
-    """UsageError, with the nearest name, for what is no command."""
+    """Raise UsageError with the nearest name unless `name` is a command."""
     if name not in COMMANDS:
         raise click.UsageError(
             f"There is no command {name!r}. {names.suggest(name, COMMANDS)}".rstrip()
@@ -267,7 +265,7 @@ def require_command(name: str) -> None:
 
 
 def blank_context(name: str) -> click.Context:
-    """A command as it stands before any word is said: its options at their settings."""
+    """Context of a command without arguments: its options at their settings."""
     parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings_files.ENVIRONMENT)
     subcommand = _GROUP.get_command(parent, name)
     assert subcommand is not None
@@ -330,11 +328,11 @@ def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 @click.option("--json", is_flag=True, expose_value=False, help="Print exactly one JSON object.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def _GROUP() -> None:
-    """Find out where a grey-box model departs from its rig, which effect causes it, and how far the
-    gap shrinks.
+    """Find where a grey-box model departs from its rig, which effect causes it, and how far the gap
+    shrinks.
 
-    New here: `pamid demo` needs no files. With a recording of yours: `pamid check REC.csv`, then
-    `pamid diagnose REC.csv --rig RIG`."""
+    To begin, run `pamid demo`, which needs no files. With your own recording, run
+    `pamid check REC.csv`, then `pamid diagnose REC.csv --rig RIG`."""
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:
@@ -350,7 +348,7 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
             say(printable_json(_json(described)))
             return code
         except OSError as closed:
-            _unheard(closed)  # then at least on stderr
+            _unheard(closed)  # the error is still printed to stderr
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         aside(error.format_message())
         return code
@@ -367,8 +365,8 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
 
 
 def _unheard(error: OSError) -> int:
-    """The result could not be printed: exit code 3; but that the reader of a pipe has left (`pamid
-    effects | head`) is its right, and no error."""
+    """Exit code for a result that could not be printed: 3, or 0 if the reader of a pipe has ended
+    (`pamid effects | head`)."""
     hang_up()
     if isinstance(error, BrokenPipeError):
         return 0
@@ -377,7 +375,7 @@ def _unheard(error: OSError) -> int:
 
 
 def _explain(error: BaseException) -> tuple[dict[str, str], int]:
-    """The pamid.error/1 object and the exit code of whatever was raised."""
+    """The pamid.error/1 object and the exit code of an exception."""
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         return _error("usage", "A command is missing.", "See `pamid --help`."), 2
     if isinstance(error, click.UsageError):
@@ -386,7 +384,7 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     if isinstance(error, click.ClickException):
         return _error("file", error.format_message(), ""), 3
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        return _error("interrupted", "interrupted", "What was finished is kept."), INTERRUPTED
+        return _error("interrupted", "interrupted", "Finished work is kept."), INTERRUPTED
     if "pamid.base.errors" in sys.modules:
         from pamid.base.errors import PamidError
 
@@ -394,13 +392,13 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
             return error.as_dict(), error.exit_code
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
-        return _error("exit", f"left with {error.code!r}", ""), code
+        return _error("exit", f"ended with code {error.code!r}", ""), code
     if isinstance(error, OSError) and error.strerror:
         return _refused(error), 3
     detail = " ".join(str(error).split())
     hint = (
-        "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for "
-        "the traceback."
+        "This is a fault of pamid, or of a rig or effect file. Repeat the command with --debug "
+        "for the traceback."
     )
     return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
 
@@ -408,16 +406,16 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
 _MENDS = {
     **dict.fromkeys(
         (errno.ENOTDIR, errno.EEXIST),
-        "A part of the path is a file where a folder is needed: choose another.",
+        "A part of the path is a file, but must be a folder. Choose another path.",
     ),
-    errno.EISDIR: "It is a folder where a file is needed.",
+    errno.EISDIR: "It is a folder, but must be a file.",
     errno.ENAMETOOLONG: "Choose a shorter name.",
     errno.ENOENT: "Check the path.",
     errno.ELOOP: "It is a link to itself.",
     **dict.fromkeys(
-        (errno.EACCES, errno.EPERM), "You may not use it: check its owner and permissions."
+        (errno.EACCES, errno.EPERM), "Access is denied. Check its owner and permissions."
     ),
-    **dict.fromkeys(_NO_ROOM, "Free some space and run it again."),
+    **dict.fromkeys(_NO_ROOM, "Free some space and repeat the command."),
 }
 
 
@@ -428,7 +426,7 @@ def _refused(error: OSError) -> dict[str, str]:
     return _error(
         "disk-full" if error.errno in _NO_ROOM else "file",
         f"{shown}: {error.strerror}." if shown else f"{error.strerror}.",
-        _MENDS.get(error.errno or 0, "Check the path, what it names, and that you may use it."),
+        _MENDS.get(error.errno or 0, "Check the path, the file and its permissions."),
     )
 
 
@@ -438,7 +436,8 @@ def _error(code: str, message: str, hint: str) -> dict[str, str]:
 
 def _json(value: Model | dict[str, Any]) -> str:
     value = value if isinstance(value, dict) else value.as_json()
-    if "pamid.base.json_file" in sys.modules:  # knows NumPy's numbers; without it there can be none
+    # handles NumPy's numbers, which cannot occur unless this module is loaded
+    if "pamid.base.json_file" in sys.modules:
         from pamid.base.json_file import json_text
 
         return json_text(value, "the result").rstrip("\n")
@@ -446,7 +445,7 @@ def _json(value: Model | dict[str, Any]) -> str:
 
 
 def _flags(arguments: Sequence[str]) -> set[str]:
-    """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for
-    by hand."""
+    """Words before a bare `--`. Parsing may fail before click has read them, so this does not use
+    click."""
     words = list(arguments)
     return set(words[: words.index("--")] if "--" in words else words)

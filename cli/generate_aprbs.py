@@ -1,4 +1,4 @@
-"""`pamid generate-aprbs`: Make an excitation, of many kinds (`pamid excite` is the same)."""
+"""`pamid generate-aprbs`: Generate an excitation of many kinds (also called `pamid excite`)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from . import frame
-from .excite import PlannedExcitation, make, refuse_other_options, settled
+from .excite import PlannedExcitation, make, refuse_other_options, with_rig_defaults
 from .hints import unused, why_not_driven
 from .options import figure_option, require_png_name, rig_words, seed_option
 from .terminal import quoted
 
-PLACE = 10
+HELP_ORDER = 10
 EXAMPLE = """
 pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 --seed 1 --output excitation.csv
 pamid generate-aprbs --experiment gravity-test --rig two-link --release 60 0 --clamped 1 --output gravity.csv
@@ -37,7 +37,7 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     ),
     default="aprbs",
     show_default=True,
-    help="What is sent; see below.",
+    help="Kind of signal; see below.",
 )
 @click.option("--rig", default="one-dof", show_default=True, help="Rig to excite.")
 @click.option(
@@ -47,12 +47,14 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     show_default=True,
     help="Excite the references of the controllers, or the commands themselves.",
 )
-@click.option("--column", help="Name of the column, for a rig of your own (e.g. force_n).")
+@click.option(
+    "--column", help="Name of the column, for a rig outside the catalogue (e.g. force_n)."
+)
 @click.option(
     "--duration",
     type=float,
-    help="Length in s. [default: 200, or 125 of the rig's longest holds; 20 of a gravity test, one "
-    "pass of torque loops]",
+    help="Length in s. [default: 200, or 125 of the rig's longest holds; gravity test: 20; torque "
+    "loops: one pass]",
 )
 @click.option(
     "--period", type=float, help="Sampling period in s. [default: the rig's; one-dof: 0.003]"
@@ -76,8 +78,8 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 @click.option(
     "--levels",
     type=int,
-    help="Number of equidistant levels, or of heights of a staircase. [default: every "
-    "hold its own; staircase: 8]",
+    help="Number of equidistant levels, or of heights of a staircase. [default: random levels; "
+    "staircase: 8]",
 )
 @click.option("--rate-limit", type=float, help="Largest slope in units per s. [default: jumps]")
 @click.option(
@@ -107,24 +109,24 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     type=float,
     nargs=2,
     metavar="Q1 Q2",
-    help="Angles to let go from in deg. [default: 30 40]",
+    help="Angles of the release in deg. [default: 30 40]",
 )
 @click.option(
-    "--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released."
+    "--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped at its release angle."
 )
 @click.option("--payload", type=float, metavar="KG", help="Mass on the tip.")
 @click.option(
     "--limits/--no-limits",
     default=True,
     show_default=True,
-    help="Keep a MuJoCo or URDF model within its joints' ranges, its speeds and forces, and its "
-    "bodies apart: run there first, moved and made smaller.",
+    help="Keep a MuJoCo or URDF model within its joint ranges, speeds and forces, and its bodies "
+    "apart: the signals are simulated first, and shifted and reduced if necessary.",
 )
 @click.option(
     "--speed-limit",
     multiple=True,
     metavar="JOINT=V",
-    help="Of such a model: a joint's highest speed, rad/s or m/s, beside those that a URDF states.",
+    help="For such a model: a joint's speed limit in rad/s or m/s, in addition to those of a URDF.",
 )
 @seed_option("Same seed, same signal.")
 @click.option(
@@ -138,31 +140,31 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     "--format",
     "form",
     type=click.Choice(FORMAT_NAMES),
-    help="What to write in it. [default: by its suffix]",
+    help="Format of the file. [default: by its suffix]",
 )
-@figure_option("what the signal covers")
+@figure_option("coverage of amplitude and frequency")
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
 def command(
     output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any
 ) -> frame.Result:
-    """Make what is sent to a rig to learn most from it: random steps (APRBS), chirps and other
-    signals, torque loops, valve pulses or a gravity test. `pamid excite` is the same command.
+    """Generate an informative excitation for a rig: random steps (APRBS), chirps and other signals,
+    torque loops, valve pulses or a gravity test. `pamid excite` is the same command.
 
     \b
     aprbs         independent random steps on the reference of every joint, or on every command
     prbs          two levels, by a shift register whose order is the longest hold over the shortest
-    multisine     odd harmonics of equal height with a low peak; what is between them the rig bends
-    chirp         a sine that climbs through the band
-    steps         there and back, over and over
+    multisine     odd harmonics of equal height with a low peak; nonlinearity shows between them
+    chirp         a sine of rising frequency, through the band
+    steps         steps there and back, repeatedly
     staircase     there and back with growing steps: --loop open for the smallest duties that move
-    torque-loops  a torque from outside up and down, the valves shut, at --pressure
+    torque-loops  an external torque up and down, with shut valves, at --pressure
 
-    Joints get random signals together, the others in turn. Prints how well they cover amplitude and
-    frequency, and what they cannot excite.
+    Random signals excite all joints together, other signals one joint after the other. Prints how
+    well they cover amplitude and frequency, and what they cannot excite.
 
-    valve-pulses: 30 to 500 ms past the controller, every 1.5 s, venting and filling muscle after
-    muscle. gravity-test: nothing is sent; the rig swings from where it is released, its muscles
-    vented.
+    valve-pulses: pulses of 30 to 500 ms that bypass the controller, every 1.5 s, to vent and fill
+    one muscle after the other. gravity-test: no command; the rig swings after its release, with
+    vented muscles.
 
     Writes a CSV (time_s and the columns to send), or what Simulink, a PLC or a C program plays: mat
     and mat-matrix for From Workspace, mat-file for From File, st with change points, h with samples
@@ -182,7 +184,7 @@ def command(
         )
     form = format_of(output, form)
     require_png_name(figure)
-    request = settled(request)
+    request = with_rig_defaults(request)
     planned = make(request)
     require_new(
         (output, note, *([sidecar] if planned.meta else []), *([figure] if figure else [])),
@@ -205,10 +207,10 @@ def _write(
     pictures = {}
     if figure is not None:
         from pamid.base.files import make_folder
-        from pamid.report.excitation_figure import Shown, richness_picture
+        from pamid.report.excitation_figure import ExcitedColumn, richness_picture
 
         pictures[figure] = richness_picture(
-            [Shown(period_s=period, **column) for column in planned.shown]
+            [ExcitedColumn(period_s=period, **column) for column in planned.shown]
         ).png
         make_folder(figure.parent)
     about = write_excitation(
@@ -223,13 +225,10 @@ def _write(
     seed = f", seed {request['seed']}" if "seed" in about else ""
     first = f"{output}: {samples} samples of {', '.join(planned.columns)} at {period:g} s{seed}."
     sidecar = output.with_suffix(".toml")
-    left = [
-        f"  {sidecar} was there before and is left as it is; what it states holds for this "
-        "excitation too."
-    ]
+    left = [f"  {sidecar} exists and is not changed. Its entries apply to this excitation as well."]
     lines = [
         first,
-        *planned.said,
+        *planned.sentences,
         *([f"  Picture: {figure}."] if figure else []),
         *(left if sidecar.exists() and not planned.meta else []),
     ]
@@ -239,7 +238,7 @@ def _write(
 def _simulated(output: Path, planned: PlannedExcitation, rig: str) -> str:
     why = why_not_driven(rig, output, planned.columns)
     if why:
-        return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
+        return f"send it to your rig. To simulate it, give a suitable rig with --rig: {why}."
     return (
         f"pamid simulate {rig_words(rig)} --excitation {quoted(output)} "
         f"--output {quoted(unused('rec.csv', [output]))}"

@@ -13,10 +13,9 @@ MOST_TRIED = 1000
 
 
 def unused(name: str, read: Iterable[Path] = ()) -> str:
-    """`name`, with a number behind it where it is taken: what makes a file or a folder refuses one
-    that is there.
+    """`name`, with a number appended if the path exists, because commands refuse existing outputs.
 
-    read: what the same line reads.
+    read: input files of the same command line.
     """
     first, occupied = Path(name), {path.resolve() for path in read}
     every = (first, *(first.with_stem(f"{first.stem}-{k}") for k in range(2, MOST_TRIED)))
@@ -24,8 +23,10 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
 
 
 def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
-    """Reason why `pamid simulate` cannot send these columns to a rig, "" where there is none. A rig
-    is only noted, and need not be there, for columns that were named by hand."""
+    """Reason why `pamid simulate` cannot send these columns to a rig, or "".
+
+    The rig may be unknown, because columns named by hand need none.
+    """
     import numpy as np
 
     from pamid.base.errors import FileError
@@ -44,7 +45,5 @@ def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]
         return f"rig {rig.name!r} needs {' and '.join(needed)}"
     known = (*rig.inputs, *(q.reference for q in rig.loops))
     return (
-        ""
-        if any(sent.has(name) for name in known)
-        else f"rig {rig.name!r} knows none of the columns"
+        "" if any(sent.has(name) for name in known) else f"rig {rig.name!r} has none of the columns"
     )

@@ -12,7 +12,7 @@ from .hints import unused
 from .options import parse_known
 from .terminal import aside, progress_line, quoted
 
-PLACE = 30
+HELP_ORDER = 30
 EXAMPLE = """
 pamid ingest --guess data/example/joint.csv --rig one-dof --pressures gauge --output map.toml
 pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
@@ -24,66 +24,65 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 @click.option(
     "--mapping",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="TOML that says which channel becomes which column.",
+    help="TOML that assigns channels to columns.",
 )
 @click.option(
     "--guess",
     is_flag=True,
-    help="Write a first mapping for LOG instead, with comments, to be corrected.",
+    help="Write a first mapping for LOG instead, with comments. Check and correct it.",
 )
 @click.option(
     "--rig",
-    help="Rig by name, or the path of a rig file (it is run). [default: the one the mapping names; "
-    "with --guess none: every channel under its own name]",
+    help="Rig by name, or the path of a rig file (it is run). [default: the rig that the mapping "
+    "names; with --guess none, and every channel keeps its name]",
 )
 @click.option(
     "--pressures",
     type=click.Choice(["gauge", "absolute"]),
-    help="What all pressures of the log are; where neither this nor the mapping says, it is asked.",
+    help="Kind of all pressures of the log. Required if the mapping does not state it.",
 )
 @click.option(
     "--period",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="SECONDS",
-    help="Sampling period of a log without a clock; where neither this nor the mapping says it, it "
-    "is asked.",
+    help="Sampling period of a log without a clock. Required if the mapping does not state it.",
 )
 @click.option(
     "--angles",
     type=click.Choice(["deg", "rad"]),
-    help="With --guess: what all angles are in whose unit the log does not say.",
+    help="With --guess: unit of all angles for which the log states none.",
 )
 @click.option(
     "--only",
     metavar="TEXT",
-    help="With --guess, of a log with several robots: take channels whose names contain this.",
+    help="With --guess, for a log with several robots: use channels whose names contain this.",
 )
 @click.option(
     "--time-base",
     "repair",
     type=click.Choice(names.cures()),
-    help="How to mend uneven stamps, over the mapping's time.repair.",
+    help="Repair of uneven stamps. Overrides the mapping's time.repair.",
 )
 @click.option(
     "--known",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Parameter of the rig known for these recordings, as inertia_kg_m2=0.0896; over the "
-    "mapping's.",
+    help="Parameter of the rig known for these recordings, as inertia_kg_m2=0.0896. Overrides the "
+    "mapping.",
 )
-@click.option("--kind", help="Format of the logs, where their name and content do not tell.")
+@click.option("--kind", help="Format of the logs, if their name and content do not determine it.")
 @click.option(
     "--memory-limit",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="GIB",
-    help="Memory that reading one log may take, in GiB; a log that declares more is refused "
-    "before it is read. [default: 1]",
+    help="Most memory for reading one log, in GiB. A log that declares more is refused before it "
+    "is read. [default: 1]",
 )
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
-    help="CSV file; several recordings are numbered. Or a folder. [default: recording.csv] With "
-    "--guess the TOML file [default: printed].",
+    help="CSV file (several recordings are numbered) or folder. [default: recording.csv] With "
+    "--guess the TOML file. [default: print it]",
 )
 @frame.overwrite_option("Replace outputs that exist.")
 def command(
@@ -102,14 +101,14 @@ def command(
     output: Path | None,
     overwrite: bool,
 ) -> frame.Result:
-    """Turn raw LOGS into recordings: units, signs, gauge pressures, an even time base.
+    """Convert raw LOGS to recordings: units, signs, gauge pressures, an even time base.
 
-    First `--guess` writes a mapping to look through. With it, each log becomes a CSV with a TOML
-    beside it and an account of everything that was done (.ingest.json). Uneven stamps are diagnosed
-    before they are mended; where the data do not tell, it is asked. Long gaps split a recording,
-    they are never bridged. Of several recordings in one log each becomes a CSV of its own: `*` in
-    the mapping stands for its part. Of a robot's log (ROS JointState, LeRobot, MuJoCo's own
-    vectors) `--guess` finds a model's joints and motors by name or order.
+    First write a mapping with `--guess`, and check it. With the mapping, each log becomes a CSV, a
+    TOML next to it, and a record of all conversions (.ingest.json). Uneven stamps are diagnosed and
+    repaired. If the data do not determine the repair, an error names the options. A long gap splits
+    the recording and is never bridged. If one log has several recordings, each becomes a separate
+    CSV; `*` in the mapping stands for its part. In a robot's log (ROS JointState, LeRobot, MuJoCo's
+    vectors) `--guess` finds the joints and motors of a model by name or order.
     """
     from pamid.base.errors import UsageError
     from pamid.ingest.ingesting import ingest
@@ -188,10 +187,10 @@ def _guess(
         aside(f"Warning: {note}")
     if output is None:
         return frame.Result(content, guess.text)
-    to_answer = "".join(f"\n  to be answered: {key}" for key in guess.open)
+    to_answer = "".join(f"\n  to be filled in: {key}" for key in guess.open)
     text = (
         f"{output}: {guess.mapped} of {guess.channels} channels guessed.{to_answer}\n"
-        f"Next: look it through, then pamid ingest {quoted(log)} --mapping "
+        f"Next: check the mapping, then pamid ingest {quoted(log)} --mapping "
         f"{quoted(output)}{_named(rig or '')}"
         f"{further} --output {quoted(unused('recording.csv', [log]))}"
     )
@@ -199,7 +198,7 @@ def _guess(
 
 
 def _named(rig: str) -> str:
-    """The option that names a rig's file: one that a mapping or a recording names is not run."""
+    """The --rig option for a rig file, since a file named by a mapping or recording is not run."""
     from pamid.base.trust import is_code
 
     return f" --rig {quoted(rig)}" if is_code(rig) else ""

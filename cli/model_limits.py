@@ -17,35 +17,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LimitedSignals:
-    """The signals within their limits; None: nothing was looked at, and all are as they were
-    drawn."""
+    """Signals within the limits of a model; without `limited` all are as drawn."""
 
-    found: SafeExcitation | None = None
+    limited: SafeExcitation | None = None
 
     def samples(self, column: str, sent: Sent) -> NDArray[Any]:
         """Samples of a column."""
-        return sent.samples if self.found is None else self.found.columns[column]
+        return sent.samples if self.limited is None else self.limited.columns[column]
 
     def reach(self, column: str, centre: float, amplitude: float) -> tuple[float, float]:
-        """Between which values it was to be, and is now."""
-        if self.found is not None:
-            for item in self.found.commands:
+        """Lowest and highest value of a column after the limits were applied."""
+        if self.limited is not None:
+            for item in self.limited.commands:
                 if item.column == column:
                     centre, amplitude = centre + item.shift, item.factor * amplitude
         return centre - amplitude, centre + amplitude
 
     @property
-    def said(self) -> list[str]:
-        return [] if self.found is None else self.found.sentences()
+    def sentences(self) -> list[str]:
+        """Sentences about the limits, for people."""
+        return [] if self.limited is None else self.limited.sentences()
 
     @property
-    def noted(self) -> dict[str, Any]:
-        """Entry of the excitation's note."""
-        if self.found is None:
+    def entry(self) -> dict[str, Any]:
+        """Entry about the limits in the excitation's JSON."""
+        if self.limited is None:
             return {}
         return {
             "limits": {
-                "checked": self.found.limits,
+                "checked": self.limited.limits,
                 "commands": [
                     {
                         "column": item.column,
@@ -53,9 +53,9 @@ class LimitedSignals:
                         "shift": item.shift,
                         "why": item.why,
                     }
-                    for item in self.found.commands
+                    for item in self.limited.commands
                 ],
-                "reached": self.found.reached,
+                "reached": self.limited.reached,
             }
         }
 
@@ -63,7 +63,7 @@ class LimitedSignals:
 def within(
     request: dict[str, Any], sent: Mapping[str, Sent], offsets: Mapping[str, float]
 ) -> LimitedSignals:
-    """The signals within what the rig allows, where it is a model that says so."""
+    """Signals within the limits of the rig, if it is a model that states limits."""
     from pamid.api.exciting import within_limits
     from pamid.base.errors import FileError, UsageError
 
@@ -77,9 +77,7 @@ def within(
             )
         except FileError:
             if request["column"] is None:
-                raise  # a rig is only noted where a column is named by hand
+                raise  # a column named by hand needs no rig
     if speeds and limited is None:
-        raise UsageError(
-            "--speed-limit belongs to a MuJoCo or URDF model that is kept within its limits."
-        )
+        raise UsageError("--speed-limit needs a MuJoCo or URDF model, and excludes --no-limits.")
     return LimitedSignals(limited)

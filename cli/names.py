@@ -1,5 +1,5 @@
-"""Names: of rigs, effects and networks as values of options, completed by the shell; and the
-nearest one to a wrong one."""
+"""Names of rigs, effects and networks as values of options: completion in a shell, and the nearest
+name to a wrong one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 
 
 class Catalogued(click.ParamType):
-    """A text; shells complete the names of one folder of the package and Python files."""
+    """A text for which shells complete the names of a package folder, and Python files."""
 
     name = "text"
 
@@ -38,7 +38,7 @@ class Catalogued(click.ParamType):
         return _entries(self.folder)
 
 
-#: folder of the package that is scanned -> what stands in the files that count, and not in others
+#: scanned folder of the package -> text that only files with an entry contain
 BASES = {
     "rigs": "Rig):\n",
     "effects": "",
@@ -56,8 +56,10 @@ def _package() -> Path:
 
 
 def _files(folder: str) -> list[Path]:
-    """The files of a folder of the package that hold an entry, by their text: nothing is loaded
-    while somebody types, and parts that entries share are left out."""
+    """Files of a package folder that contain an entry.
+
+    The text decides, because completion is too slow if it imports them. Shared parts are left out.
+    """
     return [
         file
         for file in sorted((_package() / folder).glob("*.py"))
@@ -76,7 +78,7 @@ def _entries(folder: str) -> list[str]:
 
 
 def rigs_with(attribute: str) -> list[str]:
-    """Rigs of the catalogue whose file sets this attribute of theirs."""
+    """Rigs of the catalogue whose file sets this attribute."""
     return [
         file.stem.replace("_", "-")
         for file in _files("rigs")
@@ -98,13 +100,13 @@ def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
 
 @lru_cache
 def papers() -> dict[str, tuple[tuple[str, ...], str]]:
-    """The papers that can be reproduced: options that only some know, and what is done."""
+    """The papers that can be reproduced: their special options, and a line about each."""
     files = _files("replications/papers")
     return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
 
 
 def cures() -> tuple[str, ...]:
-    """How `pamid.ingest` can mend uneven stamps."""
+    """Repairs that `pamid.ingest` has for uneven stamps."""
     return tuple(_literal(_package() / "ingest" / "mapping.py", "Repair"))
 
 
@@ -121,19 +123,19 @@ def network_sizes() -> dict[str, dict[str, tuple[int, int, str, str]]]:
 
 
 def _literal(file: Path, name: str) -> Any:
-    """The literal that this file, or a class in it, gives to a name, or the values of a
-    `Literal[...]`; {} where none does."""
+    """Literal that a file, or a class in it, assigns to a name, or the values of a `Literal[...]`;
+    {} without one."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-                given = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
-                return ast.literal_eval(given)
+                literal = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
+                return ast.literal_eval(literal)
     return {}
 
 
 def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """An option for every size that a kind of network can be asked for."""
+    """Add an option for every size of the kinds of networks."""
     known_sizes = network_sizes()
     for name in sorted({name for sizes in known_sizes.values() for name in sizes}, reverse=True):
         owners = [kind for kind, sizes in known_sizes.items() if name in sizes]
@@ -150,7 +152,7 @@ def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
 RIG_NAMES = Catalogued("rigs")
 EFFECT_NAMES = Catalogued("effects")
 NETWORK_NAMES = Catalogued("networks")
-#: options that take such a name wherever they occur
+#: options whose value is such a name in every command
 OPTIONS = {
     "rig": RIG_NAMES,
     "rigs": RIG_NAMES,

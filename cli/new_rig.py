@@ -1,4 +1,4 @@
-"""`pamid new-rig`: Write a rig file from a recording's columns, to go on from."""
+"""`pamid new-rig`: Write a first rig file from a recording's columns."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from . import frame, names
 from .terminal import quoted
 
-PLACE = 45
+HELP_ORDER = 45
 EXAMPLE = """
 pamid new-rig rec.csv --output my_rig.py
 pamid new-rig rec.csv --like two-masses --column position_1_mm=x_mm --output my_rig.py
@@ -30,7 +30,7 @@ pamid new-rig rec.csv --like two-masses --column position_1_mm=x_mm --output my_
     "columns",
     multiple=True,
     metavar="RIG_COLUMN=COLUMN",
-    help="What a column of the recording is in that rig, where its name does not say it.",
+    help="Column of the rig and the column of the recording for it, if the name does not match.",
 )
 @click.option(
     "--output",
@@ -46,12 +46,11 @@ def command(
     """Write a rig file for RECORDING: the rig of the catalogue (`pamid rigs`) that its columns fit
     best, with these columns as inputs and outputs, in their units.
 
-    A column is known by its name, by a word of it, or by its unit. A signal that nobody has scaled,
-    such as a level in volts, gets a gain that is fitted. What the recording has beyond that is
-    noted in the file as a comment. The figures are those of the example and its priors are made
-    wide: replace what is marked GUESS by what you know.
+    A column is identified by its name, by a word of the name, or by its unit. An unscaled signal,
+    such as a level in volts, gets a gain to fit. Comments in the file list the other columns. The
+    values are those of the example, with wide priors: replace each value marked GUESS by yours.
 
-    A rig file is code and is run when you name it; this command runs nothing.
+    A rig file is code and is run when you name it. This command runs no code.
     """
     from pamid.api.new_rigs import new_rig
     from pamid.base.errors import UsageError

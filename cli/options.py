@@ -15,7 +15,7 @@ from .terminal import quoted
 def parse_known(
     pairs: tuple[str, ...], hint: str = "For example inertia_kg_m2=0.0896."
 ) -> dict[str, float]:
-    """("inertia_kg_m2=0.0896", ...) as a table; hint: how one is written."""
+    """("inertia_kg_m2=0.0896", ...) as a table; hint: example for the error message."""
     from pamid.base.errors import UsageError
 
     table = {}
@@ -45,21 +45,21 @@ def noise_factor(text: str) -> float:
 
 
 def seed_option(what: str, default: int = 0) -> Callable[..., Any]:
-    """--seed; what: for people, what it settles."""
+    """The --seed option; what: its help."""
     return click.option(
         "--seed", type=click.IntRange(0), default=default, show_default=True, help=what
     )
 
 
 def jobs_option(what: str = "Processes to use.", default: int = 2) -> Callable[..., Any]:
-    """--jobs: a number of processes."""
+    """The --jobs option, a number of processes."""
     return click.option(
         "--jobs", type=click.IntRange(1, 256), default=default, show_default=True, help=what
     )
 
 
 def figure_option(what: str) -> Callable[..., Any]:
-    """--figure; what: for people, what the PNG shows."""
+    """The --figure option; what: content of the PNG, for the help."""
     return click.option(
         "--figure",
         type=click.Path(dir_okay=False, path_type=Path),
@@ -68,8 +68,10 @@ def figure_option(what: str) -> Callable[..., Any]:
 
 
 def require_png(figure: Path | None, overwrite: bool) -> None:
-    """Before any work: UsageError where the picture would be no PNG, FileError where it is there
-    and may not be replaced."""
+    """Check the path of a figure before any work.
+
+    Raises UsageError unless it ends in .png, and FileError if it exists and may not be replaced.
+    """
     from pamid.base.files import require_new
 
     require_png_name(figure)
@@ -77,18 +79,18 @@ def require_png(figure: Path | None, overwrite: bool) -> None:
 
 
 def require_png_name(figure: Path | None) -> None:
-    """UsageError where the picture would be no PNG."""
+    """Raise UsageError unless the path of a figure ends in .png."""
     from pamid.base.errors import UsageError
 
     if figure is not None and figure.suffix.lower() != ".png":
         raise UsageError(
-            f"--figure {figure}: the picture is a PNG.",
+            f"--figure {figure}: the figure is written as PNG.",
             f"Write --figure {quoted(figure.with_suffix('.png'))}.",
         )
 
 
 def write_figure(figure: Path, png: bytes) -> str:
-    """Write it, folders included; the line that tells of it."""
+    """Write a figure and its folder, and return a line about it."""
     from pamid.base.files import make_folder, write_atomically
 
     make_folder(figure.parent)
@@ -97,7 +99,7 @@ def write_figure(figure: Path, png: bytes) -> str:
 
 
 def rig_words(rig: str | Path) -> str:
-    """--rig and what this command was given of its packages, for a command to be copied."""
+    """--rig and the --package options of this command, for a command line to copy."""
     ctx = click.get_current_context(silent=True)
     pairs = ctx.meta.get(PACKAGES, ()) if ctx else ()
     return " ".join([f"--rig {quoted(rig)}", *(f"--package {quoted(pair)}" for pair in pairs)])
@@ -106,12 +108,12 @@ def rig_words(rig: str | Path) -> str:
 no_check_option = click.option(
     "--no-check",
     is_flag=True,
-    help="Fit recordings as they are, also where `pamid check` calls them wrong for the rig.",
+    help="Fit the recordings even if `pamid check` finds faults for this rig.",
 )
 
 
-def run_output_option(default: str, what: str = "Run folder to make.") -> Callable[..., Any]:
-    """--output of a command that makes a folder."""
+def run_output_option(default: str, what: str = "Run folder to create.") -> Callable[..., Any]:
+    """The --output option of a command that creates a folder."""
     return click.option(
         "--output",
         type=click.Path(file_okay=False, path_type=Path),
@@ -128,14 +130,14 @@ def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--held-out",
             multiple=True,
             type=click.Path(path_type=Path),
-            help="Recording nobody fits. [default: the last 30 % of every recording; three tenths "
-            "spread over one that is at rest for a part of its length]",
+            help="Recording to score on, not used for the fit. [default: the last 30 % of every "
+            "recording; 30 % in several parts if the recording rests for part of its length]",
         ),
         click.option(
             "--rig",
             help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF "
             "model, or an FMU (its binary is run). "
-            "[default: the one the recordings name, else one-dof]",
+            "[default: the rig that the recordings name, else one-dof]",
         ),
         click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path)),
     ):

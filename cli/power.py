@@ -1,4 +1,4 @@
-"""`pamid power`: What an experiment would show of every effect, before anything is measured."""
+"""`pamid power`: Predict which effects an experiment would show, before any measurement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .options import (
 )
 from .terminal import progress_line, quoted
 
-PLACE = 22
+HELP_ORDER = 22
 EXAMPLE = """
 pamid power --rig one-dof --excitation excitation.csv --figure power.png
 """
@@ -30,19 +30,19 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
     "--rig",
     help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, "
     "or an FMU (its binary is run). "
-    "[default: the one the excitation names, else one-dof]",
+    "[default: the rig that the excitation names, else one-dof]",
 )
 @click.option(
     "--excitation",
     type=click.Path(path_type=Path),
     required=True,
-    help="CSV with time_s and what would be sent.",
+    help="CSV with time_s and the planned inputs.",
 )
 @click.option(
     "--effect",
     "effects",
     multiple=True,
-    help="Path of an effect file to try besides the catalogue (it is run).",
+    help="Path of an effect file to try in addition to the catalogue (it is run).",
 )
 @click.option(
     "--known",
@@ -71,13 +71,13 @@ def command(
     figure: Path | None,
     overwrite: bool,
 ) -> frame.Result:
-    """Before measuring: which effects would this experiment show, from which size on, by which
-    sensor alone, and which would it confuse?
+    """Predict, before measuring, which effects this experiment would show: from which size on, by
+    which single sensor, and which effects it would confuse.
 
-    The experiment is run on the rig of the data sheet with its sensors' noise. An effect shows
-    where the refitted model would err by 10 % more than the noise floor; what parameters and
-    tolerances can take up is taken off. Real machines have roughness of their own, which is not in
-    it: read the smallest sizes as the best case.
+    The experiment is simulated on the rig of the data sheet with the noise of its sensors. An
+    effect is detectable if the error of the refitted model exceeds the noise floor by 10 %. The
+    part of the effect that parameters and tolerances can absorb does not count. Real machines have
+    further irregularities, which are not simulated: read the smallest sizes as the best case.
     """
     from pamid.api.planning import power
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 
 from . import frame
-from .terminal import told_progress, warning
+from .terminal import staged_progress, warning
 
-PLACE = 110
+HELP_ORDER = 110
 EXAMPLE = """
 pamid report run --output report.html
 pamid report run --pdf
 pamid report --compare run fitted
 """
-_BESIDE = "-"  # --pdf without a file
+_NEXT_TO_PAGE = "-"  # --pdf without a file
 
 
 @frame.command("report", example=EXAMPLE)
@@ -28,23 +28,23 @@ _BESIDE = "-"  # --pdf without a file
 @click.option(
     "--pdf",
     is_flag=False,
-    flag_value=_BESIDE,
+    flag_value=_NEXT_TO_PAGE,
     type=click.Path(dir_okay=False),
-    help="Print it as a PDF as well, by an installed Chromium, Chrome or Edge; without FILE beside "
-    "the page.",
+    help="Also print the page as a PDF, by an installed Chromium, Chrome or Edge. [default: beside "
+    "the page]",
     metavar="[FILE]",
 )
 @click.option(
     "--compare",
     is_flag=True,
-    help="Put two or more runs side by side: causes, parameters, errors, what changed in the data.",
+    help="Compare two or more runs: causes, parameters, errors and differences of the data.",
 )
 @click.option(
     "--rig",
-    help="Path of the file of the run's rig (it is run), where that is not of the catalogue: for "
-    "the animation, which needs its pose.",
+    help="Path of the rig file of the run (it is run), for a rig outside the catalogue: the "
+    "animation needs its pose.",
 )
-@frame.overwrite_option("Replace the page also where it is no report of pamid's.")
+@frame.overwrite_option("Replace the page even if it is not a report of pamid.")
 def command(
     runs: tuple[Path, ...],
     output: Path | None,
@@ -53,24 +53,26 @@ def command(
     rig: str | None,
     overwrite: bool,
 ) -> frame.Result:
-    """Turn the run folder RUN into one self-contained HTML page and figures; or that of a trial, or
-    of a paper.
+    """Write one self-contained HTML page and figures for the run folder RUN. A run of `pamid trial`
+    or `pamid reproduce-paper` gets a page as well.
 
-    The page puts three answers first: where the gap lies, which effect causes it, how far it
-    shrinks; then plots of all samples and the evidence. It needs no network, follows light and
-    dark, and prints. Figures go to RUN/figures as PNG.
+    The page begins with three answers: where the gap lies, which effect causes it, and how far it
+    shrinks. Plots of all samples and the evidence follow. The page works offline, has a light and a
+    dark theme, and can be printed. The figures are written to RUN/figures as PNG.
     """
     from pamid.base.errors import UsageError
 
     if not runs:
-        raise UsageError("No run was named.", "`pamid runs` lists those in and below this folder.")
+        raise UsageError(
+            "The run folder is missing.", "`pamid runs` lists the runs in and below this folder."
+        )
     if compare and rig is not None:
         raise UsageError("--compare draws no rig.", "Leave --rig out.")
     if compare:
         return _comparison(runs, output, pdf, overwrite)
     if len(runs) > 1:
         raise UsageError(
-            f"One run makes a page; {len(runs)} were named.", "To put them side by side: --compare."
+            f"A page shows one run, but {len(runs)} were given.", "Add --compare to compare them."
         )
     return _page(runs[0], output, pdf, rig, overwrite)
 
@@ -78,15 +80,15 @@ def command(
 def _page(
     run: Path, output: Path | None, pdf: str | None, rig: str | None, overwrite: bool
 ) -> frame.Result:
-    """The page of one run."""
+    """Page of one run."""
     from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
     from pamid.schemas.command_files import WrittenReport
 
     page = run / "report.html" if output is None else output
-    paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
-    with told_progress("report") as progress:
+    paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _NEXT_TO_PAGE else Path(pdf)
+    with staged_progress("report") as progress:
         progress.say("reading the run")
         report = write_report(run, output, paper, rig=rig, overwrite=overwrite)
     for note in report.notes:
@@ -110,7 +112,7 @@ def _page(
 def _comparison(
     runs: tuple[Path, ...], output: Path | None, pdf: str | None, overwrite: bool
 ) -> frame.Result:
-    """The page of several runs, side by side."""
+    """Page that compares several runs."""
     from pamid.report.comparison_page import changes_of, compared_runs, comparison_sentence
     from pamid.report.run_summaries import summary_of
     from pamid.report.writing import write_comparison
@@ -118,7 +120,7 @@ def _comparison(
 
     comparison = compared_runs(runs)
     page = Path("comparison.html") if output is None else output
-    paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
+    paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _NEXT_TO_PAGE else Path(pdf)
     write_comparison(comparison, page, paper, overwrite=overwrite)
     changed = changes_of(comparison)
     written = WrittenComparison(

@@ -12,7 +12,7 @@ from . import frame, names
 from .options import jobs_option, run_output_option, seed_option
 from .terminal import progress_line
 
-PLACE = 90
+HELP_ORDER = 90
 EXAMPLE = """
 pamid reproduce-paper --quick --output paper-run
 pamid reproduce-paper --paper arm --quick --output arm-run
@@ -20,7 +20,7 @@ pamid reproduce-paper --paper arm --quick --output arm-run
 PAPERS = names.papers()
 HELP = "\n\n".join(
     [
-        "Print the results tables of a paper on a twin of its rig.",
+        "Print the result tables of a paper, computed on a virtual twin of its rig.",
         *(f"{name}: {what}." for name, (_, what) in PAPERS.items()),
         "The rigs are virtual twins, not the authors'.",
     ]
@@ -28,7 +28,7 @@ HELP = "\n\n".join(
 
 
 def _owners(option: str) -> str:
-    """The papers that know an option, as its help names them."""
+    """Papers with this option, for its help."""
     return f"({names.listed([name for name, (options, _) in PAPERS.items() if option in options])})"
 
 
@@ -38,7 +38,7 @@ def _owners(option: str) -> str:
     type=click.Choice(list(PAPERS)),
     default="joint",
     show_default=True,
-    help="Which of them.",
+    help="Paper to reproduce.",
 )
 @click.option(
     "--iterations",
@@ -53,7 +53,7 @@ def _owners(option: str) -> str:
     show_default=True,
     help=f"Random starts of the network; the best is kept. {_owners('starts')}",
 )
-@seed_option("Of excitation, noise and networks.")
+@seed_option("Seed of excitation, noise and networks.")
 @click.option(
     "--seconds",
     type=click.FloatRange(12.0, 3600.0),
@@ -61,11 +61,11 @@ def _owners(option: str) -> str:
 )
 @jobs_option(f"Processes for the diagnosis. {_owners('jobs')}")
 @run_output_option("paper-run")
-@click.option("--quick", is_flag=True, help="Short records and few iterations, to see it work.")
+@click.option("--quick", is_flag=True, help="Use short records and few iterations, for a trial.")
 @click.option(
     "--resume",
     is_flag=True,
-    help=f"Go on from where the same command was interrupted. {_owners('resume')}",
+    help=f"Continue the same command where it was interrupted. {_owners('resume')}",
 )
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(
@@ -75,7 +75,7 @@ def command(
     from pamid.replications.reproducing import paper_named, reproduce_paper
 
     chosen = paper_named(paper)
-    _refuse_strangers(paper, [name for name in options if name not in chosen.OPTIONS])
+    _refuse_foreign_options(paper, [name for name in options if name not in chosen.OPTIONS])
     known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
     how = f"--paper {paper}" if paper != "joint" else "--quick" if quick else ""
     stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
@@ -94,15 +94,15 @@ def command(
     return frame.Result(content, chosen.text(content), 0 if chosen.converged(content) else 5)
 
 
-def _refuse_strangers(paper: str, strangers: list[str]) -> None:
-    """UsageError where an option was given that this paper does not know."""
+def _refuse_foreign_options(paper: str, foreign: list[str]) -> None:
+    """Raise UsageError if an option was given that belongs to other papers."""
     from pamid.base.errors import UsageError
 
     context = click.get_current_context()
-    for name in strangers:
+    for name in foreign:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             owners = [other for other, (options, _) in PAPERS.items() if name in options]
             raise UsageError(
-                f"--{name} says nothing to --paper {paper}.",
+                f"--{name} does not apply to --paper {paper}.",
                 f"It belongs to --paper {names.listed(owners)}.",
             )

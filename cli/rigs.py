@@ -9,7 +9,7 @@ import click
 from . import frame, names
 from .options import figure_option, require_png, write_figure
 
-PLACE = 150
+HELP_ORDER = 150
 EXAMPLE = """
 pamid rigs
 pamid rigs one-dof --figure joint.png
@@ -27,9 +27,8 @@ def command(
 ) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
-    The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters
-    with their sources, background terms, and its equations, in which whatever passes through a port
-    bears the name of the port.
+    An explanation has inputs, outputs, states, ports with the effects that fit there, parameters
+    with sources, tolerances, and the equations. A quantity at a port has the name of the port.
     """
     from pamid.base.errors import UsageError
     from pamid.model import catalogue
@@ -43,7 +42,7 @@ def command(
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
         lines = [f"{row.name:<20} {row.title}" for row in rows]
-        lines += ["", f"One of them, or a file of yours: pamid rigs {rows[0].name}"]
+        lines += ["", f"Next: pamid rigs {rows[0].name}   (explains a rig, also a rig file)"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
     story = catalogue.rig_story(rig, library.effects().values(), library.rigs())

@@ -1,4 +1,4 @@
-"""`pamid runs`: List the runs below a folder and what they found."""
+"""`pamid runs`: List the runs below a folder with their results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .terminal import quoted
 if TYPE_CHECKING:
     from pamid.schemas.runs_file import RunSummary
 
-PLACE = 115
+HELP_ORDER = 115
 EXAMPLE = """
 pamid runs
 pamid runs . --json
@@ -25,19 +25,18 @@ pamid runs . --json
     "folder", default=".", type=click.Path(path_type=Path), metavar="[FOLDER]", required=False
 )
 def command(folder: Path) -> frame.Result:
-    """List every run in FOLDER and below it [default: here]: what was run on which recordings, and
-    what was found.
+    """List every run in FOLDER and below it [default: here]: command, recordings and result.
 
-    A run that is damaged is listed with what is wrong with it; nothing in a run is executed.
+    A damaged run is listed with its fault. No code of a run is executed.
     """
     from pamid.report.run_summaries import runs_below
     from pamid.schemas.runs_file import RunList
 
     runs = runs_below(folder)
-    lines = [line for run in runs for line in _lines(run)] or [f"No run lies in {folder}."]
+    lines = [line for run in runs for line in _lines(run)] or [f"There is no run in {folder}."]
     diagnosed = [run for run in runs if run.kind in ("diagnosis", "fit")]
     if len(diagnosed) > 1:
-        pair = " ".join(quoted(one.path) for one in diagnosed[:2])
+        pair = " ".join(quoted(run.path) for run in diagnosed[:2])
         lines.append(f"Next: pamid report --compare {pair}")
     elif diagnosed:
         lines.append(f"Next: pamid report {quoted(diagnosed[0].path)}")
@@ -45,7 +44,7 @@ def command(folder: Path) -> frame.Result:
 
 
 def _lines(run_summary: RunSummary) -> list[str]:
-    """Where, what and when; below it what was found."""
+    """Folder, command and time of a run, with its result in the next line."""
     when = run_summary.begun.replace("T", " ")[:16]
     about = [
         run_summary.command or run_summary.kind,

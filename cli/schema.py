@@ -9,7 +9,7 @@ import click
 
 from . import frame, names
 
-PLACE = 160
+HELP_ORDER = 160
 EXAMPLE = """
 pamid schema diagnosis
 """
@@ -18,11 +18,10 @@ pamid schema diagnosis
 @frame.command("schema", example=EXAMPLE)
 @click.argument("name", required=False)
 def command(name: str | None) -> frame.Result:
-    """List the JSON schemas of what commands print with --json and of the files of a run, or print
-    one of them.
+    """List the JSON schemas of results (--json) and of the files of a run, or print one schema.
 
-    They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys
-    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/3).
+    They follow JSON Schema, draft 2020-12, and serve editors and programs that read results. Later
+    versions may add keys. No key changes its meaning within one number (pamid.diagnosis/3).
     """
     known = schemas()
     if name is None:
@@ -40,14 +39,14 @@ def command(name: str | None) -> frame.Result:
         raise click.UsageError(
             f"There is no schema {name!r}. {names.suggest(stem, known)}".rstrip()
         )
-    one = known[stem]
+    schema = known[stem]
     return frame.Result(
-        {"schema": "pamid.schemas/1", "schemas": {stem: one}}, json.dumps(one, indent=1)
+        {"schema": "pamid.schemas/1", "schemas": {stem: schema}}, json.dumps(schema, indent=1)
     )
 
 
 def schemas() -> dict[str, dict[str, Any]]:
-    """Every schema by name, without `pamid.` and its number, and earlier ones with theirs."""
+    """Current schemas by name without `pamid.` and number; earlier ones with their number."""
     from pamid.schemas import all_schemas, earlier_schemas
 
     return dict(sorted((all_schemas() | earlier_schemas()).items()))

@@ -1,4 +1,4 @@
-"""`pamid score`: Judge the models of a run on recordings it has not seen."""
+"""`pamid score`: Score the models of a run on new recordings."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import click
 
 from . import frame
 from .fail_if import Condition, exit_code_of, fail_if_option
-from .terminal import aside, quoted, told_progress
+from .terminal import aside, quoted, staged_progress
 
-PLACE = 65
+HELP_ORDER = 65
 EXAMPLE = """
 pamid score fitted new-1.csv new-2.csv
 pamid score fitted new-1.csv --fail-if "angle_deg > 0.1"
@@ -22,17 +22,17 @@ pamid score fitted new-1.csv --fail-if "angle_deg > 0.1"
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--rig", help="Where the run was made with a rig file: its path (it is run, if it is the same)."
+    "--rig", help="Path of the run's rig file, if it has one (it is run if it is unchanged)."
 )
 @click.option(
     "--effect",
     "effects",
     multiple=True,
-    help="Path of an effect file that the run was made with (it is run, if it is the same).",
+    help="Path of an effect file of the run (it is run if it is unchanged).",
 )
 @fail_if_option(
-    "the mean absolute error of a channel, as 'angle_deg > 0.1', by the run's best model in the "
-    "recording where it is largest"
+    "the mean absolute error of a channel, as 'angle_deg > 0.1', of the run's best model, largest "
+    "over the recordings"
 )
 def command(
     run: Path,
@@ -41,17 +41,17 @@ def command(
     effects: tuple[str, ...],
     conditions: tuple[Condition, ...],
 ) -> frame.Result:
-    """Judge the models of the run folder RUN on RECORDINGS that it has not seen: data sheet,
-    refitted, with the causes, with the network.
+    """Score the models of the run folder RUN on new RECORDINGS: data sheet, refitted, with the
+    causes, with the network.
 
-    Mean absolute errors, and root mean squares in brackets, per recording and channel, with what
-    the recording states as known (an inertia, a payload): in replay, on the recorded command in
-    windows as a fit has them, and under the controller where one ran. A recording that the run was
-    fitted to or judged by is refused.
+    Prints mean absolute errors, and root mean squares in brackets, per recording and channel. Known
+    values of a recording (an inertia, a payload) are used. The errors are those of a replay on the
+    recorded command, in the windows of a fit, and, in closed loop, under the controller as well. A
+    recording that the run used for fit or score is refused.
     """
     from pamid.api.run_scores import score
 
-    with told_progress("score"):
+    with staged_progress("score"):
         result = score(
             run,
             list(recordings),
@@ -68,8 +68,8 @@ def command(
 
 
 def _largest_errors(score: dict[str, Any]) -> dict[str, float | None]:
-    """Channel -> largest mean absolute error over the recordings, of the most complete model that
-    the recording has; None where that became unstable."""
+    """Channel -> largest mean absolute error of the most complete model over the recordings; None
+    if that model became unstable."""
     largest: dict[str, float | None] = {}
     for row in score["recordings"]:
         model = next(name for name in reversed(score["models"]) if name in row["mae"])

@@ -1,21 +1,23 @@
-"""Settings from `pamid.toml`: options that a project wants otherwise than pamid's defaults.
+"""Settings from `pamid.toml`: values of a project in place of pamid's defaults.
 
-The nearest `pamid.toml`, in the working folder or above it, holds a table per command and
-`[defaults]` for every command that has the option. What is said on the command line goes first,
-then the environment (PAMID_DIAGNOSE_JOBS), then this file, then the default; `pamid config` shows
-where every value comes from.
+The nearest `pamid.toml` in the working folder or above it has one table per command, and
+`[defaults]` for every command that has the option. The command line takes precedence over the
+environment (PAMID_DIAGNOSE_JOBS), the environment over this file, and the file over the default.
+`pamid config` shows the source of every value.
 
-Nobody but the user decides what pamid does, so a file is not believed because it lies there:
+A downloaded folder must not decide what pamid does, so a file is trusted only by its owner and
+place:
 
-- One that somebody else may have written is as if it were not there: it or its folder belongs to
-  another user than this one or root, or others may write it, its folder or a folder above (a group
-  of the user alone does not count; a sticky folder such as /tmp is no place for one, its private
-  subfolders are).
-- Outside the user's home only the working folder's own file counts, none of a folder above.
-- What runs code (the path of a rig or effect file), an address (`cluster`) and leave to replace
-  files (`force`, `overwrite`) are taken only from a file that the user owns, in the user's home.
+- A file that somebody else may have written is ignored. That is so where it or its folder belongs
+  to a user other than this one or root, or where others may write to it, its folder or a folder
+  above. A group of the user alone does not count. A file in a sticky folder such as /tmp is
+  ignored, one in a private subfolder of it is not.
+- Outside the user's home only the file of the working folder counts.
+- Three kinds of entries are read only from a file that the user owns, in the user's home: code to
+  run (the path of a rig or effect file), an address (`cluster`), and permission to replace files
+  (`force`, `overwrite`).
 
-What is not taken is said in a sentence on stderr. The command line and the environment always
+A sentence on stderr names every entry that is ignored. The command line and the environment always
 count.
 """
 
@@ -41,38 +43,38 @@ _RISKY = ("cluster", "force", "overwrite")  # with paths of code; see above
 
 
 class SettingsError(click.ClickException):
-    """Something in pamid.toml is wrong; `hint` says how to mend it."""
+    """A mistake in pamid.toml; `hint` is the remedy."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(f"{message} {hint}".rstrip())
 
 
 def settings_file(folder: Path | None = None) -> Path | None:
-    """The pamid.toml that holds for a folder (default: the working folder), or None."""
-    return next((path for path, why in _found(folder) if not why), None)
+    """The pamid.toml that applies to a folder (default: the working folder), or None."""
+    return next((path for path, why in _candidate_files(folder) if not why), None)
 
 
 def ignored_files(folder: Path | None = None) -> dict[Path, str]:
-    """Those that would hold for the folder if they were to be believed, and why they are not."""
+    """Files nearer than the one that applies, which are not trusted, with the reason."""
     reasons = {}
-    for path, why in _found(folder):
+    for path, why in _candidate_files(folder):
         if not why:
             break
         reasons[path] = why
     return reasons
 
 
-def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
-    """Every pamid.toml here and above, the nearest first, and why it is ignored ("" if it is
-    not)."""
+def _candidate_files(folder: Path | None) -> Iterator[tuple[Path, str]]:
+    """Every pamid.toml in the folder and above, the nearest first, and why it is ignored ("" if it
+    is not)."""
     try:
-        here = (folder or Path.cwd()).resolve()
+        start = (folder or Path.cwd()).resolve()
     except FileNotFoundError:  # somebody removed the working folder
         return
-    for place in (here, *here.parents):
+    for place in (start, *start.parents):
         path = place / SETTINGS_FILE
         if path.is_file():
-            yield path, _why_ignored(path, place == here)
+            yield path, _why_ignored(path, place == start)
 
 
 def _why_ignored(path: Path, nearest: bool) -> str:
@@ -84,8 +86,7 @@ def _why_ignored(path: Path, nearest: bool) -> str:
 
 
 def why_harmless_only(path: Path) -> str:
-    """Why code, addresses and leave to replace files are not taken from this file; "" where they
-    are."""
+    """Reason to ignore code, addresses and permission to replace files in this file, or ""."""
     from pamid.base.trust import is_own, within_home
 
     if not within_home(path):
@@ -94,8 +95,10 @@ def why_harmless_only(path: Path) -> str:
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:
-    """Tables of the file, by command. SettingsError for what cannot be read, is no TOML, or
-    names no command."""
+    """Tables of the file, by command.
+
+    Raises SettingsError if the file cannot be read, is not TOML, or names an unknown command.
+    """
     return _read(path, path.stat().st_mtime_ns)
 
 
@@ -111,27 +114,28 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
     for name, table in tables.items():
         if name not in (SHARED_TABLE, *COMMANDS):
             raise SettingsError(
-                f"{path}: [{name}] is no command.", _nearest(name, (SHARED_TABLE, *COMMANDS))
+                f"{path}: there is no command [{name}].", _nearest(name, (SHARED_TABLE, *COMMANDS))
             )
         if not isinstance(table, dict):
             raise SettingsError(
-                f"{path}: {name} stands outside a table.",
-                f"Write it below [{SHARED_TABLE}] or a command.",
+                f"{path}: {name} is not in a table.",
+                f"Write it below [{SHARED_TABLE}] or below a command.",
             )
     return tables
 
 
 def defaults_for(command: click.Command) -> dict[str, Any]:
-    """Values of pamid.toml for the options of this command, by parameter, checked; {} where there
-    is no file."""
+    """Checked values of pamid.toml for the options of this command, by parameter; {} without a
+    file."""
     path = settings_file()
     if path is None:
         return {}
     tables, options = read_settings(path), options_of(command)
     _require_known(path, tables.get(SHARED_TABLE, {}))
-    own = tables.get(str(command.name), {})
+    command_table = tables.get(str(command.name), {})
+    shared_table = tables.get(SHARED_TABLE, {})
     chosen: dict[str, Any] = {}
-    for table, entries in ((SHARED_TABLE, tables.get(SHARED_TABLE, {})), (command.name, own)):
+    for table, entries in ((SHARED_TABLE, shared_table), (command.name, command_table)):
         for key, value in entries.items():
             if key in options:
                 checked = _checked(f"{path}: [{table}] {key}", command, options[key], value)
@@ -144,16 +148,15 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
     return chosen
 
 
-def not_taken(context: click.Context) -> list[str]:
-    """A sentence for every entry of this command that is not taken from the settings, unless it was
-    said elsewhere."""
+def ignored_entries(context: click.Context) -> list[str]:
+    """One sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
     path, command = settings_file(), context.command
     why = why_harmless_only(path) if path else ""
     if path is None or not why:
         return []
     tables, options = read_settings(path), options_of(command)
     return [
-        f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
+        f"{path}: [{table}] {key} is ignored, because {why}. Give --{key} on the command line."
         for table in (SHARED_TABLE, str(command.name))
         for key, value in tables.get(table, {}).items()
         if key in options
@@ -170,11 +173,11 @@ def is_risky(option: click.Option, value: Any) -> bool:
         return False
     from pamid.base.trust import is_code
 
-    return any(is_code(str(one)) for one in (value if isinstance(value, list) else [value]))
+    return any(is_code(str(item)) for item in (value if isinstance(value, list) else [value]))
 
 
 def options_of(command: click.Command) -> dict[str, click.Option]:
-    """Options by the name they have in pamid.toml: `--held-out` is held-out."""
+    """Options by their name in pamid.toml: `--held-out` is held-out."""
     options = {}
     for option in command.params:
         if isinstance(option, click.Option) and option.name not in _OURS:
@@ -182,8 +185,8 @@ def options_of(command: click.Command) -> dict[str, click.Option]:
     return options
 
 
-def said_elsewhere(context: click.Context) -> list[str]:
-    """Words that would give, on the command line, what came from the environment or pamid.toml."""
+def implied_words(context: click.Context) -> list[str]:
+    """Words of a command line for the values that came from the environment or pamid.toml."""
     words: list[str] = []
     for name, option in options_of(context.command).items():
         if context.get_parameter_source(str(option.name)) in (
@@ -195,15 +198,15 @@ def said_elsewhere(context: click.Context) -> list[str]:
 
 
 def origin_of(context: click.Context, option: click.Option) -> str:
-    """Where the value of an option comes from, in words."""
+    """Source of an option's value, in words."""
     source = context.get_parameter_source(str(option.name))
     if source is ParameterSource.ENVIRONMENT:
         return f"environment, {context.auto_envvar_prefix}_{str(option.name).upper()}"
     if source is ParameterSource.DEFAULT_MAP:
         path = settings_file()
-        own = read_settings(path).get(str(context.command.name), {}) if path else {}
+        table = read_settings(path).get(str(context.command.name), {}) if path else {}
         name = max(option.opts, key=len).lstrip("-")
-        return f"{path} [{context.command.name if name in own else SHARED_TABLE}]"
+        return f"{path} [{context.command.name if name in table else SHARED_TABLE}]"
     return "required" if option.required else "default"
 
 
@@ -231,39 +234,38 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
 
 
 def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
-    for one in value if isinstance(value, list) else [value]:
-        if not isinstance(one, str | bool | int | float):
-            what = (
+    items = value if isinstance(value, list) else [value]
+    for item in items:
+        if not isinstance(item, str | bool | int | float):
+            kind = (
                 "a table"
-                if isinstance(one, dict)
+                if isinstance(item, dict)
                 else "a list"
-                if isinstance(one, list)
-                else f"the date {one}"
+                if isinstance(item, list)
+                else f"the date {item}"
             )
-            raise SettingsError(f"{place}: {what}, where a value is wanted.")
-        if one == "" or isinstance(one, float) and not math.isfinite(one):
+            raise SettingsError(f"{place}: this is {kind}, but must be a single value.")
+        if item == "" or isinstance(item, float) and not math.isfinite(item):
             raise SettingsError(
-                f"{place}: {one!r} is no value for it.", "Leave the line out for the default."
+                f"{place}: {item!r} is not a valid value.", "Delete the line to use the default."
             )
     if option.multiple and not isinstance(value, list):
         value = [value]
-    truths = [
-        one for one in (value if isinstance(value, list) else [value]) if isinstance(one, bool)
-    ]
+    booleans = [item for item in items if isinstance(item, bool)]
     if option.is_flag and not isinstance(value, bool):
         raise SettingsError(f"{place}: {value!r} is neither true nor false.")
-    if truths and not option.is_flag:
+    if booleans and not option.is_flag:
         raise SettingsError(
-            f"{place}: {str(truths[0]).lower()}, where a name or a number is wanted."
+            f"{place}: this is {str(booleans[0]).lower()}, but must be a name or a number."
         )
     if not option.multiple and isinstance(value, list) and option.nargs == 1:
-        raise SettingsError(f"{place}: a list, where one value is wanted.")
+        raise SettingsError(f"{place}: this is a list, but must be a single value.")
     try:
         option.type_cast_value(click.Context(command), value)
     except click.BadParameter as error:
         raise SettingsError(f"{place}: {error.message}") from None
     except (TypeError, ValueError, OverflowError):
-        raise SettingsError(f"{place}: {value!r:.60} is no value for it.") from None
+        raise SettingsError(f"{place}: {value!r:.60} is not a valid value.") from None
     return value
 
 

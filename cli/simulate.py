@@ -1,4 +1,4 @@
-"""`pamid simulate`: Run a virtual rig with any effects and sensor noise."""
+"""`pamid simulate`: Simulate a virtual rig with any effects and sensor noise."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import click
 from . import frame
 from .hints import unused
 from .options import noise_factor, parse_known, rig_words, seed_option
-from .terminal import quoted, told_progress, warning
+from .terminal import quoted, staged_progress, warning
 
-PLACE = 20
+HELP_ORDER = 20
 EXAMPLE = """
 pamid simulate --rig one-dof --excitation excitation.csv --effect coulomb-friction:torque_n_m=0.3 --known inertia_kg_m2=0.0896 --seed 2 --output rec.csv
 pamid simulate --model fitted --excitation excitation.csv --noise none --output model.csv
@@ -23,30 +23,28 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
     "--rig",
     help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, "
     "or an FMU (its binary is run). "
-    "[default: the one the excitation names, else one-dof]",
+    "[default: the rig that the excitation names, else one-dof]",
 )
 @click.option(
     "--model",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="RUN",
-    help="Simulate what `pamid fit` or `pamid diagnose` found, with its own integration steps, "
-    "instead of a rig from its data sheet; a rig or effect file of that run is named again with "
-    "--rig and --effect.",
+    help="Simulate the result of `pamid fit` or `pamid diagnose`, with its integration steps, "
+    "instead of a rig from its data sheet. Repeat --rig and --effect for files of that run.",
 )
 @click.option(
     "--which",
     default="best",
     show_default=True,
-    help="With --model: cause (of a diagnosis), network (the model that the network of the run was "
-    "trained on, with it: the refitted one, or after train-residual --on causes the one with the "
-    "causes), refitted, or best: causes and network where both go together, else the first of "
-    "these there is.",
+    help="With --model, the model to simulate. cause: the model with the causes of a diagnosis; "
+    "network: the model that the network was trained on, together with the network; refitted; "
+    "best: causes and network if they go together, else the first of these that the run has.",
 )
 @click.option(
     "--excitation",
     type=click.Path(path_type=Path),
     required=True,
-    help="CSV with time_s and what is sent.",
+    help="CSV with time_s and the inputs.",
 )
 @click.option(
     "--effect",
@@ -58,14 +56,14 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
     "--known",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Parameter that the recording will state as known.",
+    help="Parameter of the virtual rig that the recording states as known.",
 )
 @click.option(
     "--set",
     "hidden",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Parameter of the virtual rig, not stated.",
+    help="Parameter of the virtual rig that the recording does not state.",
 )
 @click.option(
     "--noise",
@@ -95,17 +93,17 @@ def command(
     output: Path,
     overwrite: bool,
 ) -> frame.Result:
-    """Run a virtual rig on an excitation and write what its sensors would have recorded.
+    """Simulate a virtual rig on an excitation and write the readings of its sensors.
 
-    A reference column runs the rig's controller (closed loop), a command column is replayed (open
-    loop); a rig of several joints takes the references of all of them, or all commands. What the
-    excitation's TOML states as known holds for the rig, and is stated in the recording. Nothing
-    else of what was simulated is: neither effects, nor --set, nor the name of a rig file.
+    A reference column drives the rig's controller (closed loop). A command column is replayed (open
+    loop). A rig with several joints needs the references of all joints, or all commands. Known
+    values in the TOML of the excitation apply to the rig, and the recording states them. The
+    recording does not state the effects, the values of --set, or the name of a rig file.
     """
     from pamid.api.simulating import simulate
     from pamid.schemas.command_files import SimulatedFile
 
-    with told_progress("simulate"):
+    with staged_progress("simulate"):
         simulated = simulate(
             excitation,
             rig,
@@ -121,7 +119,7 @@ def command(
         )
     for text in simulated.warnings:
         warning(text)
-    # said here, to who asked for it; a recording names rigs of the catalogue only
+    # the output names a rig file, while a recording names only rigs of the catalogue
     ran = rig or simulated.rig
     content = SimulatedFile(
         output=str(output),

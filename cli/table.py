@@ -1,8 +1,8 @@
-"""The commands, found by reading the files of this package: `pamid --help` imports none of them.
+"""Table of the commands, read from the text of the files: `pamid --help` imports none of them.
 
-A command file is named after its command (`pamid train-residual` is `train_residual.py`) and says
-two things at its top: its docstring begins "`pamid NAME`:" and goes on with its line of
-`pamid --help`; PLACE is where it stands there, between its neighbours' numbers.
+A command file is named after its command (`pamid train-residual` is `train_residual.py`). Its
+docstring begins "`pamid NAME`:" and continues with its line of `pamid --help`. Its HELP_ORDER is
+its position there.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from pathlib import Path
 
 import click
 
-_HEAD = re.compile(r'"""`pamid ([a-z0-9-]+)`: (.+?)(?:"""|\n\n).*?^PLACE = (\d+)$', re.M | re.S)
+_HEAD = re.compile(
+    r'"""`pamid ([a-z0-9-]+)`: (.+?)(?:"""|\n\n).*?^HELP_ORDER = (\d+)$', re.M | re.S
+)
 
 
 def _scanned(folder: Path) -> dict[str, str]:
-    """Every command of a folder and its line of help, in the order of PLACE."""
+    """Commands of a folder with their lines of help, in the order of HELP_ORDER."""
     heads = [_HEAD.match(file.read_text(encoding="utf-8")) for file in folder.glob("*.py")]
     entries = sorted((int(head[3]), head[1], " ".join(head[2].split())) for head in heads if head)
     return {name: line for _, name, line in entries}
@@ -27,7 +29,7 @@ def _scanned(folder: Path) -> dict[str, str]:
 #: name -> one line of help
 COMMANDS: dict[str, str] = _scanned(Path(__file__).parent)
 
-#: second names of commands, for those who look for what they do
+#: second names of commands, after their purpose
 ALIASES = {"excite": "generate-aprbs"}
 
 
@@ -39,5 +41,5 @@ def load_command(name: str) -> click.Command:
 
 
 def every_command() -> Iterator[click.Command]:
-    """All commands there are; imports all their modules."""
+    """All commands; imports all their modules."""
     return map(load_command, COMMANDS)

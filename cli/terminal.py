@@ -1,5 +1,5 @@
-"""Output to the terminal: control characters in names from files are shown, not executed; a closed
-stream raises nothing."""
+"""Output to the terminal. Control characters in names from files are made visible, and a closed
+stream is not an error."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def say(text: str) -> None:
-    """Print to stdout; OSError where that is closed or full."""
+    """Print to stdout; OSError if that is closed or full."""
     if sys.stdout is None:
         raise OSError(errno.EBADF, "standard output is closed")
     click.echo(text)
@@ -26,7 +26,7 @@ def say(text: str) -> None:
 
 
 def aside(text: str) -> None:
-    """Print beside the result, to stderr: nothing is lost where nobody can read it."""
+    """Print to stderr, in addition to the result; a closed stderr is ignored."""
     from pamid.base.printable_text import printable
 
     with contextlib.suppress(OSError):
@@ -34,24 +34,24 @@ def aside(text: str) -> None:
 
 
 def warning(text: str) -> None:
-    """Warn of an oddity that is no error, in addition to the result."""
+    """Print a warning to stderr, in addition to the result."""
     aside(f"Warning: {text}")
 
 
 def progress_line(
     label: str, total: int | None = None, *, stages: tuple[WorkStage, ...] | None = None
 ) -> ProgressLine:
-    """Progress on stderr, in log files, too; see `pamid.base.progress.ProgressLine`."""
+    """Progress on stderr, also in log files; see `pamid.base.progress.ProgressLine`."""
     from pamid.base.progress import ProgressLine
 
     return ProgressLine(label, total, in_logs=True, stages=stages)
 
 
 @contextlib.contextmanager
-def told_progress(
+def staged_progress(
     label: str, *, stages: tuple[WorkStage, ...] | None = None
 ) -> Iterator[ProgressLine]:
-    """The same for work that tells of itself from its depth; see `pamid.base.progress.tell`."""
+    """Progress line of work that reports its stages itself; see `pamid.base.progress.tell`."""
     from pamid.base.progress import listening
 
     with progress_line(label, stages=stages) as line, listening(line.say):
@@ -59,14 +59,16 @@ def told_progress(
 
 
 def hang_up(stream: TextIO | None = None) -> None:
-    """Let go of a stream (default: stdout) that nobody reads or that is full, so that the end of
-    the process does not stumble over it."""
+    """Redirect a closed or full stream (default: stdout) to the null device.
+
+    Python would otherwise fail at exit, when it flushes the stream.
+    """
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def quoted(word: str | os.PathLike[str]) -> str:
-    """A path or a name as a command to be copied holds it; see `pamid.base.errors.quoted`."""
-    from pamid.base.errors import quoted as found
+    """A path or a name, quoted for a shell; see `pamid.base.errors.quoted`."""
+    from pamid.base.errors import quoted as shell_quoted  # imported late: `--help` stays fast
 
-    return found(word)
+    return shell_quoted(word)

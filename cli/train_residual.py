@@ -11,7 +11,7 @@ from . import frame, names
 from .options import seed_option
 from .terminal import aside, progress_line, quoted
 
-PLACE = 60
+HELP_ORDER = 60
 EXAMPLE = """
 pamid train-residual fitted --network elman --hidden 10 --iterations 100
 pamid train-residual fitted --network anfis --inputs angle_loop_deg,velocity_loop_deg_per_s --iterations 20
@@ -35,16 +35,16 @@ pamid train-residual fitted --port joint --iterations 20
     "--preset paper]",
 )
 @seed_option(
-    "Same run and seed, same network, on processors of one kind: others round otherwise, and a "
-    "long training ends elsewhere."
+    "Same run and seed, same network on the same kind of processor. Other processors round "
+    "differently, so a long training ends at other weights."
 )
 @click.option(
     "--starts",
     type=click.IntRange(1, 1000),
     default=1,
     show_default=True,
-    help="Random starts that race: the worse half is left behind at iterations 10, 20, 40, 80 and "
-    "160, the best is kept.",
+    help="Random starts. The worse half is dropped at iterations 10, 20, 40, 80 and 160, and the "
+    "best start is kept.",
 )
 @click.option(
     "--jobs",
@@ -56,38 +56,38 @@ pamid train-residual fitted --port joint --iterations 20
     type=click.Choice(["every-sample", "independent-samples"]),
     default="every-sample",
     show_default=True,
-    help="What the regularisation counts: every sample, as the first paper does, or the "
-    "far fewer independent ones that a correlated residual is worth.",
+    help="Samples that the regularisation counts: all of them, as in the first paper, or the far "
+    "smaller effective number of independent samples in a correlated residual.",
 )
 @click.option(
     "--preset",
     type=click.Choice(["paper"]),
-    help="paper: train as the first paper did, with plain Levenberg-Marquardt steps from a random "
-    "start (Nguyen and Widrow's), no acceleration, no weights solved for, no bound on the context, "
-    "mu by fixed factors, 5000 steps. The derivative stays exact, through time.",
+    help="paper: train as in the first paper, with plain Levenberg-Marquardt steps from a random "
+    "start (Nguyen-Widrow), no acceleration, no weights solved for, no bound on the context, fixed "
+    "factors for mu, 5000 steps. The derivative through time stays exact.",
 )
 @click.option("--as-in-paper", is_flag=True, hidden=True, help="Earlier name of --preset paper.")
 @click.option(
-    "--mu", type=float, help="Where the damping begins. [default: 0.005, MATLAB's and the paper's]"
+    "--mu", type=float, help="Initial damping. [default: 0.005, as in MATLAB and the paper]"
 )
 @click.option(
     "--mu-increase",
     type=float,
-    help="What mu grows by after a step that did not help. [default: 3; 10 with --preset paper]",
+    help="Factor of mu after a rejected step. [default: 3; 10 with --preset paper]",
 )
 @click.option(
     "--mu-decrease",
     type=float,
-    help="What mu shrinks by after a step that helped. [default: by how much it helped; 0.1 with "
+    help="Factor of mu after an accepted step. [default: by the gain of the step; 0.1 with "
     "--preset paper]",
 )
-@click.option("--mu-largest", type=float, help="Where the training gives up. [default: 1e10]")
+@click.option("--mu-largest", type=float, help="Value of mu that ends training. [default: 1e10]")
 @click.option(
     "--device",
     default="cpu",
     show_default=True,
-    help="cpu, or where torch sees one cuda: there the starts "
-    "of an elman network share their passes (meant for dozens of starts).",
+    help="cpu, or cuda if torch has one. On cuda all starts of an elman network are computed "
+    "together, which pays off for dozens of starts.",
 )
 @click.option(
     "--port",
@@ -96,31 +96,31 @@ pamid train-residual fitted --port joint --iterations 20
     default="output",
     show_default=True,
     metavar="output|PORT",
-    help="Where the correction is added: behind the model, to one channel, or inside it, to the "
-    "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads "
-    "the recordings again.",
+    help="Place of the correction. output: added to one output of the model; PORT: added to the "
+    "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them), which "
+    "needs the recordings.",
 )
 @click.option(
     "--on",
     type=click.Choice(["refit", "causes"]),
     default="refit",
     show_default=True,
-    help="Model whose residual it is trained on: the refitted one, or the one with the causes that "
-    "a diagnosis named, replayed on recorded commands.",
+    help="Model of the residual. refit: the refitted model; causes: the model with the causes of a "
+    "diagnosis, replayed on recorded commands.",
 )
 @click.option(
     "--rig",
     help="With --port PORT, for a run with a rig file: its path (it is run).",
 )
-@click.option("--resume", is_flag=True, help="Go on from where the same training was interrupted.")
+@click.option("--resume", is_flag=True, help="Continue the same training where it was interrupted.")
 @click.option(
     "--channel", help="Output to correct. [default: angle_deg, else the first of the run]"
 )
 @click.option(
     "--inputs",
     metavar="A,B,...",
-    help="Columns of residual.csv the network is given. "
-    "[default: reference and the model in its own loop; else inputs of the rig and the model's "
+    help="Columns of residual.csv that are inputs of the network. "
+    "[default: reference and the model in closed loop; else inputs of the rig and the model's "
     "outputs]",
 )
 def command(
@@ -146,15 +146,15 @@ def command(
     inputs: str | None,
     **sizes: int | None,
 ) -> frame.Result:
-    """Train a network on the residual of the model in the run folder RUN, and judge it on held-out
+    """Train a network on the residual of the model in the run folder RUN, and score it on held-out
     data.
 
     The residual is measured - model, or with --port PORT the missing input of the equations there.
-    --on causes takes the model with the causes of a diagnosis.
+    --on causes uses the model with the causes of a diagnosis.
 
-    Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv.
-    Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
-    if nothing had happened.
+    Writes network.json, network.npz and trace.csv, and adds the corrected model to residual.csv. An
+    interrupted training keeps its state. --resume with the same options continues it, with the same
+    result as without an interruption.
     """
     from pamid.api.training import USUAL_ITERATIONS, train_residual
     from pamid.networks.training_problem import PAPER_ITERATIONS
@@ -198,7 +198,7 @@ def command(
 
 
 def training_text(about: dict[str, Any], run: Path) -> str:
-    """Network, end of the training and held-out errors, for people."""
+    """Network, end of the training and held-out errors, as text."""
     t, n = about["training"], about["n_weights"]
     lines = [
         f"{network_words(about['kind'], about['sizes'])}, {n} weights: {about['target']}",
@@ -219,7 +219,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         "counted",
         f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
         f"{t['effective_samples']:.0f} independent samples they are worth",
-        "seed      gives this network again on processors of one kind; others round otherwise",
+        "seed      reproduces this network on the same kind of processor; others round differently",
     ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 
@@ -259,18 +259,18 @@ def errors_table(about: dict[str, Any]) -> list[str]:
         ]
     if at != "output":
         lines += [
-            f"At {at} the value enters the equations and moves every channel; at the output only "
-            "its own.",
-            "There the model's parameters are those found together with what is missing "
+            f"A correction at {at} enters the equations and changes every channel; one at the "
+            "output changes only its channel.",
+            "Its model has the parameters that were estimated together with the missing input "
             "(network.json).",
         ]
     if all(errors["with_network"] >= errors[before] for errors in about["mae"].values()):
-        lines.append("On what it was not trained on, this network does not help.")
+        lines.append("This network does not reduce the held-out error.")
     return lines
 
 
 def network_words(kind: str, sizes: dict[str, Any]) -> str:
-    """Kind and sizes as people write them: elman 5-10-1; anfis 5x5 = 25 rules."""
+    """Kind and sizes in the usual notation: elman 5-10-1; anfis 5x5 = 25 rules."""
     from pamid.networks.trained_network import network_kinds
 
     return network_kinds()[kind](**sizes).words()

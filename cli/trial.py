@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pamid.parallel.jobs import WorkerPool
     from pamid.trial.own_machine import OwnMachine
 
-PLACE = 100
+HELP_ORDER = 100
 EXAMPLE = """
 pamid trial --output trial --cases 4 --part calibration --jobs 2
 """
@@ -30,15 +30,15 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     "--rig",
     default="one-dof",
     show_default=True,
-    help="The rig whose machine it is tried on, or the path of a rig file (it is run). Machines "
-    f"with equations of their own stand for {names.listed(names.machines())}; of any other rig one "
-    "is made.",
+    help="Rig of the virtual machine, by name or by the path of a rig file (it is run). Machines "
+    f"with separate equations exist for {names.listed(names.machines())}; for any other rig the "
+    "machine is built from the rig.",
 )
 @click.option(
     "--excitation",
     type=click.Path(path_type=Path),
-    help="CSV with what is sent to a machine that is made of the rig. [default: random levels over "
-    "what the rig calls usual]",
+    help="CSV with the inputs of a machine that is built from the rig. [default: random levels in "
+    "the rig's usual range]",
 )
 @click.option(
     "--cases",
@@ -60,45 +60,45 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 @click.option(
     "--index",
     metavar="I/COUNT",
-    help="Work through share I of COUNT of the cases, and score nothing.",
+    help="Compute share I of COUNT of the cases, without scores.",
 )
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with the trial in the folder: cases that are finished stay.",
+    help="Continue the trial in the folder; finished cases are reused.",
 )
-@frame.overwrite_option("Replace an earlier trial in that folder: all cases are run anew.")
+@frame.overwrite_option("Replace an earlier trial in that folder: all cases are computed again.")
 @click.option(
     "--only",
     type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]),
     default=None,
-    help="Of the cases drawn only this stratum.",
+    help="Keep only this stratum of the drawn cases.",
 )
 @click.option(
     "--world",
     type=click.Choice(["closed", "open"]),
     default="closed",
     show_default=True,
-    help="closed: what is planted is the whole gap. open: one or two further effects act as well, "
-    "maps are rougher than the rig states and the logger is a poor one.",
+    help="closed: the planted effects are the whole gap. open: one or two further effects act, "
+    "maps are rougher than the rig states, and the logger is poor.",
 )
 @click.option(
     "--bare",
     is_flag=True,
-    help="Take away what the rig states of its machine's tolerances (background).",
+    help="Ignore the tolerances (background) that the rig states for its machine.",
 )
 @click.option(
     "--calibrate",
     type=click.Path(dir_okay=False, path_type=Path),
     default=None,
-    help="Write what the finished calibration cases teach "
-    "(pamid/diagnosis/calibration.json) to this file.",
+    help="Write the calibration from the finished calibration cases to this file, in the format of "
+    "pamid/diagnosis/calibration.json.",
 )
 @click.option(
     "--also",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     multiple=True,
-    help="With --calibrate: learn from the trial in this folder, too, of the same or another rig.",
+    help="With --calibrate: also use the trial in this folder, of the same or another rig.",
 )
 def command(
     output: Path,
@@ -118,39 +118,40 @@ def command(
     calibrate: Path | None,
     also: tuple[Path, ...],
 ) -> frame.Result:
-    """Try the diagnosis on a virtual machine built on other equations than its own: one effect,
-    two, none, one taken out of the catalogue, one that never was in it. It sees recordings only;
-    the scorer alone opens the labels.
+    """Test the diagnosis on a virtual machine with other equations than the rig's. A case has one
+    effect, two, none, one that was removed from the catalogue, or one that never was in it. The
+    diagnosis reads recordings only, and the scorer alone reads the labels.
 
-    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them;
-    behind a starter rig it is one of the rig's ports, and the loop is open. What the diagnosis says
-    of probabilities was learned from the calibration parts.
+    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them. On
+    a starter rig the place is one of the rig's ports, and the loop is open. The probabilities of
+    the diagnosis were calibrated on the calibration parts.
 
-    --world open draws cases like real machines: besides the planted effect one or two further ones
-    of other families, each changing the readings by 10 to 60 % as much, map errors beyond the
-    rig's tolerance, coloured noise, a jittering clock, a coarse gauge behind a calibration curve,
-    and a recording that starts in motion. A second recording is held out. An answer is right if it
-    names what removes most, reports what remains and where, and claims no more than it removes.
+    --world open draws cases like real machines. One or two further effects of other families each
+    change the readings by 10 to 60 % as much as the planted one. Map errors exceed the rig's
+    tolerance, noise is coloured, the clock jitters, a coarse gauge has a calibration curve, and a
+    recording starts in motion. A second recording is held out. An answer is right if it names the
+    effect that removes most, reports what remains and where, and claims no more than it removes.
 
-    For a rig file, and for a rig without a machine of its own, or with --excitation, machines are
-    made of the rig itself: its parameters drawn from their priors, a roughness of 0.5 to 4 % at its
-    ports, noise and coarse readings, and what is planted in other forms than the catalogue's. That
-    tells how well effects are told apart on your rig, not what becomes of wrong equations.
+    With --excitation, for a rig file, and for a rig without a separate machine, the machine is
+    built from the rig. Its parameters are drawn from their priors. Its ports have a roughness of
+    0.5 to 4 %, its readings are noisy and coarse, and planted effects have other forms than in the
+    catalogue. This measures how well effects can be separated on your rig, not the influence of
+    wrong equations.
 
-    Writes labels.json, a result per case and trial.json. With --resume the same command on the same
-    folder goes on where it was interrupted, or draws more cases; after a change of pamid itself
-    take a new folder.
+    Writes labels.json, one result per case and trial.json. With --resume the same command on the
+    same folder continues where it was interrupted, or draws more cases. Use a new folder after a
+    change of pamid itself.
 
-    Many machines without a Dask cluster: let a batch system call it with --index, then score once
-    without:
+    To use many computers without a Dask cluster, let a batch system call the command with --index,
+    then score once without:
 
     \b
       sbatch --array=1-20 --wrap \\
         'pamid trial --output trial --jobs 1 --index $SLURM_ARRAY_TASK_ID/20'
       pamid trial --output trial --resume
 
-    The folder has to be one that all of them see. A share that failed is sent again, or left to the
-    last command, which works through whatever is missing.
+    All computers must have access to the folder. A failed share can be repeated, or left to the
+    last command, which computes all missing cases.
     """
     from pamid.api.trial_cases import CaseSelection, run_trial
     from pamid.api.workers import worker_pool
@@ -204,7 +205,7 @@ def command(
 
 
 def _tried(rig: str, excitation: Path | None) -> str | OwnMachine:
-    """The machine, or its name."""
+    """Machine built from a rig, or the name of a machine."""
     from pamid.recording.recording import read_recording
     from pamid.trial.own_machine import machine_given
 
@@ -212,13 +213,13 @@ def _tried(rig: str, excitation: Path | None) -> str | OwnMachine:
 
 
 def _require_calibration(part: str) -> None:
-    """UsageError for cases of another part: they would judge themselves."""
+    """Raise UsageError unless the cases are for calibration: test cases must not set thresholds."""
     from pamid.base.errors import UsageError
 
     if part != "calibration":
         raise UsageError(
-            "--calibrate: only the calibration part may teach the judgement",
-            "add --part calibration",
+            "--calibrate needs the calibration part of the cases.",
+            "Add --part calibration.",
         )
 
 
@@ -228,7 +229,7 @@ def _share_of(index: str) -> tuple[int, int]:
     first, slash, count = index.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
         raise UsageError(
-            f"--index {index!r} is no share",
+            f"--index {index!r} is not a share.",
             "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.",
         )
     return int(first), int(count)
@@ -243,8 +244,8 @@ def _share(
     share: tuple[int, int],
     pool: WorkerPool,
 ) -> frame.Result:
-    """Work through every COUNT-th case from the I-th on; labels and score are left to the command
-    without --index."""
+    """Compute every COUNT-th case from the I-th on; the command without --index writes labels and
+    scores."""
     from pamid.api.trial_cases import CaseSelection, run_cases
     from pamid.schemas.trial_case_files import TrialShare
     from pamid.trial.scoring import failed_jobs
@@ -276,7 +277,7 @@ def _share(
 
 
 def _scoring(output: Path, options: dict[str, Any]) -> str:
-    """The line that scores what the shares have worked through: the same trial without --index."""
+    """Command that scores the shares: the same trial without --index."""
     words = [
         f"--{name}" if value is True else f"--{name} {quoted(str(value))}"
         for name, value in options.items()
@@ -288,8 +289,7 @@ def _scoring(output: Path, options: dict[str, Any]) -> str:
 def _begun(
     output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path], resume: bool
 ) -> Run:
-    """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at
-    all."""
+    """Folder of the trial, new or continued; FileError if it contains another trial or none."""
     from pamid.base.errors import FileError
     from pamid.base.run_folder import Run
 
@@ -298,8 +298,8 @@ def _begun(
     run = _same(Run.open(output), fixed)
     if not resume:
         raise FileError(
-            f"{output} is taken: it already holds this trial, or a part of it.",
-            "Go on with it by --resume, replace it by --overwrite, or give another --output.",
+            f"{output} already contains this trial, or a part of it.",
+            "Continue it with --resume, replace it with --overwrite, or give another --output.",
             code="run-folder",
         )
     run.begin_step(command=frame.command_line(), seed=fixed["seed"], options=options)
@@ -314,7 +314,7 @@ def _made(
     *,
     overwrite: bool = False,
 ) -> Run:
-    """A new folder of a trial."""
+    """New folder of a trial."""
     from pamid.base.run_folder import Run
 
     return Run.create(
@@ -330,8 +330,7 @@ def _made(
 def _replaced(
     output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
 ) -> Run:
-    """The trial's folder, without what an earlier trial has left in it; FileError if it holds
-    anything else."""
+    """Folder of the trial, cleared of an earlier trial; FileError if it contains anything else."""
     from pamid.api.trial_cases import forget_cases
     from pamid.base.run_folder import Run
 
@@ -345,21 +344,21 @@ def _replaced(
 
 
 def _require_one_way(resume: bool, overwrite: bool, index: str | None) -> None:
-    """UsageError for two words about one folder."""
+    """Raise UsageError for contradictory options about the folder."""
     from pamid.base.errors import UsageError
 
     if overwrite and (resume or index is not None):
         raise UsageError(
-            f"--overwrite replaces the earlier trial, {'--resume' if resume else '--index'} goes "
-            "on with it.",
-            "Give one of them.",
+            f"--overwrite replaces the earlier trial, {'--resume' if resume else '--index'} "
+            "continues it.",
+            "Give only one of them.",
         )
 
 
 def _joined(
     output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
 ) -> Run:
-    """The trial's folder for one of several that begin it at the same time."""
+    """Folder of the trial for one of several commands that start at the same time."""
     from pamid.base.errors import FileError
     from pamid.base.run_folder import Run
 
@@ -389,8 +388,8 @@ def _same(run: Run, fixed: dict[str, Any]) -> Run:
             )
         )
         raise FileError(
-            f"{run.folder} is taken: it holds {what}",
-            "give --output another folder",
+            f"{run.folder} is in use: it contains {what}.",
+            "Give another folder with --output.",
             code="run-folder",
         )
     return run

@@ -396,7 +396,7 @@ class DiagnosisResult(FitResult):
         """Remaining error, and whether it exceeds the tolerances."""
         if self.remainder is None:
             return ""
-        size = size_of(self.remainder, beside=bool(self.causes))
+        size = size_of(self.remainder, with_causes=bool(self.causes))
         return f"Left: {size}; {weight_of(self.remainder)}."
 
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.ingest.channel_words import says_sent
+from pamid.ingest.channel_words import names_command
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
 
-# prefixes of commanded columns, in addition to the words of `says_sent`
+# prefixes of commanded columns, in addition to the words of `names_command`
 SENT = ("command", "reference", "setpoint", "external")
 
 
@@ -35,5 +35,5 @@ def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
 
 
 def _seems_sent(name: str, values: NDArray[np.float64]) -> bool:
-    called = name.startswith(SENT) or says_sent(name)
+    called = name.startswith(SENT) or names_command(name)
     return called or stands(values) or held_by_jumps(values)

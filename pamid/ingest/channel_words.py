@@ -1,7 +1,6 @@
-"""Channel names of laboratories, in several languages: from a name to the measured quantity, and
-its index.
+"""Words in channel names, in several languages: the measured quantity and the index of a channel.
 
-A guess only: a mapping is looked through before it is used.
+The result is only a guess, because the user checks a mapping before using it.
 """
 
 from __future__ import annotations
@@ -10,10 +9,10 @@ import re
 import unicodedata
 from functools import lru_cache
 
-#: names whose words are remembered: every channel is compared with every column of every rig
+#: names in the cache: every channel is compared with every column of every rig
 CACHED = 1 << 15
 
-#: what is measured -> words; those of four letters and more also count inside a word ("Sollwinkel")
+#: quantity -> words; words of four letters and more also count inside a word ("Sollwinkel")
 WORDS: dict[str, tuple[str, ...]] = {
     "time": (
         "time",
@@ -216,7 +215,7 @@ _SIDES = {
     "flexor": "1",
     "extensor": "2",
 }
-#: the parts of a machine that rigs name their channels after, in other languages
+#: parts of a machine in the channel names of rigs, in other languages
 _MACHINE_PARTS = {
     **dict.fromkeys(("last", "abtrieb", "charge", "carga", "carico"), "load"),
     **dict.fromkeys(("antrieb", "moteur", "motore"), "motor"),
@@ -251,15 +250,14 @@ def meanings(name: str) -> frozenset[str]:
         for item in names
         if item in words or (len(item) >= 4 and any(item in word for word in words))
     )
-    # a commanded angle is a reference, and so is a desired one; a time constant is no time
+    # a commanded or desired angle is a reference, and a time constant is not a time
     if "reference" in kinds or {"command", "angle"} <= kinds:
         return frozenset({"reference"})
     return kinds - {"time"} if len(kinds) > 1 else kinds
 
 
 def number(name: str) -> str:
-    """Which of several like channels a name means: "p1" -> "1", "Druck links" -> "1", "angle" ->
-    ""."""
+    """Index of a channel among similar ones: "p1" -> "1", "Druck links" -> "1", "angle" -> ""."""
     words = tokens(name)
     digits = "".join(word for word in words if word.isdigit())
     return digits or next((_SIDES[word] for word in words if word in _SIDES), "")
@@ -288,6 +286,6 @@ _SENT = frozenset(
 )
 
 
-def says_sent(name: str) -> bool:
-    """Is a word of this name one for what is sent to a robot?"""
+def names_command(name: str) -> bool:
+    """Whether a word of this name denotes a command to a robot."""
     return not _SENT.isdisjoint(tokens(name))

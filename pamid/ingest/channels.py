@@ -1,5 +1,4 @@
-"""Output of a log reader: channels, each with its unit and, where the log has them, its time
-stamps."""
+"""Output of a log reader: channels with their units and time stamps, as far as the log has them."""
 
 from __future__ import annotations
 
@@ -15,20 +14,20 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.stated_period import StatedPeriod
 from pamid.recording.recording import MIN_SAMPLES
 
-MOST_ROWS = 0.9  # share of the rows that a channel which has its turn is in, at most
-ANY = "*"  # stands in a name for the part of a log that a channel is in
+MOST_ROWS = 0.9  # largest share of rows of an interleaved channel
+ANY = "*"  # in a name: the part of a log that a channel belongs to
 
 
 @dataclass(frozen=True)
 class RobotValue:
-    """Role of a channel as a robot's log states it.
+    """Role of a channel in a robot's log.
 
-    group     the topic, or the column of vectors, that it is a part of
-    element   joint or motor by the log's name, "" where only the order tells
-    place, size  in the vector: from 0, and of how many
-    quantity  position, velocity or effort, "" where it is not said
-    sent      a command, not a measurement
-    si        in rad, m, rad/s, m/s, N m or N, as the format demands
+    group     topic or column of vectors that contains it
+    element   joint or motor by the log's name, "" if only the order identifies it
+    place, size  index in the vector, from 0, and length of the vector
+    quantity  position, velocity or effort, "" if the log does not state it
+    sent      whether it is a command, not a measurement
+    si        whether the format prescribes rad, m, rad/s, m/s, N m or N
     """
 
     group: str
@@ -42,9 +41,13 @@ class RobotValue:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One signal as the log has it. values (n,) float64, NaN where the log has none; stamps (n,) s
-    of its own, or None where it shares the log's rows; unit as the log writes it, "" if it says
-    none; robot: of a robot's log, what it is there."""
+    """One signal of a log.
+
+    values  (n,) float64, NaN for missing values
+    stamps  (n,) s, or None if the channel shares the log's rows
+    unit    as the log writes it, "" if it states none
+    robot   role of the channel in a robot's log
+    """
 
     name: str  # groups joined by "/"
     values: FloatArray
@@ -53,9 +56,9 @@ class Channel:
     robot: RobotValue | None = None
 
 
-def rows_in_turns(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
-    """The rows, as masks, of channels that take turns in a table: every message of a bus has a row
-    of its own, and empty cells for what the others send."""
+def interleaved_rows(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
+    """Row masks of interleaved channels: each message of a bus has a separate row of the table,
+    with empty cells for the other messages."""
     masks: dict[bytes, NDArray[np.bool_]] = {}
     members: dict[bytes, list[str]] = {}
     for channel in channels:
@@ -77,9 +80,12 @@ def rows_in_turns(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Content of a log. details: what it decided, in words (encoding, delimiter, header lines,
-    which stamps). part: which of several recordings in the file it is, "" for all of it. stated:
-    the sampling period that the text around the numbers states, if it does."""
+    """Content of a log.
+
+    details  decisions of the reader, in words (encoding, delimiter, header lines, stamps)
+    part     name of one of several recordings in the file, "" for the whole file
+    stated   sampling period that the text around the numbers states, if any
+    """
 
     path: Path
     kind: str  # "csv", "mat", "tdms", "mdf", "ros", "parquet", "hdf5", ...
@@ -89,7 +95,7 @@ class Log:
     stated: StatedPeriod | None = None
 
     def channel(self, name: str) -> Channel:
-        """The channel `name`; FileError with the nearest name if there is none."""
+        """Channel by name; FileError with the nearest name if there is none."""
         for channel in self.channels:
             if channel.name == name:
                 return channel

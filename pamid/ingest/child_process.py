@@ -1,7 +1,7 @@
-"""Reading a log in a process of its own (`pamid.parallel.limited_process`): a damaged file can make
-a foreign parser crash or never end, not only raise.
+"""Reading a log in a separate process (`pamid.parallel.limited_process`): on a damaged file a
+foreign parser may crash or never end, and not only raise.
 
-Channels come back as plain numbers (npz without objects) and JSON; nothing in them is executed.
+Channels are returned as plain numbers (npz without objects) and JSON, which execute nothing.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from pamid.base.npz import load_arrays
 from pamid.ingest.channels import Channel, Log, RobotValue
 from pamid.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
 
-#: s of processor time that a reader may take, and more for each MB of the file
+#: processor time of a reader, s, and the addition for each MB of the file
 READER_S = 50.0
 READER_S_PER_MB = 3.0
-#: s that may pass, in addition to READER_S_PER_MB
+#: elapsed time, s, in addition to READER_S_PER_MB
 PATIENCE = 120.0
 #: bytes that a reader may allocate, and more for each byte of the file
 READER_MEMORY = 3072 * MIB
@@ -30,8 +30,10 @@ READER_MEMORY_PER_BYTE = 6
 
 
 def read_in_child(path: Path, kind: str) -> Log:
-    """`pamid.ingest.log_kinds.read_here` in another process. FileError as there, and if the process
-    crashes or exceeds its limits."""
+    """`pamid.ingest.log_kinds.read_here` in another process.
+
+    Raises FileError as there, and if the process crashes or exceeds its limits.
+    """
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts if part.is_file())
     longer = READER_S_PER_MB * size / 1e6
@@ -52,8 +54,8 @@ def read_in_child(path: Path, kind: str) -> Log:
         except ProcessFailure as failure:
             raise FileError(
                 f"{path} cannot be read as {kind}: the reader failed: {failure}.",
-                "It is most likely damaged: open it with the program that wrote it and export it "
-                "again, or export fewer channels.",
+                "The file is probably damaged. Export it again from the program that wrote it, or "
+                "export fewer channels.",
                 code="damaged",
             ) from failure
         except FileError as error:
@@ -64,7 +66,7 @@ def read_in_child(path: Path, kind: str) -> Log:
 
 
 def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
-    """Read a log and write its numbers into the folder; what else there is of it, for JSON."""
+    """Read a log, write its numbers into the folder, and return the other fields for JSON."""
     from pamid.ingest.log_kinds import read_here
 
     log = read_here(Path(path), kind)

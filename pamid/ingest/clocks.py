@@ -1,5 +1,5 @@
-"""The clocks of a log: which channels share stamps, what these look like, and the cure each time
-base gets."""
+"""Clocks of a log: groups of channels with common stamps, the diagnosis of the stamps, and the
+repair of each time base."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, listed, nearest
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
-from pamid.ingest.channels import Channel, Log, rows_in_turns
+from pamid.ingest.channels import Channel, Log, interleaved_rows
 from pamid.ingest.mapping import UNANSWERED, MappedSignal, Mapping
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
@@ -27,15 +27,15 @@ from pamid.model.rig import Rig
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.recording import MIN_SAMPLES
 
-FAR_FROM_USUAL = 100.0  # times the usual period: then the unit of the stamps is in doubt
-NEAR_USUAL = 30.0  # times the usual period: what another unit of the stamps would have to give
+FAR_FROM_USUAL = 100.0  # times the usual period: beyond it the unit of the stamps is doubtful
+NEAR_USUAL = 30.0  # times the usual period: another unit must give a period within it
 _TIME_UNITS = ("ns", "us", "ms", "s", "min")
 
 
 @dataclass(frozen=True, eq=False)
 class SampledColumn:
     """A channel as a column of the recording: values (n,) in the column's unit at the rows of its
-    clock, NaN where the log has none."""
+    clock, NaN for missing values."""
 
     signal: MappedSignal
     values: FloatArray
@@ -43,7 +43,7 @@ class SampledColumn:
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Columns that share stamps (s): those of the log's rows, or their own."""
+    """Columns with common stamps (s): those of the log's rows, or separate ones."""
 
     name: str
     stamps: FloatArray
@@ -53,13 +53,12 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Channels that share their stamps: what these look like, the cure, and the instants of the
-    rows that stay."""
+    """Channels with common stamps: their diagnosis, the repair, and the instants of the rows."""
 
     name: str
-    sampled: tuple[SampledColumn, ...]  # values at the rows that stay
+    sampled: tuple[SampledColumn, ...]  # values at the usable rows
     rows: Rows
-    found: StampDiagnosis | None  # None: events, whose stamps are taken as they are
+    diagnosis: StampDiagnosis | None  # None: events, whose stamps are used unchanged
     cure: Cure
     base: TimeBase
     notes: tuple[str, ...] = ()
@@ -73,9 +72,14 @@ def clocks_of(
     where: str,
     repair: str,
 ) -> tuple[Clock, ...]:
-    """The clocks of the mapped channels, diagnosed and cured. `where` names the mapping in errors;
-    `repair` overrules its [time] repair. FileError for what is wrong, DataError where the data do
-    not decide."""
+    """Clocks of the mapped channels, diagnosed and repaired.
+
+    where    name of the mapping in errors
+    repair   overrides its [time] repair
+
+    Raises FileError for a fault of log or mapping, DataError if the data do not determine the
+    repair.
+    """
     groups = _by_stamps(log, mapping, signals, where)
     clocks = tuple(_clock(group, log, mapping, rig, where, repair) for group in groups)
     for clock in clocks:
@@ -83,14 +87,14 @@ def clocks_of(
             raise FileError(
                 f"{log.path}: {clock.name}: the clock was set back, and other channels have other "
                 "stamps.",
-                "Cut the log there: how the two go together afterwards is not known.",
+                "Cut the log there. The offset between the two clocks afterwards is unknown.",
                 code="stamps-unsorted",
             )
     return clocks
 
 
 def channel_of(log: Log, name: str, place: str) -> Channel:
-    """The channel `name`; FileError naming the key of the mapping that asks for it, and the nearest
+    """Channel by name; FileError with the key of the mapping that names it, and the nearest
     name."""
     for channel in log.channels:
         if channel.name == name:
@@ -107,7 +111,7 @@ def _by_stamps(
 ) -> list[Group]:
     groups: list[Group] = []
     rows: FloatArray | None = None
-    turns = rows_in_turns([c for c in log.channels if c.name != mapping.time.source])
+    turns = interleaved_rows([c for c in log.channels if c.name != mapping.time.source])
     for signal in signals:
         channel = channel_of(log, signal.source, f"{where}: signals.{signal.column}.source")
         of_rows = channel.stamps is None
@@ -119,7 +123,7 @@ def _by_stamps(
             raise FileError(
                 f"{log.path}: {channel.name!r} has {channel.values.size} values, its clock "
                 f"{stamps.size} stamps.",
-                "Choose as time.source a channel with as many rows.",
+                "Choose a time.source with the same number of rows.",
                 code="rows",
             )
         _require_sane(channel, log)
@@ -139,7 +143,7 @@ def _by_stamps(
 
 
 def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArray:
-    """The stamps (s) of the log's rows, by [time]."""
+    """Stamps (s) of the log's rows, by [time]."""
     settings = mapping.time
     if settings.source is None:
         if settings.period_s is None:
@@ -148,15 +152,15 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
                 "time.period_s."
             )
             raise FileError(
-                f"{where}: time says neither source nor period_s.", hint, code="mapping"
+                f"{where}: [time] has neither source nor period_s.", hint, code="mapping"
             )
         return np.arange(count, dtype=np.float64) * settings.period_s
     channel = channel_of(log, settings.source, f"{where}: time.source")
     text = settings.unit if settings.unit is not None else channel.unit or "s"
     if text == UNANSWERED:
         raise FileError(
-            f'{where}: time.unit is "?": say in which unit {settings.source!r} counts.',
-            'For example "s", "ms".',
+            f'{where}: time.unit is "?".',
+            f'Replace it by the unit of {settings.source!r}, for example "s" or "ms".',
             code="unit",
         )
     try:
@@ -165,21 +169,23 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
         raise FileError(
             f"{where}: time.unit is {text!r}: {error.message}", error.hint, code="unit"
         ) from None
-    # a clock that counts from 1970 is kept only where channels with stamps of their own may count
-    # so too
+    # separate stamps of other channels may also count from 1970; else the first row becomes 0,
+    # which keeps the digits of a float for the differences
     finite = stamps[np.isfinite(stamps)]
-    own = any(other.stamps is not None for other in log.channels)
-    return np.asarray(stamps if own or not finite.size else stamps - finite[0], dtype=np.float64)
+    several = any(other.stamps is not None for other in log.channels)
+    if several or not finite.size:
+        return np.asarray(stamps, dtype=np.float64)
+    return np.asarray(stamps - finite[0], dtype=np.float64)
 
 
 def _require_sane(channel: Channel, log: Log) -> None:
-    """FileError for a number that no sensor sends: some loggers mark a missing value so."""
+    """Raise FileError for a huge number, by which some loggers mark a missing value."""
     far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
     if far.size:
         raise FileError(
             f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row {far[0] + 1} "
-            f"({far.size} such).",
-            "If that marks a missing value, empty these cells.",
+            f"({far.size} such values).",
+            "If it marks missing values, empty these cells.",
             code="cell",
         )
 
@@ -199,7 +205,7 @@ def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> F
 def _clock(
     group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str
 ) -> Clock:
-    """Diagnose one clock and settle when its rows were sampled."""
+    """Diagnose one clock and determine the sampling instants of its rows."""
     place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
     if (
         not group.of_rows
@@ -223,7 +229,7 @@ def _clock(
         raise FileError(
             f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are "
             f"{diagnosis.period:.4g} s apart.",
-            "A gap is longer than a few samples.",
+            "Give a longer max_gap_s, or delete it.",
             code="mapping",
         )
     cure, notes = _choose(diagnosis, wanted, rows, place)
@@ -239,14 +245,14 @@ def _clock(
 
 
 def _regular(stamps: FloatArray) -> bool:
-    """Whether stamps (s) are a sampling, not events."""
+    """Whether stamps (s) are those of a sampled signal, not of events."""
     steps = np.diff(stamps)
     usual = float(np.median(steps)) if steps.size >= MIN_SAMPLES else 0.0
     return usual > 0.0 and float(np.mean(np.abs(steps - usual) <= UNIFORM_TO * usual)) > 0.5
 
 
 def _events(group: Group, place: str) -> Clock:
-    """A clock of its own for values that hold until the next one: any spacing is right."""
+    """Clock of events: each value holds until the next one, so any spacing is valid."""
     stamps = group.stamps
     keep = np.flatnonzero(np.isfinite(stamps))
     keep = keep[np.argsort(stamps[keep], kind="stable")]
@@ -269,7 +275,7 @@ def _events(group: Group, place: str) -> Clock:
 def _choose(
     diagnosis: StampDiagnosis, wanted: str, rows: Rows, place: str
 ) -> tuple[Cure, tuple[str, ...]]:
-    """The cure of a time base, and what to say about it; DataError where only the user can tell."""
+    """Repair of a time base, with notes; DataError if only the user can decide."""
     if diagnosis.state == "even":
         return "none", ()
     if wanted == "none":
@@ -281,22 +287,20 @@ def _choose(
     if wanted == "ask":
         if diagnosis.cure is None:
             hint = (
-                'Say which with --time-base or time.repair. "late-stamps": a device samples '
-                "evenly and a host "
-                "writes the time when a sample arrives; the even clock is restored. "
-                '"jittered-sampling": the '
-                "samples are taken when their stamps say, as in a loop on a PC; they are resampled "
-                "by the stamps. The wrong one does harm."
+                'Choose with --time-base or time.repair. "late-stamps": a device samples evenly, '
+                "and a host writes the time when a sample arrives; the even clock is restored. "
+                '"jittered-sampling": the stamps are the true sampling instants, as in a loop on a '
+                "PC; the signals are resampled. The wrong choice distorts the signals."
             )
             raise DataError(
-                f"{place}: the stamps are uneven, and the data do not tell why: {diagnosis.why}.",
+                f"{place}: the stamps are uneven, and the data do not show why: {diagnosis.why}.",
                 hint,
                 code="time-base",
             )
         return diagnosis.cure, ()
     if rows.blocks and wanted == "jittered-sampling":
         raise FileError(
-            f"{place}: {diagnosis.why}. Samples cannot be told apart by such stamps.",
+            f"{place}: {diagnosis.why}. Such stamps do not separate samples.",
             'Choose "late-stamps".',
             code="time-base",
         )
@@ -306,7 +310,7 @@ def _choose(
 
 
 def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: str) -> None:
-    """FileError where the stamps' unit gives a sampling period far from the usual one."""
+    """Raise FileError if the unit of the stamps gives a sampling period far from the usual one."""
     usual = mapping.time.period_s or (rig.period_s if rig else None)
     if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return
@@ -321,7 +325,7 @@ def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: 
                 f'{where}: {unit_text}: samples would be {period:.4g} s apart; in "{name}" '
                 "they would "
                 f"be {other:.4g} s apart, and {usual:g} s are usual.",
-                "Correct time.unit; if they really are so far apart, say so in time.period_s.",
+                "Correct time.unit. If the period is right, state it in time.period_s.",
                 code="time-unit",
             )
     if mapping.time.period_s is not None:

@@ -1,5 +1,5 @@
-"""From a raw log and a mapping to recordings: every column in its unit, on one even time base,
-between the gaps."""
+"""Conversion of a raw log by a mapping: recordings between the gaps, with every column in its unit
+on one even time base."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.clocks import Clock, SampledColumn, channel_of, clocks_of
-from pamid.ingest.mapping import Mapping, settle, unknown_to
+from pamid.ingest.mapping import Mapping, resolved_signals, unknown_to
 from pamid.ingest.memory_budget import MemoryBudget
 from pamid.ingest.resampling import COARSER, hold, smooth
 from pamid.ingest.time_base import GAP_PERIODS
 from pamid.model.rig import Rig
 from pamid.recording.recording import MIN_SAMPLES
 
-NOMINAL = 1e-3  # a clock and a stated period that differ by less name the same sampling
-#: significant digits of a round number of s or Hz -> how close to it a measured period is meant so
+NOMINAL = 1e-3  # largest relative difference of a clock and the stated period of the same sampling
+#: significant digits of a round number of s or Hz -> relative distance at which a period is rounded
 ROUND = {1: NOMINAL, 2: NOMINAL, 3: 2e-4}
-CELL_TEXT = 40  # bytes of a sample on its way into a file
-FINER = 100  # times the rows of the log: more samples are not made of them
+CELL_TEXT = 40  # bytes of a sample while a file is written
+FINER = 100  # largest number of samples per row of the log
 Stretch = tuple[float, float]  # from, to: s by the log's clock
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnPieces:
-    """A column between its gaps: (instants in s, values) of each piece, without the empty cells."""
+    """Pieces of a column between its gaps: (instants in s, values), without empty cells."""
 
     clock: Clock
     course: SampledColumn
@@ -40,7 +40,7 @@ class ColumnPieces:
     @property
     def filled(self) -> int:
         """Empty cells inside its pieces."""
-        if self.clock.found is None:
+        if self.clock.diagnosis is None:
             return 0
         instants = self.clock.base.instants
         inside = (np.searchsorted(instants, (t[0], t[-1])) for t, _ in self.pieces)
@@ -49,8 +49,7 @@ class ColumnPieces:
         )
 
     def coarser(self, step: float) -> bool:
-        """True if samples `step` s apart are fewer than the column has, so that it is filtered
-        first."""
+        """Whether a period of `step` s is longer than that of the column, which needs a filter."""
         steps = np.diff(self.pieces[0][0]) if self.pieces else np.zeros(0)
         return (
             not self.course.signal.hold
@@ -60,9 +59,9 @@ class ColumnPieces:
 
 
 @dataclass(frozen=True, eq=False)
-class MadeRecording:
-    """One recording: time (n,) s from 0, columns by full name, and where in the log it begins: s by
-    the log's clock, and the row of the leading clock."""
+class ConvertedRecording:
+    """One recording: time (n,) s from 0, columns by full name, and its beginning in the log, as s
+    of the log's clock and as a row of the leading clock."""
 
     time: FloatArray
     columns: dict[str, FloatArray]
@@ -72,13 +71,17 @@ class MadeRecording:
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
-    """The recordings made from one log, and how: sampling period (s), seconds of the log's clock
-    per second of the recordings, the clock whose samples they keep, all clocks and columns, and
-    what the user should know."""
+    """Recordings from one log, and their derivation.
+
+    period    sampling period, s
+    stretch   seconds of the log's clock per second of the recordings
+    lead      clock whose samples the recordings keep
+    tracks    columns by name
+    """
 
     log: Log
     mapping: Mapping
-    recordings: tuple[MadeRecording, ...]
+    recordings: tuple[ConvertedRecording, ...]
     period: float
     stretch: float
     lead: Clock
@@ -90,17 +93,21 @@ class Conversion:
 def convert(
     log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str = ""
 ) -> Conversion:
-    """Make recordings of a log. `where` names the mapping in errors; `repair` overrules its [time]
-    repair.
+    """Convert a log to recordings.
 
-    FileError for what is wrong with log or mapping, DataError where the data do not decide how to
-    mend the time base or too little is left.
+    where    name of the mapping in errors
+    repair   overrides its [time] repair
+
+    Raises FileError for a fault of log or mapping. Raises DataError if the data do not determine
+    the repair of the time base, or if too few samples are left.
     """
     channels = [
         channel_of(log, signal.source, f"{where}: signals.{column}.source")
         for column, signal in mapping.signals.items()
     ]
-    signals = settle(mapping, rig, {channel.name: channel.unit for channel in channels}, where)
+    signals = resolved_signals(
+        mapping, rig, {channel.name: channel.unit for channel in channels}, where
+    )
     clocks = clocks_of(log, mapping, signals, rig, where, repair)
     lead = _lead(clocks)
     period, stretch = _period(mapping.time.period_s, lead)
@@ -116,22 +123,22 @@ def convert(
     for start, end in _common(tracks, period * stretch):
         if (end - start) / (period * stretch) > FINER * lead.rows.stamps.size:
             raise FileError(
-                f"{where}: {(end - start) / period:.3g} samples of {period:g} s would be made of "
-                f"{lead.rows.stamps.size} rows.",
+                f"{where}: {lead.rows.stamps.size} rows would become {(end - start) / period:.3g} "
+                f"samples with a period of {period:g} s.",
                 "Correct time.period_s, time.unit or time.max_gap_s.",
                 code="mapping",
             )
         cells = round((end - start) / (period * stretch)) * (1 + len(tracks))
         budget.charge("its recordings", cells, raw=CELL_TEXT * cells)
-        one = _recording(tracks, lead, start, end, period, stretch)
-        if one.time.size < MIN_SAMPLES:
+        recording = _recording(tracks, lead, start, end, period, stretch)
+        if recording.time.size < MIN_SAMPLES:
             short += 1
         else:
-            recordings.append(one)
+            recordings.append(recording)
     if not recordings:
         raise DataError(
-            f"{log.path}: nowhere are all channels there for {MIN_SAMPLES} samples in a row.",
-            "Leave out the channel that is hardly there, or allow longer gaps with time.max_gap_s.",
+            f"{log.path}: no stretch of {MIN_SAMPLES} samples has values of all channels.",
+            "Leave out the channel with few values, or allow longer gaps with time.max_gap_s.",
             code="too-short",
         )
     notes = [note for clock in clocks for note in clock.notes]
@@ -146,18 +153,18 @@ def convert(
 
 
 def _lead(clocks: Sequence[Clock]) -> Clock:
-    """The clock whose samples the recording keeps: that of commands if it has them, else that of
-    most columns."""
-    sampled = [clock for clock in clocks if clock.found is not None]
+    """Clock whose samples the recording keeps: that of commands, if any, else that of most
+    columns."""
+    sampled = [clock for clock in clocks if clock.diagnosis is not None]
     if not sampled:
         raise FileError(
-            "No measured signal is mapped: there is nothing to make a recording of.",
+            "No measured signal is mapped, so there is nothing to record.",
             "Map at least one measured signal.",
             code="mapping",
         )
     return max(
         sampled,
-        key=lambda c: (any(one.signal.hold for one in c.sampled), len(c.sampled), -c.base.period),
+        key=lambda c: (any(s.signal.hold for s in c.sampled), len(c.sampled), -c.base.period),
     )
 
 
@@ -179,7 +186,7 @@ def _period(stated: float | None, lead: Clock) -> tuple[float, float]:
 
 
 def round_period(measured: float) -> float:
-    """The round number of s or Hz that a measured period (s) must mean, or itself to 9 digits."""
+    """Nearest round number of s or Hz to a measured period (s), or the period to 9 digits."""
     for digits, within in ROUND.items():
         for value in (float(f"{measured:.{digits}g}"), 1.0 / float(f"{1.0 / measured:.{digits}g}")):
             if abs(value / measured - 1.0) < within:
@@ -194,10 +201,10 @@ def _pieces(
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
         t, y = clock.base.instants[piece][there], course.values[piece][there]
-        if late := course.signal.rows:  # a value that was logged late belongs to an earlier row
+        if late := course.signal.rows:  # a value logged late belongs to an earlier row
             t, y = (t[:-late], y[late:]) if late > 0 else (t[-late:], y[:late])
         steps = np.diff(t)
-        # a slow channel in a fast table is not full of gaps
+        # a slow channel in a fast table has many empty rows, which are not gaps
         usual = 1.5 * float(np.median(steps)) if steps.size else 0.0
         limit = max(usual, GAP_PERIODS * clock.base.period if max_gap is None else max_gap)
         longer = (
@@ -208,21 +215,21 @@ def _pieces(
         pieces += [
             (t[a:b], y[a:b])
             for a, b in zip([0, *longer], [*longer, t.size], strict=True)
-            if b - a > 1 or (clock.found is None and b > a)
+            if b - a > 1 or (clock.diagnosis is None and b > a)
         ]
     return pieces
 
 
 def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
-    """The stretches in which every column is there."""
+    """Stretches in which every column has values."""
     common = [(-math.inf, math.inf)]
     for track in tracks.values():
-        if track.clock.found is None:
-            own = [(float(t[0]), math.inf) for t, _ in track.pieces[:1]]
+        if track.clock.diagnosis is None:
+            covered = [(float(t[0]), math.inf) for t, _ in track.pieces[:1]]
         else:
             last = step if track.course.signal.hold else 0.0
-            own = [(float(t[0]), float(t[-1]) + last) for t, _ in track.pieces]
-        common = _overlap(common, own)
+            covered = [(float(t[0]), float(t[-1]) + last) for t, _ in track.pieces]
+        common = _overlap(common, covered)
     return common
 
 
@@ -247,16 +254,16 @@ def _recording(
     end: float,
     period: float,
     stretch: float,
-) -> MadeRecording:
-    """All columns between start and end (s, by the log's clock), on the samples of the leading
-    clock."""
+) -> ConvertedRecording:
+    """Recording of all columns from start to end (s of the log's clock), on the samples of the
+    leading clock."""
     step, instants = period * stretch, lead.base.instants
     first = min(int(np.searchsorted(instants, start - 1e-6 * step)), instants.size - 1)
     begin = max(float(instants[first]), start - 1e-6 * step)
     count = max(int(math.floor((end - begin) / step + 1e-6)) + 1, 0)
     base: FloatArray = begin + np.arange(count, dtype=np.float64) * step
     columns = {column: _on(base, step, track) for column, track in tracks.items()}
-    return MadeRecording(
+    return ConvertedRecording(
         np.arange(count, dtype=np.float64) * period, columns, begin, int(lead.rows.keep[first])
     )
 

@@ -1,5 +1,4 @@
-"""How a text log is written: its delimiter, decimal mark, names, units and the line its numbers
-begin at."""
+"""Dialect of a text log: delimiter, decimal mark, names, units and first line of numbers."""
 
 from __future__ import annotations
 
@@ -11,17 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import FileError
-from pamid.ingest.cells import classify, decimal_mark
+from pamid.ingest.text_cells import classify, decimal_mark
 from pamid.recording.recording import MIN_SAMPLES
 
-#: in the order in which they are believed where two read the same; blank stands for any run of
-#: blanks
+#: in the order of preference if two give the same result; a blank is any run of blanks
 DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "blanks"}
-#: lines that are looked at
+#: lines that are examined
 SAMPLE = 1000
-#: rows of numbers, one after the other, that are a beginning
+#: consecutive rows of numbers at the beginning of a table
 RUN = 3
-#: where fewer of the rows that hold a number hold nothing but numbers, there are columns of text
+#: share of the rows with numbers that have only numbers; below it there are columns of text
 SHARE_OF_ROWS = 0.9
 COMMENT = "#%"
 
@@ -31,25 +29,25 @@ _ATOM = (
     r"(?:\^?-?[0-9²³]+)?"
 )
 _UNIT = re.compile(rf"{_ATOM}(?:(?:\s?[*/·⋅.]\s?| ){_ATOM})*$", re.IGNORECASE)
-#: longer cells of a header are no units
+#: longest unit in a header
 LONGEST_UNIT = 40
 _BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
 #: "t / s", "Winkel in °", "Temp, °C (LGR S/N: 1)": a unit behind the name without brackets
 _BEHIND_NAME = re.compile(
     r"(?P<name>.*?[^\s,/])(?:\s*,\s+|\s+/\s*|\s+in\s+)(?P<unit>[^\s,()\[\]]+)(?:\s*\([^()]*\))?"
 )
-#: the first cell of rows above the numbers that name the columns or their units
+#: first cell of rows above the numbers with the names or units of the columns
 _NAME_LABELS = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
 _UNIT_LABELS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
 _BEFORE_UNIT = re.compile(r"^(?:in|en|units?:?|einheit:?)\s+", re.IGNORECASE)
-#: share of the cells of a row that look like units, so that it is one of units
+#: share of cells that look like units, from which on a row is one of units
 MOST_UNITS = 0.5
 
 
 @dataclass(frozen=True)
 class TextDialect:
-    """names, units: one a column. first: index of the first line of numbers. notes: what was
-    decided, in words."""
+    """Dialect of a text log: names and units by column, index of the first line of numbers, and the
+    decisions in words (notes)."""
 
     delimiter: str
     decimal: str
@@ -65,7 +63,7 @@ class TextDialect:
 
 @dataclass(frozen=True)
 class _Guess:
-    """The lines cut at one delimiter."""
+    """Lines split at one delimiter."""
 
     delimiter: str
     rows: list[list[str]]  # cells; [] for a blank line
@@ -87,19 +85,21 @@ class _Guess:
 
 
 def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
-    """The dialect in which most of the first lines are rows of numbers. FileError if none is, if
-    they can be read in two ways, or if the names do not fit the numbers."""
+    """Dialect in which most of the first lines are rows of numbers.
+
+    Raises FileError if no line is, if they are ambiguous, or if the names do not fit the numbers.
+    """
     guesses = [
         guess for guess in (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS) if guess
     ]
     if not guesses:
         raise FileError(
             f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
-            "A log has rows of numbers below a row of names.",
+            "A log needs rows of numbers below a row of names.",
             code="no-numbers",
         )
     _refuse_signals_in_rows(path, lines, guesses)
-    # a remark in a few rows costs a reading these rows
+    # a delimiter loses the few rows with a remark, so near counts are equally good
     most = max(guess.count for guess in guesses)
     near = [guess for guess in guesses if guess.count >= SHARE_OF_ROWS * most]
     best = max(near, key=lambda guess: (guess.header_fits, guess.count, guess.width))
@@ -123,7 +123,7 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
 
 
 def cut_line(line: str, delimiter: str) -> list[str]:
-    """The cells of a line, quotes taken off; [] for a blank line."""
+    """Cells of a line without quotes; [] for a blank line."""
     if not line.strip():
         return []
     if delimiter == " ":
@@ -133,8 +133,8 @@ def cut_line(line: str, delimiter: str) -> list[str]:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" stays as it
-    is."""
+    """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" is not
+    changed."""
     match = _BRACKETED.search(name) if len(name) <= 5 * LONGEST_UNIT else None
     if (
         match
@@ -170,13 +170,13 @@ def _cut(lines: Sequence[str], delimiter: str) -> _Guess | None:
     if loose and (
         strict is None or (strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2])
     ):
-        return _Guess(delimiter, rows, kinds, *loose)  # columns of text stand among the numbers
+        return _Guess(delimiter, rows, kinds, *loose)  # some columns are text
     return _Guess(delimiter, rows, kinds, *strict) if strict else None
 
 
 def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, int] | None:
-    """(first, width, count) of the rows of the commonest width for which `is_data`, beginning where
-    RUN of them follow each other; None if they nowhere do."""
+    """(first, width, count) of the data rows of the most common width, from the first RUN
+    consecutive ones on; None if there are not so many."""
     there = [index for index, kind in enumerate(kinds) if kind]
     data = {index for index in there if is_data(kinds[index])}
     widths = Counter(len(kinds[index]) for index in data)
@@ -193,8 +193,7 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
 
 
 def _with_labels(start: int, kinds: list[str]) -> int:
-    """The line at which a table begins whose first rows have words in columns that are empty
-    below."""
+    """First line of a table whose first rows have words in columns that are empty below."""
     below = kinds[start]
     while (
         "e" in below
@@ -207,8 +206,7 @@ def _with_labels(start: int, kinds: list[str]) -> int:
 
 
 def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
-    """The beginning, seen from `position`: a row of numbers with one odd word in it does not begin
-    a table."""
+    """First row of the table that contains `position`, across single rows with an odd word."""
     while (
         position >= 2
         and rows[position - 2]
@@ -232,8 +230,9 @@ def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[
         wider = len(lines) < SAMPLE and guess.width > max(len(rows), MIN_SAMPLES)
         if wider and len(rows) > 1 and all(kinds[0] == "t" for kinds in rows):
             raise FileError(
-                f"{path}: every signal stands in a row: {len(rows)} rows of {guess.width} cells.",
-                "Turn rows and columns round: in pandas, read_csv(FILE, sep="
+                f"{path}: the signals are rows, not columns: {len(rows)} rows of {guess.width} "
+                "cells.",
+                "Transpose the table: in pandas, read_csv(FILE, sep="
                 f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
                 code="signals-in-rows",
             )
@@ -250,23 +249,22 @@ def _refuse_thousands(path: Path, guess: _Guess) -> None:
 
 
 def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
-    """A comma between cells and in numbers cannot be told apart, unless the names count the
+    """Raise FileError if commas may be delimiters or decimal marks; names would give the number of
     cells."""
     if guess.header_fits or any("." in cell or "," in cell for cell in cells):
         return
     line = ",".join(guess.rows[guess.first])
     raise FileError(
-        f"{path}, line {guess.first + 1}: in {line!r} it cannot be told which commas are decimal "
-        "marks and which part the numbers.",
-        "Write decimal points, or part the numbers with semicolons; a row of "
-        "names, one for each number, would settle it too.",
+        f"{path}, line {guess.first + 1}: {line!r} does not show which commas are "
+        "decimal marks and which are delimiters.",
+        "Write decimal points, separate the numbers by semicolons, or add a row of names, one for "
+        "each number.",
         code="two-commas",
     )
 
 
 def _refuse_short_row(path: Path, guess: _Guess) -> None:
-    """Numbers of another width right above the beginning, and rows of the right width above them:
-    no names."""
+    """Raise FileError for a row of numbers with the wrong width within the table."""
     above = guess.above
     if (
         above
@@ -277,20 +275,19 @@ def _refuse_short_row(path: Path, guess: _Guess) -> None:
         raise FileError(
             f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have "
             f"{guess.width}.",
-            "The log may be damaged there; mend or cut the line.",
+            "The log may be damaged there. Correct or delete the line.",
             code="ragged",
         )
 
 
 def _fits(row: list[str], width: int) -> bool:
-    """True if these are names of `width` columns; empty ones at the end may be missing or too
-    many."""
+    """Whether these are names of `width` columns; empty names at the end do not count."""
     full = len("".join(cell[:1] or " " for cell in row).rstrip())
     return full == width or (full < width <= len(row)) or (full == width - 1 and width > 2)
 
 
 def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
-    """Names, units and what there is to say of them."""
+    """Names and units of the columns, with notes."""
     numbered = [f"column_{column + 1}" for column in range(guess.width)]
     none = [""] * guess.width
     above = guess.above
@@ -313,8 +310,8 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
             raise FileError(
                 f"{path}: line {above + 1} has {len(row)} cells, the numbers from line "
                 f"{guess.first + 1} on have {guess.width}.",
-                "A log with rows of several kinds is read by kind: keep those that begin alike, "
-                "grep '^IMU,' FILE > imu.csv.",
+                "If the log has several kinds of rows, extract one kind: grep '^IMU,' FILE > "
+                "imu.csv.",
                 code="header",
             )
         raise FileError(
@@ -343,12 +340,15 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     names = [name or numbered[column] for column, (name, _) in enumerate(pairs)]
     if above:
         notes.append(f"{above} lines above the names are left out")
-    return names, [unit or own for unit, (_, own) in zip(units, pairs, strict=True)], notes
+    symbols = [unit or bracketed for unit, (_, bracketed) in zip(units, pairs, strict=True)]
+    return names, symbols, notes
 
 
 def _line_of_names(guess: _Guess, lowest: int) -> int:
-    """The lowest line of the head whose cells are all there, all different and no numbers: others
-    below the names say how a logger averaged, or the type of a value."""
+    """Lowest line of the head with complete, different cells that are not numbers.
+
+    Lines below it have other contents, as the averaging of the logger or the type of a value.
+    """
     for line in range(lowest, -1, -1):
         row = guess.rows[line]
         if not row or not _fits(row, guess.width):
@@ -360,8 +360,10 @@ def _line_of_names(guess: _Guess, lowest: int) -> int:
 
 
 def _labelled(guess: _Guess) -> tuple[list[str], list[str], list[str]] | None:
-    """Names and units in rows whose first cell says so: "Name;Torque;Angle", also before every
-    second cell (Name;Torque;Name;Angle); None where there is no such row."""
+    """Names and units in rows with such a label in their first cell: "Name;Torque;Angle".
+
+    The label may also precede each name (Name;Torque;Name;Angle). None without such a row.
+    """
     cells: dict[str, list[str]] = {}
     for row in filter(None, guess.rows[: guess.first]):
         label = row[0].lower()
@@ -382,8 +384,11 @@ def _padded(row: list[str], width: int) -> list[str]:
 
 
 def _are_units(row: list[str], above: list[str]) -> bool:
-    """Are the cells of a row units of the names above? Most of them look so, and more than of the
-    names; a unit nobody knows, as counts, may stand among them."""
+    """Whether a row has the units of the names above.
+
+    Most cells look like units, and more than in the row of names. Unknown units, as counts, may
+    occur.
+    """
     alike = [_share_of_units(cells) for cells in (row, above)]
     return alike[0] >= MOST_UNITS and alike[0] > alike[1]
 

@@ -1,5 +1,7 @@
-"""The clock of a log, as far as the log shows it: the channel with the stamps, their unit, and what
-they look like. A sampling period that the log does not show is asked for, never assumed."""
+"""Clock of a log, as far as the log shows it: channel with the stamps, their unit and diagnosis.
+
+A sampling period that the log does not show is requested from the user, and never assumed.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,10 @@ import numpy as np
 from pamid.base.errors import PamidError, listed
 from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, split_column, unit
+from pamid.ingest.channel_builder import SINCE_1970_NS
 from pamid.ingest.channel_words import TIME_WORDS, meanings, tokens
 from pamid.ingest.channels import Channel
 from pamid.ingest.conversion import NOMINAL, round_period
-from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.source_units import is_readable, read_unit
 from pamid.ingest.stamps import usable_rows
@@ -24,58 +26,65 @@ from pamid.ingest.stated_period import StatedPeriod
 from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.recording.recording import toml_string
 
-BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
+BELIEVED_WITHIN = 30.0  # times the rig's period, within which a unit of the stamps is plausible
 _LIKELY_UNITS = ("s", "ms", "us", "ns", "min")
 _SECOND = unit("s").dimension
-_RISING = 0.98  # share of steps that a clock does not go back
-_EVEN = 0.5  # of the usual step: how far half of the steps of an unnamed clock stray at most
+_RISING = 0.98  # smallest share of steps of a clock that are not negative
+_EVEN = 0.5  # of the usual step: largest median deviation of the steps of an unnamed clock
 FEWEST_STAMPS = 10  # distinct ones
-EPOCH_STEP_S = 3600.0  # samples of a clock that counts from 1970 are closer
-NAMED_CLOCK = 3  # likeness of a clock by its name that also runs evenly
+EPOCH_STEP_S = 3600.0  # longest step of a clock that counts from 1970
+NAMED_CLOCK = 3  # score of a clock by its name that also is even
 BY_SPACING = "by the spacing"
-FRACTION_S = 0.5  # steps below it, in a channel called time, are those of a clock in s
+FRACTION_S = 0.5  # a channel called time with smaller steps counts s
 
 
 @dataclass(frozen=True, eq=False)
 class ClockGuess:
-    """The channel with the stamps (None: channels have their own, or there is none), its unit ("?":
-    unknown), the stamps in s, and what was found out about them. others: channels that are clocks,
-    too; stated: the sampling period that the log states."""
+    """Clock of a log.
+
+    source   channel with the stamps; None without one, or if channels have separate stamps
+    unit     its unit, "?" if unknown
+    stamps   (n,) s
+    others   further channels that are clocks
+    stated   sampling period that the log states
+    """
 
     source: Channel | None
     unit: str
     stamps: FloatArray | None
     reason: str = ""
-    found: StampDiagnosis | None = None
+    diagnosis: StampDiagnosis | None = None
     trouble: str = ""
     others: tuple[Channel, ...] = ()
     stated: StatedPeriod | None = None
 
     def period(self, usual: float | None) -> float | None:
-        """The sampling period (s) that the stamps show, the usual one of the rig where they agree;
-        without stamps the stated one; None where nothing shows it."""
+        """Sampling period (s) by the stamps, or the usual one of the rig if the two agree.
+
+        Without stamps it is the stated period, and None if nothing shows it.
+        """
         if self.stamps is None and self.stated is not None:
             return self.stated.period_s
-        if self.found is None or self.unit == UNANSWERED:
+        if self.diagnosis is None or self.unit == UNANSWERED:
             return None
-        if usual is not None and abs(self.found.period / usual - 1.0) < NOMINAL:
+        if usual is not None and abs(self.diagnosis.period / usual - 1.0) < NOMINAL:
             return usual
-        return round_period(self.found.period)
+        return round_period(self.diagnosis.period)
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on a unit that was guessed, on other clocks, and on a period that the log
-        states and its stamps do not show."""
+        """Sentences about a guessed unit, other clocks, and a stated period that the stamps
+        contradict."""
         notes, name = [], self.source.name if self.source is not None else ""
         if self.reason.startswith(BY_SPACING):
             notes.append(
-                f"{name} is taken to count in {self.unit}, {self.reason}: correct time.unit where "
-                "that is wrong"
+                f"the unit of {name} is assumed to be {self.unit}, {self.reason}: correct "
+                "time.unit if that is wrong"
             )
         if self.others:
             others = listed(channel.name for channel in self.others)
             notes.append(f"{name} is the clock; not mapped, clocks as well: {others}")
-        known = self.found if self.unit != UNANSWERED else None
+        known = self.diagnosis if self.unit != UNANSWERED else None
         if known is not None and self.stated is not None and not self.stated.agrees(known.period):
             notes.append(
                 f"the log states {self.stated.quote!r}, its clock shows {known.period:.4g} s "
@@ -87,10 +96,12 @@ class ClockGuess:
 def guess_clock(
     channels: Sequence[Channel], usual: float | None = None, stated: StatedPeriod | None = None
 ) -> ClockGuess:
-    """The clock among channels that share the log's rows: of several the evenest, since a device
-    samples evenly, and the time at which a host received a sample jitters.
+    """Clock among the channels of the log's rows.
 
-    usual: sampling period of the rig in s, None where no rig is named; stated: that of the log.
+    Of several the most even one is chosen: a device samples evenly, while the time at which a host
+    receives a sample jitters.
+
+    usual: sampling period of the rig in s, None without a rig; stated: that of the log.
     """
     scored = {i: _likeness(channel) for i, channel in enumerate(channels)}
     best = max(scored.values(), default=0)
@@ -115,20 +126,19 @@ def guess_clock(
 
 
 def counts_rows(values: FloatArray) -> bool:
-    """Is it the number of the row?"""
+    """Whether the values are row numbers."""
     return values.size > 1 and bool((np.diff(values) == 1.0).all())
 
 
 def _unevenness(values: FloatArray, of: Callable[[FloatArray], Any] = np.median) -> float:
-    """Distance of the steps from the usual one, in parts of it, a pause as one step."""
+    """Relative deviation of the steps from the usual one; a pause counts as one step."""
     steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps))
     return float(of(np.minimum(np.abs(steps / usual - 1.0), 1.0))) if usual > 0.0 else math.inf
 
 
 def _likeness(channel: Channel) -> int:
-    """How much a channel is like a clock: 2 by name or unit, one more where it also runs evenly;
-    0 not at all."""
+    """Score of a channel as a clock: 2 by name or unit, 1 more for even steps, 0 for no clock."""
     values = channel.values[np.isfinite(channel.values)]
     if values.size <= FEWEST_STAMPS:
         return 0
@@ -147,7 +157,7 @@ def _likeness(channel: Channel) -> int:
 
 
 def _named_unit(name: str) -> str:
-    """The unit that the name of a clock says; "" if it says none."""
+    """Unit in the name of a clock, or ""."""
     suffix = split_column(name)[1]
     if unit(suffix).dimension == _SECOND:
         return suffix
@@ -180,22 +190,24 @@ def _unit_of(channel: Channel, usual: float | None, stated: StatedPeriod | None)
                 return symbol, f"{BY_SPACING} of {step:.4g}"
     elif "time" in meanings(name) and step < FRACTION_S:
         return "s", f"{BY_SPACING} of {step:.4g}"
-    lasting = {one: step * read_unit(one).factor for one in ("s", "ms", "us", "ns", "day")}
-    likely = [f'{t:.4g} s in "{key}"' for key, t in lasting.items() if 1e-5 < t < 1e3]
-    return UNANSWERED, f"the log does not say it; samples are {', '.join(likely)} apart"
+    periods = {key: step * read_unit(key).factor for key in ("s", "ms", "us", "ns", "day")}
+    likely = [f'{t:.4g} s in "{key}"' for key, t in periods.items() if 1e-5 < t < 1e3]
+    return UNANSWERED, f"not in the log; samples would be {', '.join(likely)} apart"
 
 
-def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
-    """The clock with what its stamps look like, judged by the channels that seem to be measured;
-    where no channel has the log's rows, that of the first channel with stamps."""
+def with_diagnosis(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
+    """The clock with a diagnosis of its stamps, based on the measured channels.
+
+    If no channel has the log's rows, the stamps are those of the first channel that has any.
+    """
     stamps, moving = clock.stamps, [c for c in measured if c.stamps is None]
-    own = next((c.stamps for c in measured if c.stamps is not None), None)
-    if own is not None and (stamps is None or not moving):
-        stamps = own
+    separate = next((c.stamps for c in measured if c.stamps is not None), None)
+    if separate is not None and (stamps is None or not moving):
+        stamps = separate
         moving = [
             c
             for c in measured
-            if c.stamps is not None and np.array_equal(c.stamps, own, equal_nan=True)
+            if c.stamps is not None and np.array_equal(c.stamps, separate, equal_nan=True)
         ]
     if stamps is None:
         return clock
@@ -205,12 +217,14 @@ def diagnosed(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess:
     except PamidError as error:
         return replace(clock, stamps=stamps, trouble=str(error))
     trouble = "; ".join(repair.detail for repair in rows.repairs)
-    return replace(clock, stamps=stamps, found=diagnosis, trouble=trouble)
+    return replace(clock, stamps=stamps, diagnosis=diagnosis, trouble=trouble)
 
 
 def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
-    """The [time] of a mapping. period: s, "?" where it is asked for, None where the stamps will
-    show it."""
+    """Lines of the [time] table of a mapping.
+
+    period: s, "?" if the user must give it, None if the stamps will show it.
+    """
     lines = ["[time]"]
     if clock.source is not None:
         lines += [
@@ -218,12 +232,12 @@ def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
             f"unit = {toml_string(clock.unit)}" + (f"  # {clock.reason}" if clock.reason else ""),
         ]
     elif clock.stamps is not None:
-        lines.append("# channels have stamps of their own")
+        lines.append("# channels have separate stamps")
     if clock.stamps is None and clock.stated is not None and isinstance(period, float):
         lines.append(f"# no channel is a clock; the log states {toml_string(clock.stated.quote)}")
     if period == UNANSWERED:
         lines += [
-            "# no channel is a clock: rows are taken to be evenly spaced, by this period in s",
+            "# no channel is a clock: rows are assumed to be evenly spaced, by this period in s",
             f"period_s = {toml_string(UNANSWERED)}",
         ]
     elif isinstance(period, float):
@@ -234,14 +248,14 @@ def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
         ]
     if clock.trouble:
         lines.append(f"# {' '.join(clock.trouble.split())}")
-    if clock.found is not None:
-        lines.append(f"# {clock.found.why}")
-    if clock.found is not None and clock.found.state == "undecided":
+    if clock.diagnosis is not None:
+        lines.append(f"# {clock.diagnosis.why}")
+    if clock.diagnosis is not None and clock.diagnosis.state == "undecided":
         lines += [
             "# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
-            "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC",
+            "# jittered-sampling: the stamps are the true sampling instants, as in a loop on a PC",
         ]
-    cure = clock.found.cure if clock.found is not None else None
+    cure = clock.diagnosis.cure if clock.diagnosis is not None else None
     repair = cure if cure not in (None, "none") else "ask"
     return [
         *lines,

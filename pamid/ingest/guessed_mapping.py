@@ -1,8 +1,7 @@
-"""A first mapping for a log, with a comment on everything that was guessed, for the user to look
-through.
+"""First mapping of a log, with a comment on every guess, for the user to check.
 
-What only the user can know stays open ("?"): a unit that the log does not say, gauge or absolute
-pressure.
+Facts that only the user has stay open ("?"): a unit that the log does not state, and whether a
+pressure is gauge or absolute.
 """
 
 from __future__ import annotations
@@ -15,24 +14,24 @@ import numpy as np
 
 from pamid.base.errors import FileError, listed
 from pamid.base.units import NONE, quantity_of, split_column, unit
-from pamid.ingest.channels import Channel, Log, rows_in_turns
+from pamid.ingest.channel_columns import channel_columns
+from pamid.ingest.channels import Channel, Log, interleaved_rows
 from pamid.ingest.guessed_clock import (
     ClockGuess,
     clock_lines,
     counts_rows,
-    diagnosed,
     guess_clock,
+    with_diagnosis,
 )
 from pamid.ingest.mapping import UNANSWERED
 from pamid.ingest.matcher import SAME_NAME, best_pairs, pair_fit
-from pamid.ingest.own_names import own_columns
-from pamid.ingest.parts import parts_in
+from pamid.ingest.parts import merged_parts
 from pamid.ingest.robot_names import (
     NameFit,
     chosen_by,
     fits_by_name,
     notes_on,
-    refuse_strangers,
+    refuse_foreign_joints,
     require_clear,
     robot_values,
 )
@@ -42,15 +41,15 @@ from pamid.recording.held_signal import held_by_jumps, moves_in_steps
 from pamid.recording.recording import MIN_SAMPLES, toml_string
 
 PAUSE = 100.0  # times the usual step
-EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
+EQUAL_TO = 1.05  # largest amplitude of a ratio; larger commands are in per cent
 _SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
 _TURNING = (unit("rad").dimension, unit("rad/s").dimension)
 
 
 @dataclass(frozen=True)
 class GuessedMapping:
-    """The text of a mapping, the keys that are left open, how many channels were taken of how many,
-    and what to know of those that were not."""
+    """Text of a mapping, its open keys, the numbers of mapped and of all channels, and notes on the
+    others."""
 
     text: str
     open: tuple[str, ...]
@@ -61,19 +60,26 @@ class GuessedMapping:
 
 @dataclass(frozen=True, eq=False)
 class ChosenChannel:
-    """A channel that was taken for a column, and how it fits by its robot's names, if it does;
-    by_own_name: no rig asked for it."""
+    """Channel of a column.
+
+    fit               its fit by the names of a robot's log, if any
+    by_channel_name   the column has the channel's name, without a rig
+    """
 
     channel: Channel
     fit: NameFit | None = None
-    by_own_name: bool = False
+    by_channel_name: bool = False
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Answers of the user that hold for all channels: pressures are "gauge" or "absolute", angles
-    without a unit are in "deg" or "rad"; period_s: sampling period of a log without a clock; "" and
-    None leave them open. known: parameters of the rig in these recordings."""
+    """Answers of the user for all channels; "" and None leave a question open.
+
+    pressures   "gauge" or "absolute"
+    angles      unit of angles without a unit, "deg" or "rad"
+    period_s    sampling period of a log without a clock
+    known       parameters of the rig in these recordings
+    """
 
     pressures: str = ""
     angles: str = ""
@@ -88,70 +94,72 @@ def guess_of(
     answers: Answers | None = None,
     only: str = "",
 ) -> GuessedMapping:
-    """A mapping of a log for a rig; without one, of every channel under its own name.
+    """Mapping of a log for a rig; without a rig every channel keeps its name.
 
-    only: text that the names of the channels to take contain. FileError where no joint of the log
-    is one of the rig's, or a column may be one of several.
+    only: text in the names of the channels to use. Raises FileError if the log has no joint of the
+    rig, or if several channels fit a column.
     """
     answers = answers or Answers()
-    log, parts = parts_in(log)
+    log, parts = merged_parts(log)
     usual = rig.period_s if rig is not None else None
     clock, every, notes = _clock_and_channels(log, usual)
     rest = chosen_by(only, every, log) if only else every
     if rig is None:
-        taken = {
-            column: ChosenChannel(replace(channel, unit=text or channel.unit), by_own_name=True)
-            for column, (channel, text) in own_columns(rest, answers.angles).items()
+        matched = {
+            column: ChosenChannel(replace(channel, unit=text or channel.unit), by_channel_name=True)
+            for column, (channel, text) in channel_columns(rest, answers.angles).items()
         }
         measured = rest
     else:
-        taken = _assign(rest, rig, log)
-        if rig.log_names and not taken:
-            refuse_strangers(log, rest, rig)
-        chosen = {column: one.channel for column, one in taken.items()}
+        matched = _assign(rest, rig, log)
+        if rig.log_names and not matched:
+            refuse_foreign_joints(log, rest, rig)
+        chosen = {column: choice.channel for column, choice in matched.items()}
         notes += notes_on(rest, rig, chosen)
         unmapped = [c.name for c in rest if all(c is not other for other in chosen.values())]
         if unmapped and not rig.log_names:
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
-    if not taken:
+    if not matched:
         _refuse_empty(log, rig, rest, notes)
-    clock = diagnosed(clock, measured)
+    clock = with_diagnosis(clock, measured)
     notes += clock.notes
     period: float | str | None = answers.period_s or clock.period(usual)
     if period is None and clock.stamps is None:
         period = UNANSWERED
-    lines, left = _head(log, rig_name, rig, taken, [*([parts] if parts else []), *notes]), []
+    lines, left = _head(log, rig_name, rig, matched, [*([parts] if parts else []), *notes]), []
     lines += clock_lines(clock, period)
     if clock.unit == UNANSWERED:
         left.append("time.unit")
     if period == UNANSWERED:
         left.append("time.period_s")
-    if clock.found is not None and clock.found.state == "undecided":
+    if clock.diagnosis is not None and clock.diagnosis.state == "undecided":
         left.append("time.repair")
-    for column, one in taken.items():
-        lines += _signal_lines(column, one, answers, left, clock)
-    lines += _tail(rig, taken, every, answers.known)
+    for column, choice in matched.items():
+        lines += _signal_lines(column, choice, answers, left, clock)
+    lines += _tail(rig, matched, every, answers.known)
     text = "\n".join(lines) + "\n"
-    return GuessedMapping(text, tuple(left), len(taken), len(every), tuple(notes))
+    return GuessedMapping(text, tuple(left), len(matched), len(every), tuple(notes))
 
 
 def _clock_and_channels(
     log: Log, usual: float | None
 ) -> tuple[ClockGuess, list[Channel], list[str]]:
-    """The clock of a log, the channels to map, with stamps where they take turns in its rows, and
-    notes on the others. usual: sampling period of the rig in s."""
+    """Clock of a log, channels to map, and notes on the others.
+
+    Interleaved channels get separate stamps. usual: sampling period of the rig in s.
+    """
     rows, strangers = _usable(log.channels)
     notes = [detail for detail in log.details if detail.startswith("left out")] + strangers
     clock = guess_clock([c for c in rows if c.stamps is None], usual, log.stated)
     clocks, stamps = [clock.source, *clock.others], clock.stamps
     channels = [channel for channel in rows if all(channel is not item for item in clocks)]
-    turns = rows_in_turns(channels)
+    turns = interleaved_rows(channels)
     if stamps is None or not turns:
         return clock, channels, notes
     whole = [c.name for c in channels if c.stamps is None and c.name not in turns]
     if whole:
-        notes.append(f"not mapped, in every row where the others take turns: {listed(whole)}")
+        notes.append(f"not mapped, in every row while the others alternate: {listed(whole)}")
     apart = [
         replace(c, values=c.values[turns[c.name]], stamps=stamps[turns[c.name]])
         for c in channels
@@ -161,7 +169,7 @@ def _clock_and_channels(
 
 
 def _refuse_empty(log: Log, rig: Rig | None, channels: Sequence[Channel], notes: list[str]) -> None:
-    """FileError where no channel is mapped."""
+    """Raise FileError because no channel is mapped."""
     if rig is None or not channels:
         why = f" ({'; '.join(notes)})" if notes else ""
         raise FileError(
@@ -172,15 +180,17 @@ def _refuse_empty(log: Log, rig: Rig | None, channels: Sequence[Channel], notes:
     raise FileError(
         f"{log.path}: none of its channels ({listed(c.name for c in channels)}) fits a column of "
         f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
-        "Leave --rig out: then every channel is mapped under its own name. In that mapping name "
-        "them as the rig does, [signals.angle_deg].",
+        "Leave --rig out to map every channel under its name. In that mapping give the signals the "
+        "rig's names, as [signals.angle_deg].",
         code="no-signals",
     )
 
 
 def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
-    """The channels that can be in one recording, and sentences about the others: those of the
-    log's rows have as many values as most of them, and no fewer than a recording needs."""
+    """Channels for one recording, and sentences about the others.
+
+    Channels of the log's rows need the number of values that most have, and enough for a recording.
+    """
     channels, notes = _of_one_length(channels)
     rare = [
         c
@@ -189,7 +199,7 @@ def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
     ]
     if rare:
         notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {listed(c.name for c in rare)}")
-    return [c for c in channels if all(c is not one for one in rare)], notes
+    return [c for c in channels if all(c is not other for other in rare)], notes
 
 
 def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
@@ -218,7 +228,7 @@ def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, Chosen
     scores = {}
     for i, channel in enumerate(channels):
         for column in sorted(columns, key=rig.optional.__contains__):
-            # a robot's own names say more than words for what is measured
+            # names of joints identify a column better than words for its quantity
             sent = column in rig.inputs and column not in rig.optional
             score = _score(channel, column, sent)
             if score < SAME_NAME and i in nameless:
@@ -254,14 +264,14 @@ def _head(
     notes: Sequence[str],
 ) -> list[str]:
     lines = [
-        f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: look it through."
+        f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: please check it."
     ]
     details = [detail for detail in log.details if detail not in notes]
     lines += [f"#   {' '.join(detail.split())}" for detail in (*details, *notes)]
     lines.append(
         f"rig = {toml_string(rig_name)}"
         if rig_name
-        else '# rig = "..."                # a rig of the catalogue; one of your own is named later'
+        else '# rig = "..."                # a rig of the catalogue; give a rig file with --rig'
     )
     loops = rig.loops if rig is not None else ()
     if any(loop.reference in chosen and loop.command in chosen for loop in loops):
@@ -310,10 +320,10 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
-    if chosen.by_own_name:
+    if chosen.by_channel_name:
         if counts_rows(channel.values):
             return NONE, "it counts rows"
-        hint = f"the log says {toml_string(logged)}; " if logged else ""
+        hint = f"the log has {toml_string(logged)}; " if logged else ""
         values = channel.values[np.isfinite(channel.values)]
         whole = values.size and not logged and bool((values == np.round(values)).all())
         counts = f"; counts: [signals.{column}_deg] and scale = 360 / (4 * lines)" if whole else ""
@@ -326,21 +336,21 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
         return suffix, "by the channel's name"
     if hint := logged or suffix.removeprefix(NONE):
         return UNANSWERED, (
-            f"the log says {toml_string(hint)}, the column is a {quantity_of(symbol)}; or scale "
+            f"the log has {toml_string(hint)}, the column is a {quantity_of(symbol)}; or scale "
             f"= {symbol} per {toml_string(hint)} in place of it"
         )
     if fit is not None and fit.si:
-        for one in _SI:
-            if unit(one).dimension == unit(symbol).dimension:
-                return one, "as such logs have it" if symbol != NONE else ""
+        for si_symbol in _SI:
+            if unit(si_symbol).dimension == unit(symbol).dimension:
+                return si_symbol, "by the log's format" if symbol != NONE else ""
     if angles and unit(symbol).dimension in _TURNING:
-        return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "as you say"
+        return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "by --angles"
     if symbol == NONE:
         values = channel.values[np.isfinite(channel.values)]
         if values.size and np.abs(values).max() <= EQUAL_TO:
             return NONE, "within -1 to 1"
         return UNANSWERED, '"1", "percent"? Of a quantity name the unit: [signals.NAME_UNIT]'
-    return UNANSWERED, f"the log does not say it; a {quantity_of(symbol)}"
+    return UNANSWERED, f"not in the log; a {quantity_of(symbol)}"
 
 
 def _about(channel: Channel, time: ClockGuess | None = None) -> str:
@@ -360,7 +370,7 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
     )
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
         step = float(np.median(np.diff(stamps)))
-        # pauses between the parts of a log say nothing of the rate
+        # pauses between the parts of a log do not affect the rate
         paused = bool((np.diff(stamps) > PAUSE * step).any()) and step > 0.0
         rate = 1.0 / step if paused else (values.size - 1) / (stamps[-1] - stamps[0])
         text += f", {rate:.4g} Hz"
@@ -380,7 +390,7 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
         return seen + "a gauge sensor reads about 0 with the air off."
     if 90.0 < low < 115.0:
         return seen + "an absolute sensor reads about 101 kPa with the air off."
-    return seen + "it does not tell."
+    return seen + "both are possible."
 
 
 def _tail(
@@ -392,16 +402,16 @@ def _tail(
     lines = []
     outputs = rig.outputs if rig is not None else ()
     if missing := [column for column in outputs if column not in chosen]:
-        lines.append(f"# nothing found for: {', '.join(missing)}")
-    mapped = {one.channel.name for one in chosen.values()}
+        lines.append(f"# no channel found for: {', '.join(missing)}")
+    mapped = {choice.channel.name for choice in chosen.values()}
     left = [channel for channel in rest if channel.name not in mapped]
     if left:
         lines.append("# channels that are not mapped:")
         lines += [f"#   {toml_string(channel.name)}: {_about(channel)}" for channel in left]
     lines += [
-        "# made = sign * (scale * source) + offset; keys of a signal: sign = -1, scale = 0.18 (in",
+        "# value = sign * (scale * source) + offset; keys of a signal: sign = -1, scale = 0.18 (in",
         "#   place of unit, in the unit at the end of its name), offset = 12.0 (in that unit)",
-        "# [atmosphere]                # taken off absolute pressures",
+        "# [atmosphere]                # subtracted from absolute pressures",
         "# pressure_kpa = 101.325",
         '# [between]                   # inputs: "held" until the next sample, or "linear" to it;',
         '#                             # outputs: "before", if read before the command of a row',

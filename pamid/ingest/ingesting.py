@@ -1,4 +1,4 @@
-"""`pamid.ingest`: raw logs into recordings, and a first mapping of a log."""
+"""`pamid.ingest`: conversion of raw logs to recordings, and a first mapping of a log."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from pamid.base.files import PathLike, require_new, write_atomically
 from pamid.base.printable_text import printable
 from pamid.base.progress import ShowProgress, progress_steps
 from pamid.base.trust import is_code
-from pamid.ingest.account import (
-    accounts_of,
+from pamid.ingest.conversion import Conversion, convert
+from pamid.ingest.conversion_record import (
+    conversion_records,
     outputs_for,
     tables_of,
     write_conversions,
 )
-from pamid.ingest.conversion import Conversion, convert
 from pamid.ingest.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.ingest.mapping import Repair, load_mapping, named_by_units
 from pamid.ingest.memory_budget import limited_memory
-from pamid.ingest.parts import parted
+from pamid.ingest.parts import log_per_part
 from pamid.model.registry import RigLike, catalogue_rig, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of
@@ -38,10 +38,12 @@ CURES = get_args(Repair)
 
 @dataclass(frozen=True)
 class IngestResult:
-    """The recordings made of logs, and an account of everything that was done.
+    """Recordings from logs, with a record of all conversions.
 
-    rig: that they name, "" for none; notes: what the user should know; accounts: one per recording,
-    as in its .ingest.json: where it came from, every clock and repair, every column.
+    rig       rig that the recordings name, "" for none
+    notes     remarks for the user
+    accounts  conversion record of each recording, as in its .ingest.json: source, clocks, repairs
+              and columns
     """
 
     recordings: tuple[Recording, ...]
@@ -55,8 +57,7 @@ class IngestResult:
         return IngestFile(recordings=self.accounts).as_json()
 
     def summary(self) -> str:
-        """The recordings, what was read of the logs, and how their clocks were mended, as lines of
-        text."""
+        """Lines of text about the recordings, the logs and the repairs of their clocks."""
         lines = [
             f"{about.path}: {about.samples} samples, {about.sampling_period_s:g} s apart, "
             f"{about.duration_s:.4g} s: {', '.join(about.columns)}."
@@ -111,7 +112,7 @@ def ingest(
     overwrite: bool = False,
     progress: ShowProgress = None,
 ) -> IngestResult:
-    """Turn raw logs into recordings: columns, units, signs, gauge pressures, an even time base.
+    """Convert raw logs to recordings: columns, units, signs, gauge pressures, an even time base.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def ingest(
     FileError
         A log or the mapping is wrong, or an output exists (without overwrite).
     DataError
-        The data do not show how to mend the time base, or too little remains.
+        The data do not determine the repair of the time base, or too few samples remain.
     UsageError
         The call is wrong.
     """
@@ -154,7 +155,7 @@ def ingest(
     if not paths:
         raise UsageError("There is no log to read.", "Give at least one.")
     if repair is not None and repair not in CURES:
-        raise UsageError(f"repair={repair!r}: take {', '.join(CURES)}.")
+        raise UsageError(f"repair={repair!r} is not one of {', '.join(CURES)}.")
     file, target = Path(mapping), None if output is None else Path(output)
     parsed = load_mapping(file, pressures, _period(period))
     given = resolved_rig(rig)
@@ -175,9 +176,9 @@ def ingest(
             count(number, path.name)
             conversions += [
                 convert(part, parsed, target_rig, str(file), repair or "")
-                for part in parted(read_log(path, kind), sources, str(file))
+                for part in log_per_part(read_log(path, kind), sources, str(file))
             ]
-    recordings, accounts = _kept(conversions, target, file, overwrite)
+    recordings, accounts = _written(conversions, target, file, overwrite)
     notes = dict.fromkeys(note for conversion in conversions for note in conversion.notes)
     return IngestResult(
         tuple(recordings), named or "", tuple(notes), tuple(accounts), tuple(conversions)
@@ -198,12 +199,12 @@ def guess_mapping(
     output: PathLike | None = None,
     overwrite: bool = False,
 ) -> GuessedMapping:
-    """Propose a mapping from a log to a rig's columns, as TOML with comments to look through.
+    """Propose a mapping from a log to a rig's columns, as TOML with comments to check.
 
     Parameters
     ----------
     rig
-        As in `pamid.fit`. None: every channel under its own name.
+        As in `pamid.fit`. None: every channel keeps its name.
     pressures
         "gauge" or "absolute", for all pressures; never guessed.
     period
@@ -213,7 +214,7 @@ def guess_mapping(
     angles
         "deg" or "rad", for angles without a unit.
     only
-        Of a log with several robots: text that the names of the wanted channels contain.
+        For a log with several robots: text in the names of the channels to use.
     kind
         Format of the log, where its name and content do not show it.
     memory_limit
@@ -228,7 +229,7 @@ def guess_mapping(
         exists (without overwrite).
     """
     if angles not in (None, "deg", "rad"):
-        raise UsageError(f"angles={angles!r}: take deg or rad.")
+        raise UsageError(f"angles={angles!r} is neither deg nor rad.")
     answers = Answers(pressures or "", angles or "", _period(period), dict(known or {}))
     target = None if output is None else Path(output)
     require_new([target] if target else [], overwrite)
@@ -243,29 +244,31 @@ def guess_mapping(
 
 
 def _period(seconds: float | None) -> float | None:
-    """A sampling period that was said; UsageError for one that is none."""
+    """A sampling period of the user; UsageError unless it is positive and finite."""
     if seconds is not None and not 0.0 < seconds < math.inf:
-        raise UsageError(f"period={seconds!r}: a sampling period in s is above 0.")
+        raise UsageError(f"period={seconds!r}: a sampling period (s) must be above 0.")
     return seconds
 
 
 def _rig(name: str | None, mapping: Path) -> Rig | None:
-    """The rig that a mapping names: only of the catalogue."""
+    """Rig that a mapping names, from the catalogue only."""
     if name is None:
         return None
     if is_code(name):
         raise FileError(
             f"{mapping} names the rig file {name!r}.",
-            f"A rig file is code, run only when you name it yourself: add --rig {quoted(name)}.",
+            f"A rig file is code, which pamid runs only if you name it: add --rig {quoted(name)}.",
         )
     return catalogue_rig(name)
 
 
-def _kept(
+def _written(
     conversions: list[Conversion], output: Path | None, mapping: Path, overwrite: bool
 ) -> tuple[list[Recording], list[IngestFile]]:
-    """The recordings with their accounts, written where there is an output; as their files hold
-    them, whether there are any or not."""
+    """Recordings with their conversion records, written if there is an output.
+
+    Without an output they equal those that files would give.
+    """
     if output is None:
         outputs = [
             files
@@ -277,7 +280,7 @@ def _kept(
             for conversion, files in zip(conversions, outputs, strict=True)
             for recording, path in zip(conversion.recordings, files, strict=True)
         ]
-        return recordings, accounts_of(conversions, outputs, mapping)
+        return recordings, conversion_records(conversions, outputs, mapping)
     as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash
     if as_folder and output.is_file() or not as_folder and output.suffix != ".csv":
         raise FileError(
@@ -291,15 +294,15 @@ def _kept(
 
 
 def _lines(conversion: Conversion) -> list[str]:
-    """Summary of an ingested log: channels read, clocks mended, cells filled."""
+    """Summary of an ingested log: channels, repaired clocks and filled cells."""
     log = conversion.log
     part = f", part {log.part}" if log.part else ""
     details = f": {'; '.join(log.details)}" if log.details else ""
     lines = [f"{log.path.name}{part} ({log.kind}){details}."]
     for clock in conversion.clocks:
-        if clock.found is not None:
-            cure = "kept" if clock.cure == "none" else f"mended as {clock.cure}"
-            lines.append(f"  {clock.name}: {cure}; {clock.found.why}.")
+        if clock.diagnosis is not None:
+            cure = "kept" if clock.cure == "none" else f"repaired as {clock.cure}"
+            lines.append(f"  {clock.name}: {cure}; {clock.diagnosis.why}.")
         lines += [f"    {repair.detail}" for repair in (*clock.rows.repairs, *clock.base.repairs)]
     if abs(conversion.stretch - 1.0) > 1e-6:
         ppm = 1e6 * (conversion.stretch - 1.0)

@@ -1,5 +1,4 @@
-"""The kinds of log there are, found by scanning `pamid.ingest.readers`, and the reading of one in
-this process."""
+"""Kinds of logs, from a scan of `pamid.ingest.readers`, and reading of a log in this process."""
 
 from __future__ import annotations
 
@@ -15,9 +14,12 @@ from pamid.ingest.channels import Log
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of log. marks: what such a file begins with; none for plain text. extra: what to
-    install for it, "" if nothing; packages: what that brings, imported by `read` only when it is
-    called."""
+    """A kind of log.
+
+    marks      first bytes of such a file, none for plain text
+    extra      extra of pamid to install for it, "" if none
+    packages   packages of the extra, which `read` imports when it is called
+    """
 
     name: str
     suffixes: tuple[str, ...]
@@ -35,8 +37,7 @@ def known_kinds() -> dict[str, Kind]:
 
 
 def read_here(path: Path, kind: str) -> Log:
-    """The signals of a log of this kind, read in this process. FileError whatever is wrong with
-    it."""
+    """Signals of a log of this kind, read in this process; FileError for every fault of it."""
     reader = known_kinds()[kind]
     try:
         return reader.read(path)
@@ -52,15 +53,15 @@ def read_here(path: Path, kind: str) -> Log:
         ) from error
     except MemoryError as error:
         raise FileError(
-            f"{path} cannot be read as {kind}: it needs more memory than there is.",
-            "Export fewer channels or a shorter stretch of it.",
+            f"{path} cannot be read as {kind}: there is not enough memory.",
+            "Export fewer channels or a shorter part of it.",
             code="too-large",
         ) from error
-    except Exception as error:  # a damaged file makes a foreign reader raise just about anything
+    except Exception as error:  # a foreign reader may raise anything on a damaged file
         reason = " ".join(str(error).split())[:200] or "no reason given"
         raise FileError(
             f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
-            "It may be damaged, incomplete or of another kind: open it with the program that wrote "
-            "it and export it again.",
+            "It may be damaged, incomplete or of another kind. Export it again from the program "
+            "that wrote it.",
             code="damaged",
         ) from error

@@ -1,8 +1,8 @@
-"""One door for raw logs: `read_log` tells a file's kind by its content and its name and hands it to
+"""Entry point for raw logs: `read_log` determines the kind of a file by content and name, and calls
 its reader.
 
-A log may come from anywhere. No reader executes anything a file brings, and whatever is wrong with
-one is a FileError.
+A log may come from an untrusted source. No reader executes code of a file, and every fault of a
+file is a FileError.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ HEAD_BYTES = 4096
 
 
 _PICKLE = (
-    "a pickle, which runs code when it is loaded; pamid loads none",
-    "Load it where it was written, and save the table: table.to_parquet('log.parquet').",
+    "a pickle, which pamid does not load because it runs code",
+    "Load it in the program that wrote it, and save the table: table.to_parquet('log.parquet').",
 )
 _PICKLE_SUFFIXES = (".pkl", ".pickle", ".pck", ".joblib")  # the oldest pickles begin with no mark
 _SQLITE = b"SQLite format 3\0"
-#: what is often mistaken for a log, and what to do
+#: files that are often mistaken for a log, with the remedy
 _OTHER_FORMATS = (
     *((bytes((0x80, protocol)), *_PICKLE) for protocol in range(2, 6)),
     (b"\x1f\x8b", "packed with gzip", "Unpack it first: gunzip -k FILE."),
@@ -37,7 +37,7 @@ _OTHER_FORMATS = (
     (b"7z\xbc\xaf", "packed with 7-Zip", "Unpack it first: 7z x FILE."),
     (b"\xd0\xcf\x11\xe0", "a workbook", "Save it as CSV."),
     (b"\x93NUMPY", "an array of NumPy", "Save it with names: CSV, Parquet, HDF5 or MAT."),
-    (b"TDSh", "an index of a TDMS file", "Read the .tdms file beside it."),
+    (b"TDSh", "an index of a TDMS file", "Read the .tdms file next to it."),
     (
         b"ARROW1",
         "a Feather or Arrow file",
@@ -54,7 +54,7 @@ _OTHER_FORMATS = (
         "Decode it with the DBC file and save it as MDF4 or CSV.",
     ),
 )
-#: what the first member of a packed archive says of it
+#: kinds of archives by their first member
 _ARCHIVES = (
     (
         b".npy",
@@ -68,11 +68,12 @@ _ARCHIVES = (
 
 
 def read_log(path: Path, kind: str | None = None) -> Log:
-    """The signals of a raw log. `kind` is one of `kinds`; by default the file's content and suffix
-    tell it.
+    """Signals of a raw log. `kind` is one of `known_kinds`. Default: by the file's content and
+    suffix.
 
-    FileError if the file is missing, of no known kind, damaged, or if a package that reads it is
-    not installed."""
+    Raises FileError if the file is missing, damaged or of an unknown kind, or if the package that
+    reads it is not installed.
+    """
     path = Path(path)
     if kind is not None and kind not in known_kinds():
         hint = nearest(kind, known_kinds()) or "Valid kinds are: " + ", ".join(known_kinds()) + "."
@@ -90,15 +91,15 @@ def read_log(path: Path, kind: str | None = None) -> Log:
 
 
 def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
-    """The kind of a file, and what there is to say about how it was told."""
+    """Kind of a file, and a note if name and content disagree."""
     if path.is_dir():
         if data_set_of(path):
             return known_kinds()["lerobot"], ""
         if not (path / "metadata.yaml").is_file():
             raise FileError(
                 f"{path} is a folder.",
-                "Name a log; of the folders only ROS 2 bags with a metadata.yaml and LeRobot data "
-                "sets with a meta/info.json are logs.",
+                "Name a log. Only two kinds of folders are logs: ROS 2 bags with a metadata.yaml, "
+                "and LeRobot data sets with a meta/info.json.",
             )
         for part in sorted(path.rglob("*")):
             if not part.is_dir():
@@ -115,7 +116,7 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
     if wanted is not None:
         if by_content and by_content.name != wanted:
             raise FileError(
-                f"{path} is no {wanted} file: it begins as {by_content.name}.", code="kind"
+                f"{path} is not a {wanted} file: its content is {by_content.name}.", code="kind"
             )
         return known_kinds()[wanted], ""
     if by_content:
@@ -131,11 +132,11 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
             if kind.suffixes
         )
         raise FileError(
-            f"{path}: neither its suffix nor its content tells what kind of log it is.",
+            f"{path}: neither the suffix nor the content shows the kind of log.",
             f"Valid kinds are: {known}.",
             code="kind",
         )
-    if by_name.marks and by_name.name != "mat":  # MAT v4 begins with nothing of its own
+    if by_name.marks and by_name.name != "mat":  # MAT v4 has no magic number
         raise FileError(
             f"{path} is called {path.suffix}, but does not begin as {by_name.name} files do.",
             "It may be damaged, incomplete or of another kind.",
@@ -155,18 +156,18 @@ def _head(path: Path) -> bytes:
     what, hint = _other_format(path, head)
     if what:
         hint = hint.replace("FILE", quoted(path))
-        raise FileError(f"{path} is {what}, no log that can be read.", hint, code="kind")
+        raise FileError(f"{path} is {what}, which pamid cannot read as a log.", hint, code="kind")
     return head
 
 
 def _other_format(path: Path, head: bytes) -> tuple[str, str]:
-    """Name of a kind of file that is often mistaken for a log, and the cure; "" of others."""
+    """Kind of a file that is often mistaken for a log, and the remedy; "" for other files."""
     if head.startswith(b"PK\x03\x04"):
         member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
         return next((what, hint) for part, what, hint in _ARCHIVES if part in member)
     if head.startswith(_SQLITE) and path.suffix.lower() not in known_kinds()["ros"].suffixes:
         table = 'sqlite3 -header -csv FILE "select * from TABLE" > log.csv'
-        return "an SQLite database and no ROS bag", f"Save its table as CSV: {table}."
+        return "an SQLite database, not a ROS bag", f"Save its table as CSV: {table}."
     if path.suffix.lower() in _PICKLE_SUFFIXES:
         return _PICKLE
     return next(

@@ -1,8 +1,8 @@
-"""The mapping from a raw log's channels to a recording's columns: one TOML file, checked key by
-key.
+"""Mapping from the channels of a raw log to the columns of a recording: one TOML file, checked key
+by key.
 
-Every error names the file and the path of the key ("map.toml: signals.pressure_1_kpa.pressure is
-..."), what is allowed there and the nearest name.
+Every error names the file, the path of the key ("map.toml: signals.pressure_1_kpa.pressure is
+..."), the allowed values and the nearest name.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.toml_file import read_toml
 from pamid.base.units import NONE, split_column, unit, with_unit
-from pamid.ingest.own_names import column_unit, is_foreign_unit
+from pamid.ingest.channel_columns import column_unit, is_foreign_unit
 from pamid.ingest.source_units import (
     PRESSURE_DIMENSION,
     STANDARD_ATMOSPHERE_KPA,
@@ -30,7 +30,7 @@ from pamid.ingest.source_units import (
 from pamid.model.rig import Rig
 from pamid.recording.recording import TIME, match_column
 
-UNANSWERED = "?"  # what a guessed mapping writes where only the user can answer
+UNANSWERED = "?"  # in a guessed mapping: the user must fill it in
 Interpolation = Literal["hold", "smooth"]
 Between = Literal["held", "linear", "before"]
 Repair = Literal["ask", "late-stamps", "jittered-sampling", "none"]
@@ -42,8 +42,9 @@ class _Table(BaseModel):
 
 
 class TimeMap(_Table):
-    """source: channel with the stamps; unit of it; period_s of the recording to write; repair of
-    the time base; longer gaps than max_gap_s split the recording."""
+    """Time of a log: channel with the stamps (source) and its unit, sampling period of the
+    recording to write, repair of the time base, and longest gap that does not split the
+    recording."""
 
     source: str | None = None
     unit: str | None = None
@@ -53,8 +54,11 @@ class TimeMap(_Table):
 
 
 class SignalMap(_Table):
-    """One column: made = sign * (source in the column's unit, or scale * source) + offset (column's
-    unit); rows: by which the log is late, -1 where a row holds the value of the next one."""
+    """One column: value = sign * (source in the column's unit, or scale * source) + offset
+    (column's unit).
+
+    rows: delay of the log in rows; -1 if a row has the value of the next one.
+    """
 
     source: str
     unit: str | None = None
@@ -73,7 +77,7 @@ class Atmosphere(_Table):
 
 
 class Mapping(_Table):
-    """A whole mapping; known, controller and between go to the recording's TOML as they are."""
+    """A complete mapping; known, controller and between are copied to the recording's TOML."""
 
     rig: str | None = None
     loop: Literal["open", "closed"] | None = None
@@ -87,12 +91,13 @@ class Mapping(_Table):
 
 @dataclass(frozen=True)
 class MappedSignal:
-    """One column to make, settled: which channel, its unit (None: `scale` says the size), gauge or
-    absolute.
+    """One column of the recording, with all settings of its channel.
 
-    hold           True for what is held until the next value: commands and references
-    rows           by which its values are logged late
-    events         True if the mapping itself says so: a hold over any length then is no gap
+    unit       of the channel; None if `scale` replaces it
+    absolute   whether it is an absolute pressure
+    hold       whether a value holds until the next one, as for commands and references
+    rows       delay of its values in rows
+    events     whether the mapping states the hold, so that a hold of any length is not a gap
     """
 
     column: str
@@ -113,8 +118,8 @@ def load_mapping(
 ) -> Mapping:
     """Read and check a mapping; FileError with the line (TOML) or the path of the key.
 
-    pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it;
-    FileError if it says the opposite of one. period_s: over its time.period_s.
+    pressures: "gauge" or "absolute" for every pressure that the mapping leaves open; FileError if
+    it contradicts the mapping. period_s: overrides time.period_s.
     """
 
     def nearby() -> str:
@@ -132,7 +137,7 @@ def load_mapping(
 
 
 def _answer(signals: Any, pressures: str, where: str) -> None:
-    """Enter the answer for every pressure that is still open."""
+    """Enter the answer for every open pressure."""
     for column, table in signals.items() if isinstance(signals, dict) else ():
         if (
             not isinstance(table, dict)
@@ -142,27 +147,28 @@ def _answer(signals: Any, pressures: str, where: str) -> None:
         stated = table.get("pressure", UNANSWERED)
         if stated not in (UNANSWERED, pressures):
             raise FileError(
-                f"{where}: signals.{column}.pressure is {_shown(stated)}, but --pressures says "
+                f"{where}: signals.{column}.pressure is {_shown(stated)}, but --pressures is "
                 f'"{pressures}".',
                 "Leave one of the two out.",
                 code="mapping",
             )
-        if stated == UNANSWERED and not _says_itself(table.get("unit")):
+        if stated == UNANSWERED and not _names_kind(table.get("unit")):
             table["pressure"] = pressures
 
 
-def _says_itself(text: Any) -> bool:
+def _names_kind(text: Any) -> bool:
+    """Whether a unit states gauge or absolute pressure, as barg does."""
     return isinstance(text, str) and is_readable(text) and bool(read_unit(text).pressure)
 
 
 def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
-    """The mapping that TOML tables hold; `where` names them in errors."""
+    """Mapping from TOML tables; `where` names them in errors."""
     time = tables.get("time")
     if isinstance(time, dict) and time.get("period_s") == UNANSWERED:
         raise FileError(
-            f'{where}: time.period_s is "?": the log has no clock; say its sampling period in s.',
-            "For example period_s = 0.01 there, or --period 0.01. Where a channel holds the time, "
-            "name it in time.source.",
+            f'{where}: time.period_s is "?", and the log has no clock.',
+            "Give the sampling period in s, for example period_s = 0.01 or --period 0.01. If a "
+            "channel has the time, name it in time.source.",
             code="period",
         )
     try:
@@ -182,22 +188,21 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
     for column in mapping.between:
         if column not in mapping.signals:
             raise FileError(
-                f"{where}: between.{column} is no column that the mapping makes.",
+                f"{where}: between.{column} is not a column of the mapping.",
                 nearest(column, list(mapping.signals)) or f"Columns: {', '.join(mapping.signals)}.",
                 code="mapping",
             )
     return mapping
 
 
-def settle(
+def resolved_signals(
     mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str
 ) -> tuple[MappedSignal, ...]:
-    """Complete the mapping of each signal with the channels' own units (channel -> unit, "" where
+    """Complete the mapping of each signal with the units of the channels (channel -> unit, "" if
     the log states none).
 
-    FileError where a unit is missing, unknown or of another quantity, where a pressure is not said
-    to be gauge or absolute, and where a column of the rig is named in a unit that pamid does not
-    have.
+    Raises FileError if a unit is missing, unknown or of another quantity, if the kind of a pressure
+    is open, and if a column of the rig has a unit that pamid does not support.
     """
     held = set(_held(rig)) if rig else set()
     mapped = []
@@ -211,13 +216,15 @@ def settle(
         if (way := mapping.between.get(column)) is not None:
             hold = way == "held"
         hold = hold if signal.interpolation is None else signal.interpolation == "hold"
-        mapped.append(_settle_one(column, signal, hold, units.get(signal.source, ""), where))
+        mapped.append(_resolved_signal(column, signal, hold, units.get(signal.source, ""), where))
     return tuple(mapped)
 
 
 def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
-    """The mapping with the units that were answered in the names of its columns: `angle` in deg
-    becomes `angle_deg`. What the rig calls by a name without unit stays."""
+    """Mapping with the stated units in the column names: `angle` in deg becomes `angle_deg`.
+
+    Columns that the rig names without a unit are not changed.
+    """
     wanted = () if rig is None else (*rig.inputs, *rig.outputs, *(k.reference for k in rig.loops))
     stems = {split_column(name)[0] for name in wanted}
     names: dict[str, str] = {}
@@ -226,10 +233,9 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
         plain = split_column(column)[1] == NONE and column not in stems
         if plain and signal.scale is not None and signal.unit != NONE:
             raise FileError(
-                f"signals.{column} has a scale, but its name does not say in which unit the result "
-                "is.",
-                f"Name it with that unit, for example [signals.{column}_deg] where scale is "
-                'degrees per count: 360 / (4 * lines) of an encoder. Of a ratio say unit = "1".',
+                f"signals.{column} has a scale, but its name has no unit for the result.",
+                f"Add that unit to the name, for example [signals.{column}_deg] if scale is in "
+                'degrees per count: 360 / (4 * lines) for an encoder. For a ratio give unit = "1".',
                 code="unit",
             )
         if plain and signal.unit is not None and signal.scale is None and is_readable(signal.unit):
@@ -245,19 +251,19 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
 
 
 def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
-    """A sentence for every column that the rig does not know; they are kept."""
+    """One sentence per column that the rig does not have; such columns are kept."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     columns, known = list(columns), {split_column(name)[0] for name in wanted}
     stems = {split_column(name)[0] for name in columns}
     lacking = [name for name in wanted if split_column(name)[0] not in stems]
     return [
-        f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, lacking)}".rstrip()  # noqa: E501
+        f"rig {rig.name!r} has no column {name!r}; it is kept. {nearest(name, lacking)}".rstrip()
         for name in columns
         if split_column(name)[0] not in known
     ]
 
 
-def _settle_one(
+def _resolved_signal(
     column: str, signal_map: SignalMap, hold: bool, logged: str, where: str
 ) -> MappedSignal:
     place, symbol = f"{where}: signals.{column}", split_column(column)[1]
@@ -267,7 +273,7 @@ def _settle_one(
         text = signal_map.unit if signal_map.unit is not None else logged
         if signal_map.unit is None and not logged and symbol != NONE:
             hint = (
-                "The log does not say it either. For example "
+                "The log does not state it either. For example "
                 + _EXAMPLES.get(unit(symbol).quantity, '"1"')
                 + "."
             )
@@ -275,18 +281,22 @@ def _settle_one(
         source = _read(text, symbol, place)
         _require_agreement(source, logged, symbol, place)
     elif signal_map.scale == 0.0:
-        raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
+        raise FileError(
+            f"{place}.scale is 0, which makes the column constant.",
+            "Give another scale, or leave the signal out.",
+            code="mapping",
+        )
     implied = source.pressure if source is not None else ""
     if not pressure and signal_map.pressure is not None:
         raise FileError(
-            f"{place}.pressure is {signal_map.pressure!r}, but {column!r} is no pressure.",
-            "Leave the key out.",
+            f"{place}.pressure is {signal_map.pressure!r}, but {column!r} is not a pressure.",
+            "Delete the key.",
             code="mapping",
         )
     if source is not None and implied and signal_map.pressure not in (None, implied):
         raise FileError(
             f"{place}.pressure is {signal_map.pressure!r}, but the unit {source.text!r} "
-            f"says {implied}.",
+            f"means {implied} pressure.",
             "Correct one of the two.",
             code="mapping",
         )
@@ -310,8 +320,8 @@ def _settle_one(
 
 
 _GAUGE = (
-    "A log does not show it by itself: a gauge sensor reads 0 with the air off, an absolute one "
-    "about 1 bar (101 kPa, 14.7 psi)."
+    "A log does not show it: a gauge sensor reads 0 with the air off, an absolute one about 1 bar "
+    "(101 kPa, 14.7 psi)."
 )
 _EXAMPLES = {
     "pressure": '"bar", "kPa", "psi"',
@@ -328,8 +338,8 @@ def _require_agreement(source: SourceUnit, logged: str, symbol: str, place: str)
         return
     if read_unit(logged).dimension != source.dimension:
         raise FileError(
-            f"{place}.unit is {source.text!r}, but the log says {logged!r}.",
-            f"Give scale, {symbol} per {logged}, in place of unit; where the log is wrong, "
+            f"{place}.unit is {source.text!r}, but the log has {logged!r}.",
+            f"Give scale, {symbol} per {logged}, in place of unit. If the log is wrong, give "
             "scale = 1.0.",
             code="unit",
         )
@@ -340,7 +350,9 @@ def _read(text: str, symbol: str, place: str) -> SourceUnit:
         fitting = '"1", "percent"; the unit of a quantity becomes part of the column\'s name'
         hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, fitting) + "."
         raise FileError(
-            f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit"
+            f'{place}.unit is "?": give the unit that the channel has in the log.',
+            hint,
+            code="unit",
         )
     try:
         source_unit = read_unit(text)
@@ -353,8 +365,7 @@ def _read(text: str, symbol: str, place: str) -> SourceUnit:
 
 
 def _held(rig: Rig) -> list[str]:
-    """References and what is sent: every input that a recording must have, or that a controller
-    produces."""
+    """References and commands: inputs that a recording must have, or that a controller produces."""
     loops = [name for loop in rig.loops for name in (loop.reference, loop.command)]
     return [*loops, *(name for name in rig.inputs if name not in rig.optional)]
 
@@ -380,23 +391,23 @@ def _check_column(column: str, where: str) -> None:
     if not _COLUMN.fullmatch(column):
         raise FileError(
             f"{where}: signals has the name {column!r}.",
-            "A column is named with letters, digits and _, "
-            "and ends in its unit: angle_deg, pressure_1_kpa, command.",
+            "A name has letters, digits and _, and ends in its unit: angle_deg, pressure_1_kpa, "
+            "command.",
             code="mapping",
         )
     tail = column.rpartition("_")[2]
     if split_column(column)[1] == NONE and tail != column and is_foreign_unit(tail):
-        # the made column would lose its meaning
+        # the column would be read as one without a unit
         raise FileError(
-            f"{where}: signals.{column}: {tail!r} is no unit of pamid's columns.",
-            "Name the made column in another, such as _kpa, _deg, _n, _nm; the source stays as it "
-            "is.",
+            f"{where}: signals.{column}: {tail!r} is not a unit of pamid's columns.",
+            "Use another unit in the name of the column, such as _kpa, _deg, _n, _nm. The source "
+            "may have any unit.",
             code="unit",
         )
 
 
 def _explain(error: ValidationError, where: str) -> FileError:
-    """The first problem that pydantic found, as one sentence with the path of the key."""
+    """First validation error as one sentence with the path of the key."""
     first = error.errors(include_url=False)[0]
     path, kind = [str(part) for part in first["loc"]], first["type"]
     place, given = ".".join(path), first["input"]
@@ -406,9 +417,9 @@ def _explain(error: ValidationError, where: str) -> FileError:
         return FileError(f"{where}: {place} is not a key of a mapping.", hint, code="mapping")
     if kind == "missing":
         hint = (
-            "Name the channel of the log."
+            "Give the name of the channel in the log."
             if path[-1] == "source"
-            else "A signal is [signals.NAME] with a source."
+            else "Write a table [signals.NAME] with a source."
         )
         return FileError(f"{where}: {place} is missing.", hint, code="mapping")
     shown = _shown(given)
@@ -434,7 +445,7 @@ def _explain(error: ValidationError, where: str) -> FileError:
 
 
 def _fields(path: list[str]) -> Iterable[str]:
-    """The keys that may stand in the table at `path`."""
+    """Allowed keys of the table at `path`."""
     models: dict[str, type[_Table]] = {
         "time": TimeMap,
         "atmosphere": Atmosphere,

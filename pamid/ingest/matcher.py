@@ -1,5 +1,7 @@
-"""How well a channel or a recorded column fits a column of a rig, by name and unit, and the best
-assignment of one to the other: one matcher for raw logs and for recordings."""
+"""Matching of channels or recorded columns to the columns of a rig, by name and unit.
+
+Raw logs and recordings use the same matcher.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +11,21 @@ from typing import NamedTuple, TypeVar
 from pamid.base.units import NONE, Dimension, quantity_of, split_column, unit
 from pamid.ingest.channel_words import meanings, number, plain_words
 
-# how well a pair fits; a robot's names have scores between (`pamid.ingest.robot_names`)
+# scores of a pair; names in a robot's log have scores between (`pamid.ingest.robot_names`)
 SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
-UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
+UNSCALED = 0.4  # reduction for the raw signal of a sensor or an amplifier
 RAW = (unit("V").dimension, unit("A").dimension)
 RATIO = unit(NONE).dimension
-DRIVEN = 0.25  # what is sent to a drive, for what the drive then applies
-SET_POINT = 0.45  # a drive's own set-point, for what it then makes
+DRIVEN = 0.25  # command of a drive, for the quantity that the drive applies
+SET_POINT = 0.45  # set-point of a drive, for the quantity that the drive produces
 APPLIED = ("voltage", "current", "power", "force", "torque")
 
-Given = TypeVar("Given", bound=Hashable)
+Candidate = TypeVar("Candidate", bound=Hashable)
 
 
 class ColumnFit(NamedTuple):
-    """score: from 0, not at all, to 1; by: "name", "word" or "unit"; scaled: a gain has to stand
-    between them."""
+    """Fit of a channel to a column: score from 0 to 1, reason ("name", "word" or "unit"), and
+    whether a gain is needed (scaled)."""
 
     score: float
     by: str
@@ -34,8 +36,7 @@ NO_FIT = ColumnFit(0.0, "", False)
 
 
 def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit:
-    """How well what is called `stem` and measures this dimension (None: nobody says it) fits a
-    column of a rig."""
+    """Fit of a channel called `stem` with this dimension (None: unknown) to a column of a rig."""
     wanted_stem, wanted_symbol = split_column(wanted)
     same = dimension in (None, unit(wanted_symbol).dimension)
     if not same and (dimension not in RAW or wanted_symbol == NONE):
@@ -50,7 +51,7 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
     if stem == wanted_stem:
         score, by = SAME_NAME, "name"
     elif dimension is None and recorded_meanings and sought and not recorded_meanings & sought:
-        return NO_FIT  # where no unit says it, the speed of a shoulder is not its angle
+        return NO_FIT  # without a unit, the speed of a shoulder must not become its angle
     elif plain_words(stem) & plain_words(wanted_stem):
         score, by = SHARED_WORD, "word"
     elif recorded_meanings & sought:
@@ -63,15 +64,15 @@ def column_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
         and score == SAME_MEANING
         and recorded_meanings & sought == {"reference"}
     ):
-        return NO_FIT  # a set-point is a role: a goal current is not a wanted angle
+        return NO_FIT  # set-points of different quantities differ: a goal current is not an angle
     if not same:
         score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
     return ColumnFit(score, by, not same)
 
 
 def _duty_fit(stem: str, dimension: Dimension | None, percent: bool, wanted: str) -> ColumnFit:
-    """A command without a unit, or in percent, for what a drive, a heater or an amplifier then
-    applies: a gain stands between the two."""
+    """Fit of a command without a unit, or in percent, to the quantity that a drive, a heater or an
+    amplifier applies: the two differ by a gain."""
     wanted_stem, wanted_symbol = split_column(wanted)
     if dimension != RATIO or quantity_of(wanted_symbol) not in APPLIED:
         return NO_FIT
@@ -81,8 +82,8 @@ def _duty_fit(stem: str, dimension: Dimension | None, percent: bool, wanted: str
 
 
 def _drive_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit:
-    """The set-point of a drive, or the voltage or current that is sent to it, for the force or
-    torque that it makes."""
+    """Fit of the set-point, voltage or current of a drive to the force or torque that it
+    produces."""
     wanted_stem, wanted_symbol = split_column(wanted)
     same = wanted_symbol != NONE and dimension == unit(wanted_symbol).dimension
     if same and "reference" in meanings(stem):
@@ -95,10 +96,10 @@ def _drive_fit(stem: str, dimension: Dimension | None, wanted: str) -> ColumnFit
 def pair_fit(
     stem: str, dimension: Dimension | None, wanted: str, sent: bool = False, percent: bool = False
 ) -> ColumnFit:
-    """How well what is called `stem` fits a column of a rig.
+    """Fit of a channel called `stem` to a column of a rig.
 
-    dimension: None where nobody says it; percent: its unit is a ratio; sent: the rig needs the
-    column, and it is what a drive applies.
+    dimension: None if unknown; percent: whether its unit is a ratio; sent: whether the column is a
+    required input, which a drive applies.
     """
     fit = column_fit(stem, dimension, wanted)
     if not sent:
@@ -109,15 +110,15 @@ def pair_fit(
 
 
 def recorded_fit(name: str, wanted: str, sent: bool = False) -> ColumnFit:
-    """How well a recorded column fits one of a rig."""
+    """Fit of a recorded column to a column of a rig."""
     stem, symbol = split_column(name)
     return pair_fit(stem, unit(symbol).dimension, wanted, sent, symbol != NONE)
 
 
-def best_pairs(scores: Mapping[tuple[str, Given], float]) -> dict[str, Given]:
-    """Column of the rig -> what fits it, each once; best fits first, and of equal ones those that
-    come first."""
-    pairs: dict[str, Given] = {}
+def best_pairs(scores: Mapping[tuple[str, Candidate], float]) -> dict[str, Candidate]:
+    """Column of the rig -> candidate, each at most once. The best fits are assigned first; of equal
+    fits the first one."""
+    pairs: dict[str, Candidate] = {}
     for (column, given), score in sorted(scores.items(), key=lambda pair: -pair[1]):
         if score > 0.0 and column not in pairs and given not in pairs.values():
             pairs[column] = given

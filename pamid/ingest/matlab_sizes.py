@@ -48,8 +48,11 @@ class _Unpacked:
 
 
 def charge_matlab(budget: MemoryBudget) -> None:
-    """Charge `budget` for every variable of its file. FileError if a part announces more than the
-    array holds in which it lies, or if the sum exceeds the budget."""
+    """Charge `budget` for every variable of its file.
+
+    Raises FileError if the declared size of a part exceeds that of its array, or if the sum exceeds
+    the budget.
+    """
     with budget.path.open("rb") as file:
         head = file.read(HEADER_BYTES)
         if not head.startswith(b"MATLAB") or head[126:128] not in (b"IM", b"MI"):
@@ -72,7 +75,7 @@ def charge_matlab(budget: MemoryBudget) -> None:
 def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: int) -> None:
     """Charge the parts of an array of `size` bytes, arrays inside it included."""
     if depth > DEEPEST_ARRAY:
-        raise _damaged(budget.path, f"its arrays lie in each other more than {DEEPEST_ARRAY} deep")
+        raise _damaged(budget.path, f"its arrays are nested more than {DEEPEST_ARRAY} deep")
     while size >= 8:
         tag = source.read(8)
         if len(tag) < 8:
@@ -83,9 +86,7 @@ def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: i
             continue
         padded = length + (-length % 8 if kind != COMPRESSED_TYPE else 0)
         if length > size:
-            raise _damaged(
-                budget.path, f"a part of {length} bytes is announced where {size} are left"
-            )
+            raise _damaged(budget.path, f"a part declares {length} bytes, but only {size} are left")
         if kind == MATRIX_TYPE:
             _walk(budget, source, order, length, depth + 1)
         else:
@@ -116,6 +117,6 @@ def _charge_version_4(budget: MemoryBudget) -> None:
 def _damaged(path: Path, why: str) -> FileError:
     return FileError(
         f"{path} cannot be read as mat: {why}.",
-        "It is damaged: open it with the program that wrote it and save it again.",
+        "It is damaged. Save it again from the program that wrote it.",
         code="damaged",
     )

@@ -1,8 +1,7 @@
-"""Memory budget of reading one raw log.
+"""Memory budget for reading one raw log.
 
-A file of a few kilobytes can declare more values than a machine can hold. Every reader therefore
-charges what the file declares before it allocates: bytes that stay until the log is closed, and
-bytes that are needed only for a moment.
+A file of a few kilobytes can declare more values than fit into memory. Every reader therefore
+charges the declared size before it allocates: bytes until the log is closed, and temporary bytes.
 
 The limit travels in the environment, because most readers run in a child process.
 """
@@ -24,7 +23,7 @@ FLOAT = 8  # bytes of a float64: every channel becomes one
 
 
 class MemoryBudget:
-    """Bytes that the log at `path` may take in memory."""
+    """Memory for the log at `path`, in bytes."""
 
     def __init__(self, path: Path, limit: int | None = None) -> None:
         self.path = path
@@ -32,31 +31,30 @@ class MemoryBudget:
         self.used = 0
 
     def charge(self, name: str, values: int, *, raw: int = 0) -> None:
-        """Reserve float64 for `values` numbers of `name`, and `raw` bytes for a moment.
+        """Reserve float64 for `values` numbers of `name`, and `raw` temporary bytes.
 
-        raw     bytes of the values as the file holds them, freed once they are converted
+        raw     bytes of the values in the file's format, freed after the conversion
 
-        FileError if the sum of everything reserved exceeds the limit.
+        Raises FileError if the reserved sum exceeds the limit.
         """
         self.charge_bytes(name, FLOAT * values, raw=raw)
 
     def charge_bytes(self, name: str, size: int, *, raw: int = 0) -> None:
-        """Reserve `size` bytes for good and `raw` more for a moment; errors as `charge`."""
+        """Reserve `size` permanent and `raw` temporary bytes; errors as in `charge`."""
         needed = self.used + size + raw
         if needed > self.limit:
             raise FileError(
                 f"{self.path} is too large: up to {name!r} it needs {size_words(needed)} of "
                 f"memory; the limit for one log is {size_words(self.limit)}.",
-                "Is it the file you meant? Export fewer channels or a shorter stretch of it, or "
-                f"allow more: --memory-limit {math.ceil(needed / GIB)} (GiB; memory_limit in "
-                "Python).",
+                "Check the file. Export fewer channels or a shorter part of it, or allow more: "
+                f"--memory-limit {math.ceil(needed / GIB)} (GiB; memory_limit in Python).",
                 code="too-large",
             )
         self.used += size
 
 
 def memory_limit() -> int:
-    """The limit in bytes that holds in this process."""
+    """Limit of this process, bytes."""
     text = os.environ.get(LIMIT_VARIABLE)
     if not text:
         return LOG_MEMORY
@@ -69,7 +67,7 @@ def memory_limit() -> int:
 
 @contextmanager
 def limited_memory(gib: float | None) -> Iterator[None]:
-    """Read logs with another limit, here and in child processes; None leaves it as it is."""
+    """Use another limit, in this process and its children; None changes nothing."""
     if gib is None:
         yield
         return
@@ -88,6 +86,6 @@ def limited_memory(gib: float | None) -> Iterator[None]:
 def _checked(gib: float) -> int:
     if not (math.isfinite(gib) and gib > 0.0):
         raise UsageError(
-            f"A memory limit of {gib:g} GiB cannot be kept.", "Give a positive number of GiB."
+            f"A memory limit of {gib:g} GiB is not possible.", "Give a positive number of GiB."
         )
     return int(gib * GIB)

@@ -1,6 +1,9 @@
-"""Several recordings in one log: the loops of a MAT file, the runs of a TDMS file, the episodes of
-a JSON log. Their channels have the same names but for one part, for which a mapping writes `*`:
-`loops/*/angle` is `loops/1/angle`, `loops/2/angle` ..., and one recording is made of each."""
+"""Several recordings in one log, as the loops of a MAT file, the runs of a TDMS file or the
+episodes of a JSON log.
+
+Their channel names differ in one part, for which a mapping has `*`: `loops/*/angle` stands for
+`loops/1/angle`, `loops/2/angle` ..., and each becomes a recording.
+"""
 
 from __future__ import annotations
 
@@ -16,34 +19,34 @@ from pamid.ingest.channels import ANY, Channel, Log
 from pamid.ingest.guessed_clock import guess_clock
 
 _ENDING_NUMBER = re.compile(r"(.*?)(\d+)")
-SAME_PERIOD = 1e-3  # relative difference of two clocks of one kind
-OTHER_LENGTH = 0.02  # relative difference of two runs that are no channels of one recording
+SAME_PERIOD = 1e-3  # largest relative difference of the periods of equal clocks
+OTHER_LENGTH = 0.02  # relative difference in length from which on runs are separate recordings
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Channels that a log has once per part: part -> (name with `*`, channel)."""
+    """Channels that occur once per part: part -> (name with `*`, channel)."""
 
     members: Mapping[str, Mapping[str, Channel]]
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Those of the longest part, under their names with `*`."""
+        """Channels of the longest part, under their names with `*`."""
         longest = max(self.members.values(), key=lambda part: max(_lengths(part.values())))
         return tuple(replace(channel, name=name) for name, channel in longest.items())
 
     def text(self) -> str:
         """A sentence for the head of a mapping."""
         return (
-            f"{len(self.members)} parts: {ANY} stands for {listed(self.members)}; one recording is "
-            "made of each"
+            f"{len(self.members)} parts: {ANY} stands for {listed(self.members)}; each becomes a "
+            "recording"
         )
 
 
-def parts_in(log: Log) -> tuple[Log, str]:
-    """The log with channels that it has once per part under one name with `*`, and a sentence about
-    them; the log itself and "" where it is one recording."""
-    parts = _found(log.channels)
+def merged_parts(log: Log) -> tuple[Log, str]:
+    """The log with one channel, named with `*`, for the channels of all parts, and a sentence about
+    them; the unchanged log and "" if it is one recording."""
+    parts = _largest_family(log.channels)
     if parts is None:
         return log, ""
     inside = {id(c) for part in parts.members.values() for c in part.values()}
@@ -51,12 +54,11 @@ def parts_in(log: Log) -> tuple[Log, str]:
     return replace(log, channels=(*parts.channels, *others)), parts.text()
 
 
-def parted(log: Log, sources: Iterable[str], where: str) -> list[Log]:
-    """One log per part where sources have a `*`, its channels under the names with `*`; else the
-    log itself.
+def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
+    """One log per part if sources have a `*`, with channels named with `*`; else the log itself.
 
-    `where` names the mapping in errors. FileError where nothing fits a source, or where a part
-    lacks a channel.
+    `where` names the mapping in errors. Raises FileError if no channel fits a source, or if a part
+    has no such channel.
     """
     names = {channel.name for channel in log.channels}
     patterns = [
@@ -78,7 +80,7 @@ def parted(log: Log, sources: Iterable[str], where: str) -> list[Log]:
             if key not in members:
                 raise FileError(
                     f"{log.path}: part {key!r} has no {pattern.replace(ANY, key, 1)!r}.",
-                    f"Every part needs each of {listed(patterns)}; map it by itself otherwise.",
+                    f"Every part needs {listed(patterns)}. Otherwise map this part separately.",
                     code="missing-channel",
                 )
     return [
@@ -95,15 +97,15 @@ def parted(log: Log, sources: Iterable[str], where: str) -> list[Log]:
 
 
 def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
-    """Channels that match the pattern, by the text that `*` stands for, in the order of the log."""
+    """Channels that match the pattern, by the text of the `*`, in the order of the log."""
     before, _, after = pattern.partition(ANY)
     text = re.compile(re.escape(before) + "([^/]+)" + re.escape(after))
     matched = ((text.fullmatch(channel.name), channel) for channel in channels)
     return {match[1]: channel for match, channel in matched if match}
 
 
-def _found(channels: Sequence[Channel]) -> Parts | None:
-    """The parts that hold most of the channels."""
+def _largest_family(channels: Sequence[Channel]) -> Parts | None:
+    """Parts with the largest number of channels."""
     families: dict[tuple[str, ...], dict[str, dict[str, Channel]]] = {}
     for channel in channels:
         for family, key, pattern in _places(channel.name):
@@ -114,14 +116,21 @@ def _found(channels: Sequence[Channel]) -> Parts | None:
         whole = {key: part for key, part in members.items() if len(part) > 1}
         names = {frozenset(part) for part in whole.values()}
         count = sum(map(len, whole.values()))
-        if len(whole) > 1 and len(names) == 1 and count > most and _apart(list(whole.values())):
+        if (
+            len(whole) > 1
+            and len(names) == 1
+            and count > most
+            and _are_recordings(list(whole.values()))
+        ):
             best, most = Parts(whole), count
     return best
 
 
 def _places(name: str) -> list[tuple[tuple[str, ...], str, str]]:
-    """(family, key, name with `*` for the key) wherever a name may say which part it belongs to: a
-    group, the number at the end of one, or that at the end of the name itself."""
+    """(family, key, name with `*` for the key) for each place of a name that may identify a part.
+
+    Such a place is a group, the number at the end of a group, or that at the end of the name.
+    """
     groups = name.split("/")
     places = []
     for depth, group in enumerate(groups):
@@ -143,9 +152,12 @@ def _alike(arrays: Sequence[FloatArray]) -> bool:
     return all(np.array_equal(arrays[0], array, equal_nan=True) for array in arrays[1:])
 
 
-def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
-    """Are these recordings of their own, not channels of one? Rows of other lengths, or with a
-    clock each; stamps at other times, or of runs that last differently long."""
+def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
+    """Whether these parts are separate recordings, not channels of one.
+
+    They are if the numbers of rows differ or each has a clock, and if the stamps do not overlap or
+    the runs have different lengths.
+    """
     if all(channel.stamps is None for part in parts for channel in part.values()):
         if any(len(_lengths(part.values())) > 1 for part in parts):
             return False
@@ -153,7 +165,7 @@ def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
             return True
         clocks = [guess_clock(list(part.values())).source for part in parts]
         values = [clock.values for clock in clocks if clock is not None]
-        # time1, p1, time2, p2: channels of one recording may each have the same stamps beside them
+        # time1, p1, time2, p2: each channel of one recording may have a copy of the stamps
         alone = any("/" in name for name in parts[0]) or not _alike(values)
         return len(values) == len(parts) and alone
     if any(channel.stamps is None for part in parts for channel in part.values()):
@@ -167,6 +179,8 @@ def _apart(parts: Sequence[Mapping[str, Channel]]) -> bool:
         return True
     periods = [float(np.median(np.diff(run))) for run in stamps]
     like = max(periods) - min(periods) <= SAME_PERIOD * max(periods)
-    like = like and spans[-1][0] - spans[0][0] < max(periods)  # none says when it began
+    like = like and spans[-1][0] - spans[0][0] < max(
+        periods
+    )  # all clocks begin at the same time, so none is absolute
     lasting = [high - low for low, high in spans]
     return like and max(lasting) - min(lasting) > OTHER_LENGTH * max(lasting)

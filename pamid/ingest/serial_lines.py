@@ -1,5 +1,5 @@
-"""Lines of a serial monitor as rows of a table: `12:33:01.123 -> 512,3.2`, `u:1.2,angle:3.4`,
-`t=0.01 u=1.2`."""
+"""Conversion of the lines of a serial monitor to rows of a table: `12:33:01.123 -> 512,3.2`,
+`u:1.2,angle:3.4`, `t=0.01 u=1.2`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from pamid.ingest.cells import classify
 from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS, looks_like_unit
+from pamid.ingest.text_cells import classify
 
 _SECONDS_TEXT = re.compile(r"\d{1,12}\.\d{1,12}")
 ARROW, LONGEST_STAMP = "->", 40
-#: bounded lengths, so that no line takes longer than its length
+#: bounded lengths, so that the time of a match is linear in the length of the line
 _BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
 _LABELLED = re.compile(
     rf"(?P<label>[^\W\d][\w./\[\]-]{{0,60}})[ \t]?[:=][ \t]?(?P<value>{_BESIDE_NAME})(?=[\s,;]|$)"
@@ -21,8 +21,8 @@ _LABELLED = re.compile(
 
 
 def as_table(text: str) -> tuple[str, str]:
-    """(text as rows of cells, what was done about it); the text itself and "" where it is no
-    output of a serial monitor."""
+    """(text as rows of cells, note about the conversion); the unchanged text and "" if it is not
+    the output of a serial monitor."""
     stamps, notes = list[str](), list[str]()
     lines = text.split("\n", SAMPLE)[:SAMPLE]
     if _most(_is_stamped(line) for line in lines if line.strip()):
@@ -30,7 +30,7 @@ def as_table(text: str) -> tuple[str, str]:
         stamps = [stamp.strip() for stamp, _, _ in parts]
         text = "\n".join(rest.strip() for _, _, rest in parts) + "\n"
         lines = text.split("\n", SAMPLE)[:SAMPLE]
-        notes.append("a time stands before -> in every line")
+        notes.append("every line begins with a time and ->")
     ((labels, count),) = Counter(map(_labels, filter(str.strip, lines))).most_common(1) or [((), 0)]
     if labels and count >= SHARE_OF_ROWS * sum(map(bool, map(str.strip, lines))):
         return _unlabelled(text, labels, stamps, notes)
@@ -49,7 +49,7 @@ def _unlabelled(
     rows = text.split("\n")
     if not stamps and _most(map(_leading_stamp, filter(str.strip, rows[:SAMPLE]))):
         stamps = [_leading_stamp(row) for row in rows]
-        notes.append("a time stands before the names in every line")
+        notes.append("every line begins with a time")
     times = [[stamp] for stamp in stamps] or [[] for _ in rows]
     names = _with_units(labels, rows[:SAMPLE])
     table = [["time", *names] if stamps else names]
@@ -57,14 +57,14 @@ def _unlabelled(
         if _labels(row) == labels:
             table.append([*time, *(match["value"] for match in _LABELLED.finditer(row))])
     left = sum(map(bool, map(str.strip, rows))) - len(table) + 1
-    notes.append("every number has its name beside it")
+    notes.append("every number follows its name")
     if left:
         notes.append(f"{left} other lines are left out")
     return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
 
 
 def _with_units(labels: Sequence[str], lines: Iterable[str]) -> list[str]:
-    """The names, each with the unit that stands behind its number in every line: "Drive: 1.2 V"."""
+    """Names with the units behind the numbers, if all lines agree: "Drive: 1.2 V"."""
     matches = [list(_LABELLED.finditer(line)) for line in lines if _labels(line) == labels]
     units = [{line[place]["unit"] or "" for line in matches} for place in range(len(labels))]
     return [
@@ -75,8 +75,8 @@ def _with_units(labels: Sequence[str], lines: Iterable[str]) -> list[str]:
 
 
 def _leading_stamp(line: str) -> str:
-    """The time at the beginning of a line, before the first name: "2025-03-04 10:00:00,020 INFO
-    cmd=1", "[12.345678] cmd=1"; "" where there is none."""
+    """Time at the beginning of a line, before the first name, or "": "2025-03-04 10:00:00,020 INFO
+    cmd=1", "[12.345678] cmd=1"."""
     first = _LABELLED.search(line)
     words = line[: first.start() if first else 0].split()[:2]
     texts = [text.strip("[](),;") for text in (" ".join(words), *words[:1])]
@@ -91,11 +91,11 @@ def _is_stamped(line: str) -> bool:
 
 
 def _labels(line: str) -> tuple[str, ...]:
-    """The names beside the numbers of a line."""
+    """Names of the numbers of a line."""
     return tuple(match["label"] for match in _LABELLED.finditer(line))
 
 
 def _most(checks: Iterable[object]) -> bool:
-    """Do nearly all hold, of one at least?"""
+    """Whether nearly all checks are true, and there is at least one."""
     results = [bool(check) for check in checks]
     return bool(results) and sum(results) >= SHARE_OF_ROWS * len(results)

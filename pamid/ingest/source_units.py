@@ -1,8 +1,8 @@
-"""Units of raw logs, read by pint and brought to the units of pamid's columns.
+"""Units of raw logs, read by pint and converted to the units of pamid's columns.
 
-The registry is pamid's own. An angle is a dimension, so that rad/s and 1/s are never taken for each
-other; gauge and absolute pressure are distinguished by a mark ("barg", "kPa(a)", "psia"); a word
-that means one thing in one laboratory and another in the next is refused with advice.
+The registry is private. Angle is a dimension, so that rad/s and 1/s are different. A mark ("barg",
+"kPa(a)", "psia") distinguishes gauge and absolute pressure. An ambiguous word is refused with
+advice.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ volt = watt / ampere = V
 ohm = volt / ampere
 """
 
-#: words that name no quantity by themselves, with what to do
+#: words that are not units or are ambiguous, with the remedy
 _ADVICE = {
     **dict.fromkeys(
         (
@@ -92,10 +92,10 @@ _ADVICE = {
             "adc",
             "pulses",
         ),
-        "Counts have no size of their own: give scale, the made unit per count; for an encoder "
-        "with 4-fold evaluation that is 360 / (4 * lines) degrees.",
+        "A count has no fixed size. Give scale, the column's unit per count; for an encoder with "
+        "4-fold evaluation that is 360 / (4 * lines) degrees.",
     ),
-    "grad": "It means degrees in some languages and 1/400 turn in others: write deg or gon.",
+    "grad": "It is a degree in some languages and 1/400 turn in others. Write deg or gon.",
     "in": "Write inch.",
     "''": "Write inch.",
     "c": "Write degC.",
@@ -131,8 +131,8 @@ _GRAMMAR = re.compile(r"(?:[A-Za-z_]+|1)(?:\*\*-?[1-9])?")
 
 @dataclass(frozen=True)
 class SourceUnit:
-    """A unit as a log writes it: SI value = value * factor + offset; `pressure` is "gauge" or
-    "absolute" where the unit says so itself, otherwise ""."""
+    """A unit of a log: SI value = value * factor + offset. `pressure` is "gauge" or "absolute" if
+    the unit states it, otherwise ""."""
 
     text: str
     factor: float
@@ -143,18 +143,17 @@ class SourceUnit:
 
 @lru_cache(maxsize=256)
 def read_unit(text: str) -> SourceUnit:
-    """The unit written as `text`: "bar", "°C", "N·m", "kPa(a)", "U/min", "m/s^2"; "" and "1" mean
-    none.
+    """Unit from a text: "bar", "°C", "N·m", "kPa(a)", "U/min", "m/s^2"; "" and "1" mean none.
 
-    FileError (code "unit") if it cannot be read, with advice where the word is a usual one.
+    Raises FileError (code "unit") if it cannot be read, with advice for common words.
     """
     bare = text.strip().strip("[]").strip()
     if bare.casefold() in _ADVICE:
         raise FileError(
-            f"{bare!r} cannot be taken as a unit.", _ADVICE[bare.casefold()], code="unit"
+            f"{bare!r} is not accepted as a unit.", _ADVICE[bare.casefold()], code="unit"
         )
     match = _MARK.fullmatch(bare)
-    if match is not None:  # first, for "bar(g)" is no bar times gram
+    if match is not None:  # before the products: "bar(g)" is not bar times gram
         with contextlib.suppress(FileError):
             marked = _measured(
                 text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute"
@@ -165,7 +164,7 @@ def read_unit(text: str) -> SourceUnit:
 
 
 def is_readable(text: str) -> bool:
-    """True if `text` is a unit that `read_unit` takes."""
+    """Whether `read_unit` accepts this text."""
     try:
         read_unit(text)
     except FileError:
@@ -176,10 +175,10 @@ def is_readable(text: str) -> bool:
 def in_unit(
     values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0
 ) -> FloatArray:
-    """`values` in the source's unit as values in pamid's unit `symbol`; atmosphere_pa (Pa) is taken
-    off.
+    """Convert values from the source's unit to pamid's unit `symbol`, and subtract atmosphere_pa
+    (Pa).
 
-    FileError (code "unit") if the two measure different things.
+    Raises FileError (code "unit") if the two measure different quantities.
     """
     require_same_quantity(source, symbol)
     target = unit(symbol)
@@ -191,8 +190,8 @@ def in_unit(
 
 
 def require_same_quantity(source: SourceUnit, symbol: str) -> None:
-    """FileError (code "unit") if values in the source's unit cannot be values in pamid's unit
-    `symbol`."""
+    """Raise FileError (code "unit") if the source's unit and pamid's `symbol` measure different
+    quantities."""
     if source.dimension == unit(symbol).dimension:
         return
     if (
@@ -201,29 +200,29 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
     ):
         hint = "For turns per minute write rpm, for turns per second rev/s."
     elif source.text.strip() in ("", NONE):
-        hint = f"Say the unit of the source, as {', '.join((symbol, *kindred_units(symbol)[:3]))}."
+        hint = f"Give the unit of the source, as {', '.join((symbol, *kindred_units(symbol)[:3]))}."
     elif source.dimension == unit(NONE).dimension:
         hint = f"Give scale, {symbol} per {source.text}, in place of unit; for example scale = 15."
     elif symbol == NONE:
         hint = (
-            "Name the signal with its unit at the end, as in [signals.temperature_degc]; of a "
-            "sensor's raw signal give scale (made unit per unit of the source) and no unit."
+            "Add the unit to the name of the signal, as in [signals.temperature_degc]. For a "
+            "sensor's raw signal give scale (column's unit per unit of the source) and no unit."
         )
     else:
         hint = (
-            "If it is a sensor's raw signal, give scale (made unit per unit of the source) and "
-            "offset instead."
+            "If it is a sensor's raw signal, give scale (column's unit per unit of the source) "
+            "and offset instead."
         )
     raise FileError(
-        f"{source.text!r} does not measure what {symbol!r} measures ({quantity_of(symbol)}).",
+        f"{source.text!r} is not a unit of the quantity of {symbol!r} ({quantity_of(symbol)}).",
         hint,
         code="unit",
     )
 
 
 def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
-    """Factor, offset and dimension by pint; only words, one-digit exponents, `*`, `/` and
-    parentheses reach it."""
+    """Factor, offset and dimension by pint, which gets only words, one-digit exponents, `*`, `/`
+    and parentheses: its parser evaluates expressions."""
     import pint
 
     registry, plain = _registry(), _normal(bare)
@@ -241,7 +240,7 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
         si = "*".join(
             f"{base}**{power}" for base, power in zip(_BASES, powers, strict=True) if power
         )
-        zero, one = (
+        offset, step = (
             float(registry.Quantity(value, plain).to(si).magnitude) for value in (0.0, 1.0)
         )
     except pint.UndefinedUnitError as error:
@@ -249,13 +248,13 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
         wrong = names if isinstance(names, str) else next(iter(names))
         hint = nearest(wrong, _names()) or "For example bar, kPa, deg, rad/s, N*m, percent."
         raise FileError(
-            f"{text!r} is not a unit pamid knows: {wrong!r} is unknown.", hint, code="unit"
+            f"{text!r} is not a known unit: {wrong!r} is unknown.", hint, code="unit"
         ) from None
-    except Exception:  # a foreign parser fails in many ways on text that is no unit
+    except Exception:  # pint raises many kinds of errors on other text
         raise FileError(
             f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
         ) from None
-    return SourceUnit(text, one - zero, zero, powers, pressure)
+    return SourceUnit(text, step - offset, offset, powers, pressure)
 
 
 def _normal(text: str) -> str:
@@ -275,7 +274,7 @@ def _normal(text: str) -> str:
 
 
 def _plain_word(word: str, known: frozenset[str]) -> str:
-    """ "Volts" -> "volts", where that is a unit and the word as written is none."""
+    """Lower-case word if only that is a unit: "Volts" -> "volts"."""
     small = word.lower()
     return small if word not in known and known & {small, small.removesuffix("s")} else word
 
@@ -290,7 +289,7 @@ def _registry() -> Any:
 
 
 def _names() -> list[str]:
-    """The words of the definitions, for suggestions."""
+    """Words of the definitions, for suggestions."""
     words = [
         name.strip()
         for line in _DEFINITIONS.strip().splitlines()

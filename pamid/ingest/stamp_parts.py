@@ -1,5 +1,5 @@
-"""Stamps that a log writes in several columns: whole seconds and nanoseconds (ROS, timeval), or
-hours, minutes and seconds. They are joined into one channel in seconds."""
+"""Stamps in several columns: whole seconds and nanoseconds (ROS, timeval), or hours, minutes and
+seconds. They are joined into one channel in seconds."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
+from pamid.ingest.channel_builder import SINCE_1970_NS
 from pamid.ingest.channel_words import TIME_WORDS, tokens
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.gathering import SINCE_1970_NS
 from pamid.ingest.source_units import is_readable, read_unit
 
 _SECOND = unit("s").dimension
@@ -22,11 +22,11 @@ _FRACTIONS = ("ms", "us", "ns")
 
 
 def join_stamp_parts(log: Log) -> Log:
-    """The log with one channel in place of the parts of each clock.
+    """Replace the parts of each clock of a log by one channel.
 
-    Parts bear the same name but for a unit of time; of columns without names they stand next to
-    each other, seconds since 1970 first. In both cases the finer part stays below one unit of the
-    coarser one, and falls only where that advances.
+    The names of the parts differ only in a unit of time. Columns without names must be adjacent,
+    with seconds since 1970 first. The finer part is always below one unit of the coarser one, and
+    falls only where that advances.
     """
     rows = [c for c in log.channels if c.stamps is None]
     groups = _named_parts(rows) or _epoch_pair(rows)
@@ -48,7 +48,7 @@ def join_stamp_parts(log: Log) -> Log:
 
 
 def _named_parts(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]:
-    """Channels of like names in different units of time, with these."""
+    """Channels with equal names except for the unit of time, and that unit."""
     groups: dict[tuple[str, ...], dict[str, Channel]] = {}
     for channel in channels:
         words = tokens(channel.name)
@@ -66,20 +66,20 @@ def _named_parts(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]
 
 
 def _epoch_pair(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]:
-    """Seconds since 1970 and the column behind them, whose values show which fraction it counts."""
+    """Seconds since 1970 and the next column, whose values show its fraction of a second."""
     low, high = (1e-9 * moment for moment in SINCE_1970_NS)
     for seconds, fraction in zip(channels, channels[1:], strict=False):
         first, most = seconds.values[:1], np.max(fraction.values, initial=0.0)
         named = {seconds.name, fraction.name} - {f"column_{i}" for i in range(len(channels) + 9)}
-        symbol = next((one for one in _FRACTIONS if most * _size(one) < 1.0), "")
+        symbol = next((fraction for fraction in _FRACTIONS if most * _size(fraction) < 1.0), "")
         if not named and symbol and (low <= first).all() and (first <= high).all():
             return [[(seconds, "s"), (fraction, symbol)]]
     return []
 
 
 def _joined(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray | None:
-    """The sum of parts, coarsest first, each with its size in s, from the first instant on; None
-    where they are clocks of their own."""
+    """Sum of the parts, coarsest first, each with its size in s, from the first instant on; None if
+    they are separate clocks."""
     for (coarse, size), (fine, finer) in zip(parts, parts[1:], strict=False):
         whole = np.array_equal(coarse, np.round(coarse))
         below = bool(((fine >= 0.0) & (fine * finer < size)).all())

@@ -1,5 +1,7 @@
-"""The stamps of a log made usable: repeats, steps of the clock, dropped samples, gaps. Nothing is
-judged here; what was found is counted, and `pamid.ingest.time_base` decides what it means."""
+"""Repair of a log's stamps: repeats, steps of the clock, dropped samples and gaps.
+
+This module counts the faults; `pamid.ingest.time_base` draws the conclusions.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +17,27 @@ from pamid.recording.recording import MIN_SAMPLES
 
 IntArray = NDArray[np.int64]
 
-AGES = 1e12  # s: no clock counts so far
-FASTEST = 1e-8  # s: no two samples of a rig are so close
-# rows: a stamp that comes back later than this is a step of the clock, not a row out of order
+AGES = 1e12  # s, above every clock
+FASTEST = 1e-8  # s, below every sampling period
+# rows after which a fall of the stamps is a step of the clock, not rows out of order
 OUT_OF_ORDER = 5
-MANY_STEPS = 20  # steps back in one log: then the channel is no clock
+MANY_STEPS = 20  # steps back in one log, from which on the channel is not a clock
 # share of differing rows with one stamp above which stamps are blocks or ticks, not errors
 BLOCK_SHARE = 0.02
 ROWS_OF_SLOPE = 4  # rows before and behind rows with one stamp that give the slope there
-MOVING = 4.0  # slopes count that exceed their noise by this factor
-FEWEST_ADVANCES = 5  # of them that tell samples from readings of one instant
-LATE_WINDOW = 100  # rows ahead that are looked at to tell a dropped sample from a late stamp
+MOVING = 4.0  # factor by which a slope must exceed its noise
+FEWEST_ADVANCES = 5  # slopes needed to separate samples from readings of one instant
+LATE_WINDOW = 100  # rows ahead that separate a dropped sample from a late stamp
 FOLLOW = 0.02  # share of a deviation by which the even clock follows it, per row
 LAST = 5  # rows at the end in which a late stamp cannot be distinguished from a missing one
-ROWS_AROUND_STEP = 20  # rows before and behind a step back that tell whether the clock was set back
-LACKING = 0.7  # of a period: they lie so much earlier behind it then
+ROWS_AROUND_STEP = 20  # rows before and behind a step back that show whether the clock was set back
+LACKING = 0.7  # of a period: smallest fall of their level if it was
 DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
 
 @dataclass(frozen=True)
 class Repair:
-    """One kind of thing that was mended: a stable word, how often, and a sentence."""
+    """One kind of repair: a stable word, the number of repairs, and a sentence."""
 
     what: str
     count: int
@@ -44,13 +46,13 @@ class Repair:
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows that stay, in the order of their stamps.
+    """Usable rows in the order of their stamps.
 
     keep      rows of the log, (n,)
-    stamps    s, (n,), not falling; a clock that was set back runs on
-    starts    where pieces begin: 0, and wherever the clock was set back
-    blocks    several differing samples share a stamp: buffers, or a clock that ticks slower than
-              the sampling
+    stamps    s, (n,), not falling; a clock that was set back continues
+    starts    first rows of the pieces: 0, and wherever the clock was set back
+    blocks    whether several different samples share a stamp, because of buffers or a clock slower
+              than the sampling
     """
 
     keep: IntArray
@@ -60,17 +62,20 @@ class Rows:
     repairs: tuple[Repair, ...]
 
     def pieces(self) -> list[slice]:
-        """The rows between two settings of the clock."""
+        """Rows between two settings of the clock."""
         ends = (*self.starts[1:], self.stamps.size)
         return [slice(start, end) for start, end in zip(self.starts, ends, strict=True)]
 
 
 def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -> Rows:
-    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, which show whether rows
-    that share a stamp are several samples or several readings of one; `place` names the channel in
-    errors.
+    """Sort the rows of a log and drop repeated ones.
 
-    FileError where the channel is no clock; DataError where too few rows have a stamp.
+    stamps    s, (n,)
+    signals   (n,) each; they show whether rows with one stamp are several samples or several
+              readings of one sample
+    place     name of the channel in errors
+
+    Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
     """
     keep, repairs = _rows_with_stamp(stamps, place)
     keep, stamps, starts, more = _rising(keep, stamps, signals, place)
@@ -86,7 +91,7 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
             Repair(
                 "stamps-shared",
                 differing,
-                f"{differing} samples share the stamp of the one before and got one between its "
+                f"{differing} samples have the stamp of the sample before and got one between the "
                 "neighbours",
             )
         )
@@ -102,28 +107,27 @@ def _one_row_per_stamp(
     repairs: list[Repair],
     place: str,
 ) -> Rows:
-    """The last row of every stamp. shared: rows that share their stamp with the next one, and how
-    many of them differ from it."""
+    """Last row of every stamp. shared: rows with the stamp of the next one, and the number of those
+    that differ from it."""
     twice, differing = shared
     if equal := twice.size - differing:
         repairs.append(
-            Repair("rows-repeated", equal, f"{equal} rows stood there twice and were dropped")
+            Repair("rows-repeated", equal, f"{equal} rows were repeated and were dropped")
         )
     if differing:
         repairs.append(
             Repair(
                 "stamps-repeated",
                 differing,
-                f"{differing} stamps stood there twice, with values of the same instant: the later "
-                "row is kept",
+                f"{differing} stamps were repeated, with values of the same instant: the later row "
+                "is kept",
             )
         )
     stay = np.ones(keep.size, dtype=bool)
     stay[twice] = False
     if stay.sum() < MIN_SAMPLES:
         raise DataError(
-            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
-            "needed.",
+            f"{place}: {stay.sum()} rows have different stamps, at least {MIN_SAMPLES} are needed.",
             code="too-short",
         )
     moved_starts = tuple(int(stay[:start].sum()) for start in starts)
@@ -131,7 +135,7 @@ def _one_row_per_stamp(
 
 
 def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Repair]]:
-    """The rows whose stamp is a time, and a word on the others."""
+    """Rows whose stamp is a time, and the repair of the others."""
     finite = np.flatnonzero(np.abs(stamps) < AGES)
     repairs = []
     if finite.size < stamps.size:
@@ -150,9 +154,11 @@ def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Rep
 def _rising(
     written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
 ) -> tuple[IntArray, FloatArray, list[int], list[Repair]]:
-    """(rows in an order in which stamps do not fall, the stamps that they then have, where pieces
-    begin, what was mended). Either the rows are put back in order or, where the signals say that
-    the rows are in order, the late stamps are corrected."""
+    """(rows in order of rising stamps, corrected stamps, first rows of pieces, repairs).
+
+    Either the rows are sorted or, if the signals show that the rows are in order, the late stamps
+    are corrected.
+    """
     repairs = []
     keep, starts, moved = _in_order(written.copy(), stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
@@ -161,15 +167,13 @@ def _rising(
             Repair(
                 "stamps-out-of-order",
                 moved,
-                f"{moved} stamps fall behind the one before; the signals "
-                "run smoothly in the order of the rows, so it is the stamps that are late",
+                f"{moved} stamps are below the one before; the signals are smooth in the order of "
+                "the rows, so the stamps were late",
             )
         )
     elif moved:
         repairs.append(
-            Repair(
-                "rows-out-of-order", moved, f"{moved} rows were written out of order and put back"
-            )
+            Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and sorted")
         )
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
@@ -199,14 +203,14 @@ def _written_twice(
 
 
 def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntArray) -> bool:
-    """Are rows that share a stamp with the next one (at these places) samples of their own, a
-    period apart, or readings of one instant?
+    """Whether rows with the stamp of the next one (at these places) are separate samples, a period
+    apart, and not readings of one instant.
 
-    A smooth signal advances from sample to sample by its slope: the steps between such rows are
-    regressed on those due by the rows around, c = sum(step due) / sum(due^2), with the standard
-    error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of one
-    instant. Where no signal moves enough, samples need time: rows that take none are no samples,
-    unless most rows share their stamp, as in blocks.
+    A smooth signal advances from sample to sample by its slope. The steps between such rows are
+    regressed on the steps expected from the rows around, c = sum(step due) / sum(due^2), with the
+    standard error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of one
+    instant. If no signal moves enough, the spacing of the stamps around decides. Rows are also
+    samples if most rows share their stamp, as in blocks.
     """
     parts = [_advance(values, twice) for values in signals]
     step, due = (np.concatenate([np.zeros(0), *(part[i] for part in parts)]) for i in (0, 1))
@@ -220,8 +224,8 @@ def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntAr
 
 
 def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArray]:
-    """(step to the row with the same stamp, step that is due by the rows around), both in units of
-    what the signal usually moves, where it moves visibly and the same way on both sides."""
+    """(step to the row with the same stamp, step expected from the rows around), relative to the
+    usual step, at places where the signal moves visibly and in one direction."""
     around = ROWS_OF_SLOPE
     at = twice[(twice > around) & (twice + around + 2 < values.size)]
     bends = np.abs(np.diff(values, 2))
@@ -239,7 +243,7 @@ def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArra
 
 
 def _take_time(stamps: FloatArray) -> bool:
-    """Are the stamps around rows that share one as far apart as so many samples need?"""
+    """Whether the stamps around rows with one stamp leave enough time for so many samples."""
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0.0]))
     first, last = runs_of(steps == 0.0)
@@ -252,8 +256,7 @@ def _take_time(stamps: FloatArray) -> bool:
 
 
 def _spread(stamps: FloatArray) -> FloatArray:
-    """Stamps of samples that share one, moved apart to the side on which there is time, by a period
-    at most."""
+    """Stamps with shared ones moved apart by at most a period, to the side with more time."""
     spread, steps = stamps.copy(), np.diff(stamps)
     usual = float(np.median(steps[steps > 0.0]))
     for first, last in zip(*runs_of(steps == 0.0), strict=True):
@@ -266,8 +269,8 @@ def _spread(stamps: FloatArray) -> FloatArray:
 
 
 def rough_period(rows: Rows) -> float:
-    """The sampling period (s) that most of the log shows, right to a few per mille; gaps and late
-    stamps do not move it. DataError if the stamps tell none."""
+    """Sampling period (s) of most of the log, accurate to a few per mille and robust against gaps
+    and late stamps. Raises DataError if the stamps have none."""
     steps = np.concatenate([np.diff(rows.stamps[piece]) for piece in rows.pieces()])
     middle = float(np.median(steps)) if steps.size else 0.0
     # a late stamp makes one step longer and the next shorter: leave out both or none
@@ -281,15 +284,15 @@ def rough_period(rows: Rows) -> float:
         middle = _period_by_stretches(rows)
     if not FASTEST < middle < AGES / 1e3 or steps.sum() > AGES * middle:
         raise DataError(
-            f"The stamps tell no sampling period: most rows are {middle:.3g} s apart.",
-            "Is it the channel with the time, and in the right unit?",
+            f"The stamps have no sampling period: most rows are {middle:.3g} s apart.",
+            "Check that this is the channel with the time, and its unit.",
             code="time-base",
         )
     return middle
 
 
 def _period_by_stretches(rows: Rows) -> float:
-    """The period (s) over many rows, for steps that vary."""
+    """Period (s) over many rows, for variable steps."""
     longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
     stamps = rows.stamps[longest]
     runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
@@ -299,12 +302,11 @@ def _period_by_stretches(rows: Rows) -> float:
 
 
 def count_samples(stamps: FloatArray, period: float) -> IntArray:
-    """Which sample of an even clock each row is, (n,), from 0: one more per row, and more where
-    samples are missing.
+    """Sample index on an even clock of each row, (n,), from 0; missing samples are counted.
 
-    A late stamp is caught up by later rows; behind a missing sample all rows stay late by whole
-    periods. So the lowest of the stamps ahead is held against the even clock, which follows slowly
-    for the error of the period (s).
+    After a late stamp later rows return to the even clock. After a missing sample all rows stay
+    late by whole periods. Therefore the lowest of the stamps ahead is compared with the even clock,
+    which follows it slowly, because the period (s) has an error.
     """
     from scipy.ndimage import minimum_filter1d
 
@@ -313,8 +315,7 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     window = min(max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
     residual = stamps / period - np.arange(n)
     lowest_ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
-    # the last rows have nothing behind them that could catch up: where stamps are late at times,
-    # they may be late too
+    # no later rows show whether the last ones are late or follow a missing sample
     end = n - LAST if float(np.quantile(residual - lowest_ahead, 0.995)) > 0.3 else n
     missing = np.zeros(n, dtype=np.int64)
     # `base` is the even clock: it falls at once to any earlier stamp, rises slowly with drift, and
@@ -338,13 +339,14 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
 def fit_clock(
     stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]
 ) -> tuple[float, FloatArray]:
-    """(period in s, start of each piece in s) of the even clock through the middle of the stamps,
-    by least squares without the latest twentieth of them. Of rows that share a stamp only the last
-    counts: it waited least."""
+    """(period in s, start of each piece in s) of the even clock through the middle of the stamps.
+
+    The fit is least squares without the latest twentieth of the stamps. Of rows with one stamp only
+    the last counts, because it waited least.
+    """
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
-    # one slope for all pieces, each about its own means; which stamps are the latest twentieth is
-    # known from the pass before
+    # one slope for all pieces, each about its mean; a pass gives the latest twentieth for the next
     for _ in range(3):
         above = below = 0.0
         for piece in pieces:
@@ -354,8 +356,8 @@ def fit_clock(
                 below += float((k - k.mean()) @ (k - k.mean()))
         if above <= 0.0:
             raise DataError(
-                "The stamps follow no even clock: nowhere do rows come one after the other.",
-                "Is it the channel with the time, and in the right unit?",
+                "The stamps follow no even clock: no rows have consecutive stamps.",
+                "Check that this is the channel with the time, and its unit.",
                 code="time-base",
             )
         period = above / below
@@ -368,8 +370,8 @@ def fit_clock(
 
 
 def _sharpest(stamps: FloatArray, period: float) -> float:
-    """The period (s) within 4 % of `period` at which the stamps' phases agree best, over stretches
-    of 256 rows: samples that are missing do not move a phase."""
+    """Period (s) within 4 % of `period` at which the phases of the stamps agree best, over
+    stretches of 256 rows. Missing samples do not change a phase."""
     stretch = 256
     count = min(stamps.size // stretch, 40)
     if count == 0:
@@ -382,8 +384,8 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
     # stretch are multiples of T, about 1/256 where they are scattered
     power = np.array(
         [
-            float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2))
-            for one in trial
+            float(np.mean(np.abs(np.exp(2j * np.pi / candidate * blocks).mean(axis=1)) ** 2))
+            for candidate in trial
         ]
     )
     best = int(np.argmax(power))
@@ -391,7 +393,7 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
 
 
 def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray, list[int], int]:
-    """(rows in order of their stamps, where the clock was set back, how many rows were out of
+    """(rows in order of their stamps, rows at which the clock was set back, number of rows out of
     order)."""
     times = stamps[rows]
     starts, moved, begin = [0], 0, 0
@@ -414,15 +416,14 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
         begin = end
         if len(starts) > MANY_STEPS:
             raise FileError(
-                f"{place}: the stamps run to and fro ({len(starts)} times and more).",
-                "It seems to be no clock: name the channel with the time in [time] source.",
+                f"{place}: the stamps go back {len(starts)} times or more.",
+                "It is probably not a clock. Name the channel with the time in [time] source.",
                 code="stamps-unsorted",
             )
 
 
 def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> FloatArray:
-    """The stamps with every piece behind the one before it: how far the clock was set back is not
-    known."""
+    """Stamps with every piece after the one before it, since the size of the step is unknown."""
     shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
     for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
         rows = keep[start:end]
@@ -431,9 +432,11 @@ def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> Fl
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
-    """Was the clock set back where the stamps of rows first to last fall behind? Then, against an
-    even clock of the usual period (s), all rows that follow lie earlier than those before; rows out
-    of order and late stamps are soon followed by rows that do not."""
+    """Whether the clock was set back at the rows first to last, whose stamps fall.
+
+    Relative to an even clock of the usual period (s), all later rows are then earlier than those
+    before. Rows out of order and late stamps have normal rows soon after.
+    """
     if last - first > OUT_OF_ORDER:
         return True
     begin = max(first - ROWS_AROUND_STEP, 0)
@@ -447,8 +450,8 @@ def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
 
 
 def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[FloatArray]) -> bool:
-    """Whether the signals bend less in the order in which the rows were written than in that of
-    their stamps."""
+    """Whether the signals have smaller second differences in the written order of the rows than in
+    the order of their stamps."""
     places = np.flatnonzero(written != sorted_rows)
     near = np.unique(np.clip(places[:, None] + np.arange(-1, 2), 1, written.size - 2))
     votes = [0.0]
@@ -464,8 +467,8 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 
 
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Late stamps lowered until all rise, by a thousandth of a period at least: a sample was taken
-    before any later sample got its stamp."""
+    """Late stamps lowered until all rise by at least a thousandth of a period, since a sample is
+    older than the stamp of any later one."""
     restored, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)

@@ -1,5 +1,5 @@
-"""The sampling period that the text around a table states: "# Fs = 1000 Hz",
-"Sample Interval,2e-3,s", "SampleTime[ms];20"."""
+"""Sampling period in the text around a table: "# Fs = 1000 Hz", "Sample Interval,2e-3,s",
+"SampleTime[ms];20"."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STATED = re.compile(
     re.IGNORECASE,
 )
 _HERTZ = re.compile(r"(?P<prefix>[km]?)(?:hz|sa?/s|sps|samples?/s(?:ec|econd)?)|1/s", re.IGNORECASE)
-AGREE_TO = 0.01  # relative difference of a stated period and that of a clock which agree
+AGREE_TO = 0.01  # largest relative difference of a stated period from the clock
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class StatedPeriod:
     quote: str
 
     def agrees(self, period_s: float) -> bool:
-        """Is this period the stated one?"""
+        """Whether a period equals the stated one."""
         return abs(period_s / self.period_s - 1.0) < AGREE_TO
 
 
 def stated_period(lines: Iterable[str]) -> StatedPeriod | None:
-    """The period that lines of text state; None where they state none, several, or a duration
-    without its unit."""
+    """Period that lines of text state; None without one, with several, or with a duration without
+    unit."""
     matches = [match for line in lines for match in _STATED.finditer(line)]
     stated = [item for item in map(_read, matches) if item is not None]
-    return stated[0] if stated and all(stated[0].agrees(one.period_s) for one in stated) else None
+    return stated[0] if stated and all(stated[0].agrees(item.period_s) for item in stated) else None
 
 
 def _read(match: re.Match[str]) -> StatedPeriod | None:

@@ -1,7 +1,7 @@
 """The time base of a log. It is diagnosed before it is repaired, because two faults look alike and
 need opposite repairs.
 
-*Late stamps*: sampling is even, and a host writes each stamp when it gets round to it. Repair: the
+*Late stamps*: sampling is even, and a host writes each stamp with a variable delay. Repair: the
 even clock, through the earliest of the stamps. *Jittered sampling*: the samples themselves are
 taken unevenly and the stamps are true. Repair: resample by the stamps. The wrong repair is about a
 hundred times worse than the right one.
@@ -48,13 +48,13 @@ HALF = 5
 # standard deviation that white noise of 1 keeps in R y: sqrt(1 - 143/429), where 143/429 is the
 # middle coefficient of the quartic smoother over 11 samples (Savitzky and Golay)
 ROUGH = 0.816
-MOVING = 4.0  # slopes count that exceed their noise by this factor
+MOVING = 4.0  # factor by which a slope must exceed its noise
 # decided: the coefficient is this close to 0 or 1, and its standard error so small that the other
 # value is at least four of them away: (1 - 0.3) / 0.17
 CLEAR, COEFFICIENT_ERROR = 0.3, 0.17
 LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
 JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
-# periods by which the earliest stamps stray from an even clock at most; beyond it there is none
+# largest deviation of the earliest stamps from an even clock, periods; beyond it there is none
 MOST_WANDER = 3.0
 # a gap splits the recording if it is longer than this many periods, unless the mapping says
 GAP_PERIODS = 10
@@ -73,8 +73,8 @@ class Witness:
 
 @dataclass(frozen=True)
 class StampDiagnosis:
-    """Condition of the stamps of one clock. cure is None where the data do not decide; why is a
-    sentence with the numbers; numbers the same for scripts (s, ppm, dimensionless)."""
+    """Condition of the stamps of one clock. cure is None if the data do not decide; why is a
+    sentence with the numbers; numbers has the same for scripts (s, ppm, dimensionless)."""
 
     state: State
     cure: Cure | None
@@ -86,8 +86,7 @@ class StampDiagnosis:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """When each row was sampled: instants (n,) s of the log's clock; pieces between which nothing
-    is bridged."""
+    """Sampling instants (n,) of the rows, s of the log's clock, and pieces between gaps."""
 
     instants: FloatArray
     pieces: tuple[slice, ...]
@@ -96,8 +95,10 @@ class TimeBase:
 
 
 def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
-    """Diagnose the stamps and choose their cure. signals: measured ones at the rows that stay, (n,)
-    each, NaN where the log has none."""
+    """Diagnose the stamps and choose their repair.
+
+    signals: measured signals at the usable rows, (n,) each, NaN for missing values.
+    """
     clock = _even_clock(rows, None)
     samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
@@ -117,8 +118,8 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
     if rows.blocks:
         share = float(np.mean(steps == 0.0))
         why = (
-            f"{share:.0%} of the rows share their stamp with the one before and yet differ: the "
-            "stamps are those of blocks or of a slow clock, the samples lie between them"
+            f"{share:.0%} of the rows have the stamp of the row before, but other values: the "
+            "stamps are those of blocks or of a slow clock, with samples between them"
         )
         return StampDiagnosis(
             "blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share}
@@ -126,7 +127,7 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
     tick = _tick(rows.stamps, steps, rounding)
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
         why = (
-            f"the stamps are whole multiples of {_time(tick)} and stray from an even clock by "
+            f"the stamps are whole multiples of {_time(tick)} and deviate from an even clock by "
             "no more than that"
         )
         return StampDiagnosis("rounded", "late-stamps", why, period, {**numbers, "tick_s": tick})
@@ -136,11 +137,11 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
 def reconstructed_time_base(
     rows: Rows, diagnosis: StampDiagnosis, cure: Cure, max_gap: float | None
 ) -> TimeBase:
-    """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default
-    ten periods) split.
+    """Sampling instants of the rows after a repair, split at gaps longer than max_gap (s, default
+    ten periods).
 
-    "late-stamps" and "none" give the even clock, or where the sampling has none one that follows
-    the earliest stamps; "jittered-sampling" gives the stamps.
+    "late-stamps" and "none" give the even clock, or a clock along the earliest stamps if the
+    sampling is not even. "jittered-sampling" gives the stamps.
     """
     clock = _even_clock(rows, max_gap)
     samples, pieces, period, late = clock.samples, clock.pieces, clock.period, clock.late
@@ -151,8 +152,7 @@ def reconstructed_time_base(
             sorted({*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}),
             rows.stamps.size,
         )
-        # a sampling whose errors add up has no even clock to be counted by: then the steps
-        # themselves tell
+        # sampling with cumulative errors has no even clock, so the steps show missing samples
         steps = sum(
             int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
             for p in pieces
@@ -170,17 +170,21 @@ def reconstructed_time_base(
     repairs = _repairs(instants, pieces, rows.starts, lost)
     if clock.wanders:
         instants = np.maximum.accumulate(instants) + 1e-9 * period * samples
-        detail = "the sampling itself slows and quickens: its clock follows the earliest stamps"
+        detail = "the sampling rate varies: the clock follows the earliest stamps"
         repairs = (Repair("clock-followed", len(pieces), detail), *repairs)
     return TimeBase(instants, tuple(pieces), period, repairs)
 
 
 @dataclass(frozen=True)
 class _EvenClock:
-    """samples: which one each row is; late: lateness of each stamp on an even clock of this period
-    (s); wanders: there is no even clock, since the sampling itself slows and quickens. Then the
-    period is the mean one, and missing samples are not counted, since a longer step does not show
-    them."""
+    """Even clock behind the stamps.
+
+    samples   sample index of each row
+    late      delay of each stamp relative to an even clock of this period, s
+    wanders   whether the sampling rate varies, so that there is no even clock; the period is then
+              the mean one, and missing samples are not counted, because a longer step does not
+              show them
+    """
 
     samples: IntArray
     pieces: list[slice]
@@ -190,9 +194,9 @@ class _EvenClock:
 
 
 def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
-    """The even clock behind the stamps, over pieces between longer gaps."""
+    """Even clock behind the stamps, over pieces between longer gaps."""
     period = rough_period(rows)
-    # what counts as a gap depends on the period, and the period on the pieces between gaps
+    # gaps depend on the period, and the period on the pieces between gaps
     for _ in range(2):
         limit = GAP_PERIODS * period if max_gap is None else max_gap
         samples = np.concatenate([count_samples(rows.stamps[p], period) for p in rows.pieces()])
@@ -202,7 +206,7 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     late = np.concatenate(
         [rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)]
     )
-    # a host that is late catches up; a sampling that slows down does not
+    # a late host returns to the even clock; sampling at a lower rate does not
     wander = max(float(np.ptp(_earliest(late[p], _follow_rows(rows, p)))) for p in split)
     if wander <= MOST_WANDER * period:
         return _EvenClock(samples, split, period, late)
@@ -218,13 +222,13 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
 
 
 def _follow_rows(rows: Rows, piece: slice) -> int:
-    """Rows over which a late stamp is caught up."""
+    """Number of rows after which late stamps have returned to the clock."""
     runs = np.diff(np.flatnonzero(np.diff(rows.stamps[piece]) > 0.0), prepend=-1)
     return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
 
 
 def _earliest(late: FloatArray, window: int) -> FloatArray:
-    """The lateness (s) of the earliest stamps around each row."""
+    """Delay (s) of the earliest stamps around each row."""
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
     window = min(window, late.size)
@@ -239,7 +243,7 @@ def _by_signals(
     late: FloatArray,
     numbers: dict[str, float],
 ) -> StampDiagnosis:
-    """The verdict of the moving signals; where none moves, none is given."""
+    """Diagnosis by the moving signals; undecided if no signal moves."""
     heard = [
         w
         for name, values in signals.items()
@@ -247,16 +251,16 @@ def _by_signals(
     ]
     skew = numbers["skewness"]
     low, high = np.quantile(late, [0.01, 0.99])
-    tail = ": late only, as a waiting host writes them" if skew > 1.0 else ""
+    tail = ": only late, as from a busy host" if skew > 1.0 else ""
     shape = (
-        f"they stray from an even clock of {_time(period)} by {_time(low)} to {_time(high)} (1 % "
+        f"they deviate from an even clock of {_time(period)} by {_time(low)} to {_time(high)} (1 % "
         f"to 99 %, skewness {skew:.1f}{tail})"
     )
     if not heard:
-        why = f"{shape}; no signal moves enough to tell late stamps from jittered sampling"
+        why = f"{shape}; no signal moves enough to separate late stamps from jittered sampling"
         return StampDiagnosis("undecided", None, why, period, numbers)
-    # by inverse variances, none of them believed to better than 0.02. Signals of one log share its
-    # disturbances: together they are not taken for surer than the surest of them.
+    # weights are inverse variances, with a floor of 0.02 on the error. Signals of one log share its
+    # disturbances, so their mean is not more certain than the most certain of them.
     weights = np.array([1.0 / max(w.error, 0.02) ** 2 for w in heard])
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
     error = float(max(1.0 / math.sqrt(weights.sum()), min(w.error for w in heard)))
@@ -274,14 +278,14 @@ def _by_signals(
     scale = "(0: late stamps on even sampling, 1: jittered sampling)"
     if error <= COEFFICIENT_ERROR and abs(coefficient) <= CLEAR:
         why = (
-            f"{shape}, and the signals do not follow that: {correlations} {scale}; read by the "
-            f"stamps, {best.signal} is {1.0 / best.ratio:.1f} times rougher than read evenly"
+            f"{shape}, and the signals do not follow that: {correlations} {scale}; at the stamps "
+            f"{best.signal} is {1.0 / best.ratio:.1f} times rougher than at even instants"
         )
         return StampDiagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
     if error <= COEFFICIENT_ERROR and abs(coefficient - 1.0) <= CLEAR:
         why = (
-            f"{shape}, and the signals follow that: {correlations} {scale}; read evenly, "
-            f"{best.signal} is {best.ratio:.1f} times rougher than read by the stamps"
+            f"{shape}, and the signals follow that: {correlations} {scale}; at even instants "
+            f"{best.signal} is {best.ratio:.1f} times rougher than at the stamps"
         )
         return StampDiagnosis(
             "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
@@ -363,7 +367,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         )
         for x in (rough, due)
     )
-    if not (bottom.sum() > bottom).all():  # one part is all there is: nothing says how sure it is
+    if not (bottom.sum() > bottom).all():  # a single part gives no standard error
         return None
     # delete-one jackknife: variance (n - 1)/n sum((c_without_i - mean)^2)
     coefficient = top.sum() / bottom.sum()
@@ -376,8 +380,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
 
 
 def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
-    """The time (s) of which all stamps are whole multiples, 0.0 if there is none that would
-    matter."""
+    """Time (s) of which all stamps are whole multiples; 0.0 if there is none that matters."""
     positive = steps[steps > rounding]
     if not positive.size:
         return 0.0
@@ -423,7 +426,7 @@ def _skewness(values: FloatArray) -> float:
 
 
 def _time(seconds: float) -> str:
-    """A short time as people read it."""
+    """A short time with a suitable unit."""
     for factor, name in ((1.0, "s"), (1e3, "ms")):
         if abs(seconds) * factor >= 1.0:
             return f"{seconds * factor:.4g} {name}"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import mae
 from pamid.recording.recording import Recording
 from pamid.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
-from pamid.report.arm_paper_figure import Swung, coupling_picture
+from pamid.report.arm_paper_figure import JointSwing, coupling_picture
 from pamid.rigs.two_link import JOINTS, TwoLink
 from pamid.schemas import paper_files as result
 from pamid.symbolic.vocabulary import ZERO, Expr
@@ -64,7 +64,7 @@ def stretches(r: Recording) -> list[PulsedStretch]:
 
 def coupling_json(
     pulse_record: Taken, runs: dict[str, Array]
-) -> tuple[tuple[result.ArmCoupling, ...], list[Swung]]:
+) -> tuple[tuple[result.ArmCoupling, ...], list[JointSwing]]:
     """The figures of the coupling in a recording with pulses, and what to draw of them.
 
     runs: whole free runs (samples x VARIABLES, SI) of the data sheet, the fitted model and the
@@ -93,7 +93,7 @@ def coupling_json(
         before, after = (round(s / r.sampling_period_s) for s in SHOWN_S)
         seen = slice(max(middle - before, 0), middle + after)
         drawn.append(
-            Swung(
+            JointSwing(
                 f"angle {stretch.moved} [deg]\npulse on joint {stretch.pulsed}",
                 r.time[seen],
                 measured[seen],
@@ -104,7 +104,7 @@ def coupling_json(
     return tuple(couplings), drawn
 
 
-def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[Swung]) -> bytes:
+def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwing]) -> bytes:
     """PNG of the largest deflection at each joint; its title says how far, and what explains it."""
 
     def each(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Added-variable plots: what the refitted model leaves, over what an effect adds to it."""
+"""Added-variable plots: the residual of the refitted model over the contribution of an effect."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def added_leaders(run: RunData) -> list[AddedVariable]:
 
 
 def usable_plots(run: RunData) -> list[AddedVariable]:
-    """The plots of a run that hold two points or more."""
+    """Plots of a run with two points or more."""
     plots = run.added.plots if run.added is not None else ()
     return [
         plot for plot in plots if len(plot.added) == len(plot.residual) >= 2 and any(plot.added)
@@ -65,8 +65,8 @@ def usable_plots(run: RunData) -> list[AddedVariable]:
 
 
 def added_drawing(run: RunData) -> Drawing | None:
-    """Points and a line per leading candidate: residual over what the candidate adds, in the unit
-    of the channel."""
+    """Points and a line per leading candidate: residual over the contribution of the candidate, in
+    the unit of the channel."""
     leaders = added_leaders(run)
     if not leaders or run.diagnosis is None:
         return None
@@ -101,18 +101,18 @@ def added_panels(run: RunData) -> Markup:
             tag("figcaption", prose(drawing.title)),
             tag("div", Markup(page_svg(drawing)), role="img", aria_label=drawing.title),
             class_="added-panel",
-            id=added_place(one.effect),
+            id=added_place(plot.effect),
             tabindex="-1",
         )
-        for one in alone
-        for drawing in [single_drawing(one, run.diagnosis)]
+        for plot in alone
+        for drawing in [single_drawing(plot, run.diagnosis)]
     ]
     hint = tag("p", "Choose a row of the ranking to see its added-variable plot.", class_="note")
     return tag("div", hint, figures, class_="added-panels") if figures else Markup("")
 
 
 def added_places(run: RunData) -> dict[str, str]:
-    """Where the plot of each candidate stands on the page, by effect."""
+    """Place of each candidate's plot on the page, by effect."""
     return {
         usable_plot.effect: added_place(usable_plot.effect)
         for usable_plot in usable_plots(run)
@@ -125,7 +125,7 @@ def added_place(effect: str) -> str:
 
 
 def card_svg(run: RunData) -> str:
-    """The plot of the leading candidate for a notebook, its ink that of what it stands on."""
+    """Plot of the leading candidate for a notebook, in the text colour of its surroundings."""
     leaders = added_leaders(run)
     if not leaders or run.diagnosis is None:
         return ""

@@ -1,7 +1,7 @@
 """A motion as an animated GIF: the arm above, its gaps with a moving cursor below.
 
-What stands still is drawn once; per frame only what moves is drawn over it. All frames share one
-palette, so that the file stays small.
+The still parts are drawn once; per frame only the moving parts are drawn over them. All frames
+share one palette, so that the file stays small.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def gif_of(
     count = motion.time.size
     if count > MOST_FRAMES:
         raise DataError(
-            f"{count} frames are too many for a GIF; {MOST_FRAMES} is the most.",
-            "Show a shorter stretch (--from, --to) or a faster one (--speed).",
+            f"{count} frames are too many for a GIF; the limit is {MOST_FRAMES}.",
+            "Show a shorter part (--from, --to) or a faster one (--speed).",
             code="frames",
         )
     with matplotlib.style.context(
@@ -236,7 +236,8 @@ def _still(stage: Stage) -> Any:
 
 
 def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
-    """The artists that move; returns what draws one frame over the still picture."""
+    """Create the moving artists, and return a function that draws one frame over the still
+    picture."""
     best = list(motion.lines)[-1]
     tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
     trails = {

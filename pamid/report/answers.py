@@ -62,13 +62,13 @@ class AnswerText:
 
 
 def where_answer(run: RunData) -> AnswerText:
-    """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band,
-    windows."""
+    """Answer to where the gap lies: port, inseparable ports and a sensor that separates them,
+    regimes, band and windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
-        return AnswerText("Nowhere: no gap is left to place.")
+        return AnswerText("Nowhere: there is no gap.")
     if diagnosis.remark:
         return AnswerText("Undetermined.")
     where = diagnosis.where
@@ -100,7 +100,7 @@ def where_answer(run: RunData) -> AnswerText:
 def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
-    alike = sorted(where.not_told_from(where.port))
+    alike = sorted(where.inseparable_from(where.port))
     # the form of an effect separates ports that the sensors alone cannot
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         ports = dict.fromkeys(formatting.port_label(cause.port) for cause in diagnosis.causes)
@@ -159,7 +159,7 @@ def _regime(regime: Regime) -> str:
 
 
 def which_answer(run: RunData) -> AnswerText:
-    """Which effect causes it, what looks like it, and the runner-up."""
+    """Cause of the gap, similar effects, and the runner-up."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return AnswerText("Not diagnosed yet.", (DIAGNOSE_HINT,))
@@ -173,7 +173,7 @@ def which_answer(run: RunData) -> AnswerText:
     }
     lead, details = leads[diagnosis.verdict](diagnosis)
     details += _refits(diagnosis)
-    return AnswerText(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
+    return AnswerText(lead, (*details, *_confidence_set(diagnosis), _confidence(diagnosis)))
 
 
 def _refits(diagnosis: DiagnosisFile) -> list[str]:
@@ -220,8 +220,7 @@ def _with_chance(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> st
 
 
 def _removed(diagnosis: DiagnosisFile) -> list[str]:
-    """The share of the gap that every cause removes, and how they share what they remove
-    together."""
+    """Share of the gap that every cause removes, and the parts of the causes in the sum."""
     several = len(diagnosis.causes) > 1
     company = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
     if diagnosis.verdict == "ambiguous":
@@ -240,12 +239,12 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
             f"{effect_label(cause.effect)} accounts for {percent(cause.share)}"
             for cause in diagnosis.causes
         ]
-        details.append(f"Of what they remove one by one, {formatting.join(shares)}.")
+        details.append(f"Of the sum of their shares, {formatting.join(shares)}.")
     return details
 
 
 def _sizes(diagnosis: DiagnosisFile) -> list[str]:
-    """The causes' own parameters with their intervals."""
+    """Parameters of the causes with their intervals."""
     texts = []
     for cause in diagnosis.causes:
         for name, parameter in cause.parameters.items():
@@ -272,11 +271,11 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    one, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
+    unknown, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
     lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
-    if one is None:
+    if unknown is None:
         return lead, []
-    texts = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
+    texts = (*_free_forms(unknown), *nature_texts(unknown), *formula_texts(unknown))
     return lead, [text for text in texts if text]
 
 
@@ -298,16 +297,16 @@ def _free_forms(unknown: Unknown) -> list[str]:
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    return "No effect is needed beyond retuned parameters and the background.", []
+    return "No effect is needed beyond refitted parameters and the tolerances.", []
 
 
 def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     return "Undetermined.", []
 
 
-def _beside(diagnosis: DiagnosisFile) -> list[str]:
-    """The confidence set where it is too large to be named; the ranking and its tooltips hold the
-    other candidates."""
+def _confidence_set(diagnosis: DiagnosisFile) -> list[str]:
+    """The confidence set, if it is too large for the lead; the ranking shows the other
+    candidates."""
     details = []
     if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
         names = formatting.join(map(effect_label, diagnosis.tied))
@@ -343,7 +342,7 @@ def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
         for value, name in steps
         if value is not None
     ]
-    return formatting.join(texts) or "not told"
+    return formatting.join(texts) or "unknown"
 
 
 def _cause_label(run: RunData) -> str:
@@ -351,7 +350,7 @@ def _cause_label(run: RunData) -> str:
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
-    """The noise floor, and what it means for the best model so far."""
+    """Noise floor, compared with the error of the best model."""
     best = row.with_cause if row.with_cause is not None else row.refitted
     texts = []
     if row.noise_floor is not None:
@@ -413,7 +412,7 @@ def left_answer(run: RunData) -> AnswerText | None:
     at = f", at the {formatting.port_label(rest.port)} port" if rest.port else ""
     part = percent(max(rest.share, 0.0)) if caused and rest.share is not None else "all"
     lead = f"{part} of the gap{at}." if rest.real else "No material part of the gap."
-    size = set_figures(verdict_words.size_of(rest, beside=caused))
+    size = set_figures(verdict_words.size_of(rest, with_causes=caused))
     amount = set_figures(verdict_words.amount_of(rest))
     details = [sentence(f"remaining: {size}") if size else "", sentence(amount) if amount else ""]
     if caused and (term := missing_term(diagnosis)) is not None:
@@ -435,7 +434,7 @@ def next_answer(run: RunData) -> AnswerText:
         )
     experiment = run.diagnosis.next_experiment
     if experiment is None:
-        none = "The diagnosis asks for no further experiment."
+        none = "The diagnosis recommends no further experiment."
         return AnswerText(formatting.clean(run.diagnosis.withheld) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
     details = [
@@ -445,10 +444,14 @@ def next_answer(run: RunData) -> AnswerText:
         *(sentence(formatting.clean(text)) for text in experiment.cautions),
     ]
     # no file elsewhere is vouched for
-    own = [name for name in experiment.files if name == Path(name).name]
-    if own:
-        verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
-        files = formatting.join(f"`{formatting.clean(name)}`" for name in own)
+    local_files = [name for name in experiment.files if name == Path(name).name]
+    if local_files:
+        verb = (
+            "Its excitation is"
+            if len(local_files) == 1
+            else "Its excitations, one for each run, are"
+        )
+        files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [
         formatting.join(
@@ -484,7 +487,7 @@ def _expected(experiment: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
-    """A line to copy: names of the run are single words of it, whatever they hold."""
+    """A command line to copy; names of the run are quoted as single words."""
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
     files = [

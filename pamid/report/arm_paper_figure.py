@@ -56,7 +56,7 @@ def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -
 
 
 @dataclass(frozen=True, eq=False)
-class Swung:
+class JointSwing:
     """An angle (samples,), deg, at a joint whose valves stay shut, over time_s (samples,)."""
 
     label: str
@@ -66,7 +66,7 @@ class Swung:
     without_coupling: Array
 
 
-def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
+def coupling_picture(title: str, swings: Sequence[JointSwing]) -> Picture:
     """One panel per joint that is swung by pulses on the other one."""
     lines = (
         ("measured", "measured", "noise_floor", 2.6, "-"),
@@ -85,7 +85,12 @@ def coupling_picture(title: str, swings: Sequence[Swung]) -> Picture:
 
 
 def _against_time(
-    axes: Axes, time_s: Array, shown: Panel | Swung, lines: Sequence[Line], *, thin: bool = False
+    axes: Axes,
+    time_s: Array,
+    shown: Panel | JointSwing,
+    lines: Sequence[Line],
+    *,
+    thin: bool = False,
 ) -> None:
     """The lines of a panel; thin: the measured one."""
     for part, word, role, width, style in lines:

@@ -66,8 +66,8 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """An arrow between two points; both: with a head at either end; broad: stands for many;
-    corners: points at which it turns, on its way below what stands between."""
+    """An arrow between two points. both: with a head at either end; broad: for many arrows;
+    corners: points at which it turns below a block in its way."""
 
     begin: tuple[float, float]
     end: tuple[float, float]
@@ -88,16 +88,15 @@ class Diagram:
 
 
 def columns_of(rig: RigMap) -> dict[str, list[str]]:
-    """Kind -> groups of ports that stand in its column, in the rig's order; a group of several
-    kinds stands where its last one does, except that what reads stands with the sensors only if
-    all of it reads."""
+    """Kind -> groups of ports in its column, in the rig's order. A group of several kinds is in the
+    last of their columns; it is with the sensors only if all its ports are readings."""
     order = list(STAGES)
     kinds: dict[str, list[str]] = {}
     for port in rig.ports:
         kinds.setdefault(port.group or port.port, []).append(port.kind)
     columns: dict[str, list[str]] = {kind: [] for kind in order}
-    for group, own in kinds.items():
-        known = [kind for kind in own if kind in order]
+    for group, group_kinds in kinds.items():
+        known = [kind for kind in group_kinds if kind in order]
         acting = [kind for kind in known if kind != "reading"]
         if known:
             columns[max(acting or known, key=order.index)].append(group)
@@ -127,7 +126,7 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
     direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
     drawn = (
-        {_stepped(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
+        {_with_bypass(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
         | back
         | (level - one_way)
     )
@@ -143,11 +142,11 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     return sorted(links, key=lambda item: (rank[item[0]], rank[item[1]]))
 
 
-def _stepped(
+def _with_bypass(
     a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
 ) -> tuple[str, str]:
-    """A force that reaches a moving part through what stands behind it (a muscle, its chain, the
-    joint) is drawn to the part, which is joined to what stands behind it in both ways."""
+    """Arrows of a force that reaches a moving part through further blocks (a muscle, its chain, the
+    joint): one to the part, and one in both directions between the part and these blocks."""
     for begin, end in sorted(mutual):
         if begin == b and stage[a] < stage[end] < stage[b]:
             return a, end
@@ -157,9 +156,9 @@ def _stepped(
 def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
     seen, waiting = {begin}, [begin]
     while waiting:
-        here = waiting.pop()
+        group = waiting.pop()
         for a, b in links:
-            if a == here and b not in seen:
+            if a == group and b not in seen:
                 if b == end:
                     return True
                 seen.add(b)
@@ -167,11 +166,11 @@ def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
     return False
 
 
-def gathered(
+def merged_columns(
     columns: dict[str, list[str]], texts: dict[str, BlockText]
 ) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
-    """Columns of more than `MOST_IN_COLUMN` blocks, with those in which nothing is taken
-    together."""
+    """Columns in which blocks without effects are joined, if there are more than
+    `MOST_IN_COLUMN`."""
     texts, merged = dict(texts), {}
     for kind, groups in columns.items():
         quiet = [g for g in groups if texts[g].weight < 0.005 and not texts[g].named]
@@ -189,8 +188,8 @@ def gathered(
 
 
 def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
-    """Columns side by side."""
-    columns, texts = gathered(columns_of(rig), texts)
+    """Columns next to each other."""
+    columns, texts = merged_columns(columns_of(rig), texts)
     count = max(1, len(columns))
     gap = GAP_X if count > _FEW else 2.0 * GAP_X
     each = min(_MOST_WIDE, max(_LEAST_WIDE, (wide - gap * (count - 1)) / count))
@@ -211,8 +210,8 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
 
 
 def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
-    """Columns below each other, two blocks beside each other, one arrow between them."""
-    columns, texts = gathered(columns_of(rig), texts)
+    """Columns below each other, with two blocks per row and one arrow between columns."""
+    columns, texts = merged_columns(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
     led = {(a, b): both for a, b, both in links_of(rig, columns_of(rig))}
@@ -234,7 +233,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
 
 
 def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
-    """Between two blocks of one column that stand side by side, where one leads to the other."""
+    """Arrow between two adjacent blocks of one column, if they are connected."""
     links = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall
@@ -250,10 +249,10 @@ def _stack_height(boxes: Sequence[Box]) -> float:
 
 
 def _box(name: str, text: BlockText, wide: float) -> Box:
-    lines = [(one, "title") for one in _wrapped(text.title, wide, _EM_BOLD)]
+    lines = [(line, "title") for line in _wrapped(text.title, wide, _EM_BOLD)]
     for words, style in text.lines:
         lines += [
-            (one, style) for one in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
+            (line, style) for line in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
         ]
     tall = 2.0 * PAD + LINE * len(lines)
     return Box(
@@ -301,11 +300,11 @@ def _wide_links(
 def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> list[Link]:
     return [
         Link(
-            (placed[here[0]].x + placed[here[0]].wide + 3.0, middle),
+            (placed[column[0]].x + placed[column[0]].wide + 3.0, middle),
             (placed[there[0]].x - 3.0, middle),
             broad=True,
         )
-        for here, there in zip(columns, columns[1:], strict=False)
+        for column, there in zip(columns, columns[1:], strict=False)
     ]
 
 
@@ -323,8 +322,8 @@ def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
 
 
 def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
-    """From side to side; below what stands between, where that is in the way; aside: links that
-    pass below already, each on a line of its own."""
+    """Arrow from side to side, below a block in its way. aside: arrows that already pass below,
+    each on a separate line."""
     if a.x == b.x:
         return _within_column(a, b, both, boxes)
     way = 1.0 if a.x < b.x else -1.0

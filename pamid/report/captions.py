@@ -67,7 +67,7 @@ def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
 
 
 def _together(diagnosis: DiagnosisFile) -> bool:
-    """Is there a model that has all the causes, which the figures are of?"""
+    """Whether one model has all the causes, so that the figures belong to it."""
     return bool(diagnosis.causes) and diagnosis.verdict != "ambiguous"
 
 
@@ -86,7 +86,7 @@ def over_channels(diagnosis: DiagnosisFile) -> str:
 
 
 def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
-    """The best candidate of a family that is neither named nor tied; else the best that is no
+    """The best candidate of a family that is neither named nor tied; else the best that is not a
     cause."""
     named = {cause.effect for cause in diagnosis.causes}
     families = {cause.family for cause in diagnosis.causes}
@@ -121,7 +121,7 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def set_figures(text: str) -> str:
-    """One line in which no number is parted from its sign, nor from the P before it."""
+    """One line without a line break between a number and its sign, or the P before it."""
     clean = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
     return clean.replace("(P ", f"(P{formatting.SPACE}")
 
@@ -167,23 +167,23 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
 def _changes(diagnosis: DiagnosisFile, row: ChannelErrors) -> str:
     """Verb phrase for the reduction of the error, in the number of the causes."""
     grows = (row.with_cause or 0.0) > (row.refitted or 0.0)
-    one = len(diagnosis.causes) == 1
-    verb = ("raise" if grows else "take") + ("s" if one else "")
-    return verb if one else f"together {verb}"
+    single = len(diagnosis.causes) == 1
+    verb = ("raise" if grows else "take") + ("s" if single else "")
+    return verb if single else f"together {verb}"
 
 
 def ports_title(where: Where) -> str:
     """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
     names another port."""
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
-    named = [one for one in ordered if one[0] == where.port]
+    named = [entry for entry in ordered if entry[0] == where.port]
     if named and named[0][1] < ordered[0][1]:
         return (
             f"{percent(ordered[0][1])} of the gap might enter at the "
             f"{formatting.port_label(ordered[0][0])} port; the verdict names the "
             f"{formatting.port_label(where.port)} port, with {percent(named[0][1])}"
         )
-    ordered = named + [one for one in ordered if one[0] != where.port]
+    ordered = named + [entry for entry in ordered if entry[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
     tail = (
         f", {percent(others[0][1])} at the {formatting.port_label(others[0][0])} port"
@@ -202,7 +202,7 @@ def sensor_label(name: str) -> str:
 
 
 def split_labels(sensor: Sensor) -> list[str]:
-    """The groups of ports that a sensor would take apart: ["muscle and joint"]."""
+    """Groups of ports that a sensor would separate: ["muscle and joint"]."""
     return [formatting.join(map(formatting.port_label, group)) for group in sensor.splits]
 
 
@@ -286,7 +286,7 @@ def added_words(plot: AddedVariable) -> str:
 
 
 def slope_text(plot: AddedVariable) -> str:
-    """The slope with half its 95 % interval; in words where the interval holds zero."""
+    """Slope with half its 95 % interval, and a remark if the interval contains zero."""
     half = 0.5 * (plot.high - plot.low)
     text = f"slope {formatting.short(plot.slope, 2)} ± {formatting.short(half, 1)}"
     return f"{text} (may be 0)" if plot.low <= 0.0 <= plot.high else text
@@ -401,18 +401,18 @@ def error_signal_title(
 
 
 def pulls_title(pulls: dict[str, float]) -> str:
-    """Whether the background stays within its tolerances."""
+    """Whether the tolerance terms stay within their limits."""
     name, largest = max(pulls.items(), key=lambda item: abs(item[1]))
     worst = f"{formatting.port_label(name)} with {formatting.short(largest, 2)}"
     beyond = sum(abs(pull) > 2.0 for pull in pulls.values())
     if beyond:
-        many = "correction lies" if beyond == 1 else "corrections lie"
-        return f"{beyond} background {many} beyond twice the tolerance, the farthest {worst}"
-    return f"The background stays within twice its tolerance; the largest pull is {worst}"
+        many = "term lies" if beyond == 1 else "terms lie"
+        return f"{beyond} tolerance {many} beyond twice the limit, the farthest {worst}"
+    return f"The tolerance terms stay within twice their limits; the largest is {worst}"
 
 
 def training_title(trace: dict[str, FloatArray], network: NetworkFile | None) -> str:
-    """Where the training ended, and how many parameters it uses."""
+    """End of the training, and number of parameters in use."""
     iteration = formatting.count(float(trace["iteration"][-1]))
     text = f"Training ends at iteration {iteration} with an MSE of "
     text += formatting.short(float(trace["mse"][-1]))
@@ -430,7 +430,7 @@ def training_title(trace: dict[str, FloatArray], network: NetworkFile | None) ->
 def timeline_title(
     channel: str, run: RunData, recording: int, curves: dict[str, tuple[FloatArray, FloatArray]]
 ) -> str:
-    """How unevenly the error lies in time."""
+    """Concentration of the error in time."""
     error = curves["refitted"][1]
     error = error[np.isfinite(error)]
     order = np.sort(error)[::-1]

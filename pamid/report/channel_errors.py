@@ -1,4 +1,4 @@
-"""The errors of a run in one row per channel, from whichever of its files knows them, and the
+"""The errors of a run in one row per channel, from any of its files that has them, and the
 headline channel."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _AGREE = 0.02  # two files that agree on an MAE within this share are not worth 
 
 @dataclass(frozen=True)
 class ChannelErrors:
-    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of
+    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None if no file of
     the run states it."""
 
     channel: str
@@ -57,8 +57,8 @@ class WorstWindow:
 
 
 def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
-    """One row per channel. The diagnosis goes before the fit, so that the columns it has share one
-    set of windows."""
+    """One row per channel. The diagnosis takes precedence over the fit, so that all its columns
+    belong to one set of windows."""
     fitted = run.fit.mae if run.fit is not None else {}
     reached = run.diagnosis.how_far if run.diagnosis is not None else {}
     names = list(run.fit.channels) if run.fit is not None else []
@@ -164,7 +164,7 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
 
 
 def whole_recording(residual: Residual, channel: str, recording: int) -> WorstWindow | None:
-    """The whole of a recording with the MAE of the free runs; None where there is none of the
+    """The whole of a recording with the MAE of the free runs; None if there is none of the
     refitted model, as of an earlier version or where it became unstable."""
     rows = np.flatnonzero(residual.columns["recording"] == recording)
     if not rows.size:

@@ -17,7 +17,7 @@ _DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
 def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Lines over the held-out windows: the loss of the reference and of the confidence set [noise
     floors] of the first step that has one."""
-    step = next((one for one in diagnosis.comparison if one.tied), None)
+    step = next((candidate for candidate in diagnosis.comparison if candidate.tied), None)
     if step is None or len(step.reference_losses) < 2:
         return None
     shown = step.tied[:MOST_CURVES]
@@ -58,8 +58,8 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 
 
 def _title(step: ComparisonStep) -> str:
-    """The finding: in how many windows the first of the set has the smaller error, and with what
-    it ties."""
+    """Title: number of windows in which the first model of the set has the smaller error, and the
+    models tied with it."""
     first = step.tied[0]
     fewer = sum(a < b for a, b in zip(first.losses, step.reference_losses, strict=True))
     text = (

@@ -1,5 +1,4 @@
-"""Runs side by side: what each found, their parameters, their errors, and what changed in the data
-and in how they were run."""
+"""Comparison of runs: results, parameters, errors, and differences in data and settings."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ _OPTIONS = {"effects": "effects of one's own", "without": "effects left out (--w
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run beside others: name, what it holds, its errors."""
+    """One of the compared runs: name, content and errors."""
 
     name: str
     run: RunData
@@ -49,7 +48,7 @@ def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
     FileError as of a report."""
     if not 2 <= len(folders) <= MOST_COMPARED:
         raise UsageError(
-            f"--compare puts 2 to {MOST_COMPARED} runs side by side; {len(folders)} were named.",
+            f"--compare needs 2 to {MOST_COMPARED} runs, but {len(folders)} were given.",
             "pamid report --compare RUN1 RUN2",
         )
     names = _names(folders)
@@ -60,7 +59,7 @@ def compared_runs(folders: Sequence[Path]) -> tuple[ComparedRun, ...]:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The last part of each path, as many as it takes to tell them apart."""
+    """The last parts of each path, as many as needed to distinguish them."""
     parts = [folder.resolve().parts for folder in folders]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(part[-count:]) for part in parts]
@@ -79,7 +78,7 @@ def comparison_document(runs: Sequence[ComparedRun]) -> Document:
         else "The same data, run in the same way."
     )
     sections: list[tuple[str, tuple[Block, ...]]] = [
-        ("What was found", (_found(runs),)),
+        ("What was found", (_result_rows(runs),)),
         ("Errors", _errors(runs)),
         ("Parameters", _parameters(runs)),
         ("What changed", (_data(runs), notes(differs))),
@@ -131,12 +130,12 @@ def _heads(runs: Sequence[ComparedRun], *first: str, last: str = "") -> list[str
     return [*first, *(run.name for run in runs), *([last] if last else [])]
 
 
-def _found(runs: Sequence[ComparedRun]) -> Table:
+def _result_rows(runs: Sequence[ComparedRun]) -> Table:
     columns: dict[str, Callable[[ComparedRun], str]] = {
         "verdict": lambda item: item.run.diagnosis.verdict if item.run.diagnosis else "fit only",
         "causes": _causes,
         "port": _port,
-        "share of the gap left": _left,
+        "share of the gap left": _remainder_text,
         "do next": _next,
     }
     return table(
@@ -168,7 +167,7 @@ def _port(compared_run: ComparedRun) -> str:
     return formatting.port_label(where.port) if where is not None else ""
 
 
-def _left(compared_run: ComparedRun) -> str:
+def _remainder_text(compared_run: ComparedRun) -> str:
     rest = compared_run.run.diagnosis.remainder if compared_run.run.diagnosis is not None else None
     if rest is None:
         return ""
@@ -244,7 +243,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Block, ...]:
 
 
 def _agreement(known: Sequence[Interval]) -> TableCell:
-    """Do all intervals overlap?"""
+    """Whether all intervals overlap."""
     if len(known) < 2:
         return TableCell("in one run only")
     lows = [name.low for name in known if name.low is not None]
@@ -261,7 +260,7 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
     step = compared_run.run.steps[0]
     recordings = compared_run.run.fit.recordings if compared_run.run.fit is not None else ()
     options = {
-        _OPTIONS.get(key, f"option {formatting.clean(key)}"): _told(value)
+        _OPTIONS.get(key, f"option {formatting.clean(key)}"): _option_text(value)
         for key, value in step.options.items()
         if key != "rig"
     }
@@ -276,10 +275,10 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
     }
 
 
-def _told(value: object) -> str:
-    """An option as people say it: a list by its members, nothing as a dash."""
+def _option_text(value: object) -> str:
+    """An option as text: a list by its members, an empty value as a dash."""
     if isinstance(value, list | tuple):
-        return ", ".join(formatting.clean(str(one)) for one in value)
+        return ", ".join(formatting.clean(str(item)) for item in value)
     return "" if value is None else formatting.clean(str(value))
 
 
@@ -288,7 +287,7 @@ def _sum(recordings: Sequence[RecordingUsed]) -> str:
 
 
 def changes_of(runs: Sequence[ComparedRun]) -> list[str]:
-    """The facts in which the runs differ, by what they are called."""
+    """Names of the settings and data in which the runs differ."""
     facts = [_facts(run) for run in runs]
     names = list(dict.fromkeys(name for each in facts for name in each))
     return [name for name in names if len({each.get(name, "") for each in facts}) > 1]

@@ -1,4 +1,5 @@
-"""Which fitted parameters cannot be told apart: their correlations as a heat map."""
+"""Correlations of the fitted parameters as a heat map, which show parameters that cannot be
+separated."""
 
 from __future__ import annotations
 
@@ -91,8 +92,8 @@ def correlation_title(names: list[str], correlations: FloatArray) -> str:
 
 
 def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
-    """Names of the rig's own parameters and their correlations (n, n); empty where the covariance
-    does not fit its names."""
+    """Names of the rig's parameters and their correlations (n, n); empty if the covariance does not
+    fit its names."""
     size = len(posterior.keys)
     if [len(row) for row in posterior.covariance] != list(range(1, size + 1)):
         return [], np.zeros((0, 0))
@@ -101,19 +102,22 @@ def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
         lower[k, : k + 1] = row
     whole = lower + np.tril(lower, -1).T
     spread = np.sqrt(np.maximum(np.diag(whole), 0.0))
-    own = [
+    indices = [
         k
         for k, name in enumerate(posterior.keys)
         if not name.startswith(_BACKGROUND) and spread[k] > 0.0
     ]
-    if len(own) < 2:
+    if len(indices) < 2:
         return [], np.zeros((0, 0))
     correlations = (whole / np.where(spread > 0.0, spread, 1.0)).T / np.where(
         spread > 0.0, spread, 1.0
     )
-    correlations = np.clip(correlations[np.ix_(own, own)], -1.0, 1.0)
-    if len(own) > _MOST:
-        strength = np.sort(np.abs(correlations - np.eye(len(own))), axis=1)[:, -1]
+    correlations = np.clip(correlations[np.ix_(indices, indices)], -1.0, 1.0)
+    if len(indices) > _MOST:
+        strength = np.sort(np.abs(correlations - np.eye(len(indices))), axis=1)[:, -1]
         strongest = sorted(np.argsort(-strength, kind="stable")[:_MOST].tolist())
-        own, correlations = [own[k] for k in strongest], correlations[np.ix_(strongest, strongest)]
-    return [posterior.keys[k] for k in own], correlations
+        indices, correlations = (
+            [indices[k] for k in strongest],
+            correlations[np.ix_(strongest, strongest)],
+        )
+    return [posterior.keys[k] for k in indices], correlations

@@ -21,7 +21,7 @@ _ID_WORDS = 6  # of a heading in its id
 
 @dataclass(frozen=True)
 class Heading:
-    """level: 2 to 4; question: what an answer's heading answers, shown above it."""
+    """A heading of level 2 to 4; question: the question of an answer, shown above it."""
 
     kind: ClassVar[str] = "heading"
     text: str
@@ -65,8 +65,8 @@ class Table:
     numeric: frozenset[int] = frozenset()
     fixed: bool = False
 
-    def again(self, row: int, column: int) -> bool:
-        """Does this cell, with all to its left, say what stands above it already?"""
+    def repeats_above(self, row: int, column: int) -> bool:
+        """Whether this cell, with all cells to its left, repeats the row above."""
         return (
             row > 0
             and column not in self.numeric
@@ -82,7 +82,7 @@ class FigureBlock:
 
 @dataclass(frozen=True)
 class Image:
-    """A PNG that the run has already drawn."""
+    """A PNG in the run folder."""
 
     kind: ClassVar[str] = "image"
     name: str
@@ -94,7 +94,7 @@ class Image:
 
 @dataclass(frozen=True)
 class Equation:
-    """math: MathML; code: shown as it stands, where an equation is too long to be set."""
+    """An equation in MathML (math), or as plain text (code) if it is too long."""
 
     kind: ClassVar[str] = "equation"
     title: str
@@ -105,7 +105,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Details:
-    """Folded until the reader opens it; open on paper."""
+    """Content that is folded until the reader opens it; on paper it is open."""
 
     kind: ClassVar[str] = "details"
     summary: str
@@ -148,8 +148,8 @@ Block = (
 
 @dataclass(frozen=True)
 class AnswerCard:
-    """An answer at a glance, above the fold. lead: the answer; lines: what else stands there;
-    place: the heading that it leads to; quiet: nothing was found."""
+    """A short answer at the top of the page. lead: the answer; lines: details; place: linked
+    heading; quiet: there is no finding."""
 
     question: str
     lead: str
@@ -160,8 +160,8 @@ class AnswerCard:
 
 @dataclass(frozen=True)
 class Document:
-    """title: of the browser's tab; cards: the answers side by side; todo:
-    one line, what to do next; scripts, styles: of ours, that the interactive blocks need."""
+    """A page. title: of the browser's tab; cards: the short answers; todo: the next step in one
+    line; scripts, styles: of pamid, for the interactive blocks."""
 
     title: str
     subtitle: str
@@ -177,15 +177,15 @@ class Document:
     def contents(self) -> tuple[tuple[int, str, str], ...]:
         """(level, text, place) of every heading of level 2 and 3, in their order."""
         return tuple(
-            (2, one.title, one.place)
-            if isinstance(one, Interactive)
-            else (one.level, one.question or one.text, place_of(one))
-            for one in _listed(self.blocks)
+            (2, block.title, block.place)
+            if isinstance(block, Interactive)
+            else (block.level, block.question or block.text, place_of(block))
+            for block in _listed(self.blocks)
         )
 
 
 def place_of(heading: Heading) -> str:
-    """The id of a heading: what it answers or says, in small letters and hyphens."""
+    """Id of a heading: its question or text, in lower case with hyphens."""
     words = re.findall(r"[a-z0-9]+", (heading.question or heading.text).lower())
     return "-".join(words[:_ID_WORDS]) or "section"
 

@@ -53,7 +53,7 @@ _LONGEST_PLAIN = 700
 
 
 class _NamedSignals:
-    """Signals as names; what a rig offers as a function becomes a call of that name."""
+    """Signals as names; a function of the rig becomes a call of that name."""
 
     def __init__(
         self,
@@ -93,9 +93,9 @@ class _Symbols:
 
 
 @dataclass(frozen=True)
-class Acting:
-    """An effect at a port: what it makes of the value (letter, what that is), the rates of its
-    states; names: parameter -> its name outside."""
+class ActingEffect:
+    """An effect at a port: letter and meaning of the value, the rates of its states, and names:
+    parameter -> its name outside."""
 
     effect: Effect
     letter: str
@@ -105,7 +105,7 @@ class Acting:
     names: Mapping[str, str]
 
 
-def acting(rig: str, label: str) -> Acting | None:
+def acting(rig: str, label: str) -> ActingEffect | None:
     """The effect of this label on a rig of the catalogue; None for rigs and effects from users'
     files, which are code that a report does not run."""
     try:
@@ -117,7 +117,7 @@ def acting(rig: str, label: str) -> Acting | None:
         return None
 
 
-def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> Acting:
+def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> ActingEffect:
     offered = frozenset(port.signals) | {"time", "period"}
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
     at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
@@ -125,13 +125,13 @@ def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> 
     change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = change if isinstance(change, tuple) else (change, {})
     names = {name: b.name for name, b in bounds.items()}
-    return Acting(
+    return ActingEffect(
         effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
     )
 
 
 def cause_equations(run: RunData) -> tuple[Equation, ...]:
-    """The equations of the causes, or the formula of what is missing where there is none."""
+    """Equations of the causes, or the formula of the missing term without a cause."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return ()
@@ -141,7 +141,7 @@ def cause_equations(run: RunData) -> tuple[Equation, ...]:
 
 
 def remainder_equations(run: RunData) -> tuple[Equation, ...]:
-    """The formula of what is missing beside the causes."""
+    """Formula of the missing term, in addition to the causes."""
     term = missing_term(run.diagnosis) if run.diagnosis and run.diagnosis.causes else None
     return _unknown_equation(term) if term is not None and term.formula else ()
 
@@ -152,9 +152,9 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
         return ()
     equations = []
     for label in run.fit.effects:
-        own = {
-            name.removeprefix(f"{label}:"): one
-            for name, one in run.fit.parameters.items()
+        parameters = {
+            name.removeprefix(f"{label}:"): parameter
+            for name, parameter in run.fit.parameters.items()
             if name.startswith(f"{label}:")
         }
         equations.append(
@@ -167,7 +167,7 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
                     or_at=(),
                     instead=(),
                     figures={},
-                    parameters=own,
+                    parameters=parameters,
                     probability=None,
                     removes=None,
                     share=None,
@@ -213,7 +213,7 @@ def _title(cause: Cause) -> str:
     return f"The equation of {effect_label(cause.effect)}{at}{values}"
 
 
-def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
+def _rows(act: ActingEffect, typeset: Typeset) -> list[list[Markup]]:
     after = tag("mrow", name(act.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(act.value))]]
     for state, rate in act.rates.items():
@@ -224,7 +224,7 @@ def _rows(act: Acting, typeset: Typeset) -> list[list[Markup]]:
     return rows
 
 
-def _plain(act: Acting, values: Mapping[str, Estimate]) -> str:
+def _plain(act: ActingEffect, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
     shown = {
         key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
@@ -242,7 +242,7 @@ def _plain(act: Acting, values: Mapping[str, Estimate]) -> str:
     )
 
 
-def _shown(act: Acting, values: Mapping[str, Estimate]) -> Any:
+def _shown(act: ActingEffect, values: Mapping[str, Estimate]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Markup:
@@ -256,7 +256,7 @@ def _shown(act: Acting, values: Mapping[str, Estimate]) -> Any:
     return shown
 
 
-def _legend(act: Acting, typeset: Typeset) -> Iterator[str]:
+def _legend(act: ActingEffect, typeset: Typeset) -> Iterator[str]:
     """Meanings of the letters and the functions."""
     letter = act.letter
     yield (

@@ -26,9 +26,9 @@ _ERROR_KINDS = {"refitted": "refitted", "cause": "with cause"}
 
 @dataclass(frozen=True)
 class ErrorOverSignal:
-    """Scored samples: a signal (n,) in its unit; errors by model, measured less modelled, in the
-    channel's unit; share: of the variance of the refitted error, what lies between parts of the
-    signal beyond chance. A signal and an error that both drift agree by chance."""
+    """Scored samples: a signal (n,) in its unit, errors by model (measured less modelled) in the
+    channel's unit, and the share of the variance of the refitted error between parts of the signal,
+    beyond chance. A signal and an error that both drift agree by chance."""
 
     signal: str
     unit: str
@@ -50,7 +50,7 @@ class ErrorOverSignal:
 
 def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | None:
     """The error of a channel over the measured or sent signal, or the rate of a measured one, that
-    explains most of its variance; None where no sample is scored."""
+    explains most of its variance; None if no sample is scored."""
     scored = _scored(residual, channel)
     if scored.sum() < 2:
         return None
@@ -73,7 +73,7 @@ def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | Non
 
 
 def _scored(residual: Residual, channel: str) -> NDArray[np.bool_]:
-    """Rows that are scored, of what was held out where there are any."""
+    """Scored rows; only held-out ones, if there are any."""
     columns, refitted = residual.columns, residual.of(channel, "refitted")
     if refitted is None or channel not in columns:
         return np.zeros(columns["window"].size, bool)
@@ -85,10 +85,10 @@ def _scored(residual: Residual, channel: str) -> NDArray[np.bool_]:
 def _along(residual: Residual, name: str) -> FloatArray:
     """A signal at every row, a rate along each whole recording; nan where it is not known."""
     values = np.full(residual.columns["time_s"].size, np.nan)
-    for one in stretches_of(residual, values.size):
-        signal = signal_along(residual, name, one.rows)
+    for stretch in stretches_of(residual, values.size):
+        signal = signal_along(residual, name, stretch.rows)
         if signal is not None:
-            values[one.rows] = signal
+            values[stretch.rows] = signal
     return values
 
 

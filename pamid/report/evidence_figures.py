@@ -183,8 +183,8 @@ def _curve(
     bins = max(_BINS // len(parts), 1)
     pieces = [_binned(time[rows], error[rows], bins) for rows in parts]
     gap = np.array([np.nan])
-    times = [piece for one, _ in pieces for piece in (one, one[-1:])]
-    errors = [piece for _, one in pieces for piece in (one, gap)]
+    times = [piece for moments, _ in pieces for piece in (moments, moments[-1:])]
+    errors = [piece for _, values in pieces for piece in (values, gap)]
     return np.concatenate(times[:-1]), np.concatenate(errors[:-1])
 
 
@@ -200,5 +200,5 @@ def pulls_of(run: RunData) -> dict[str, float]:
     """The background corrections of the diagnosis, else those of the fit."""
     diagnosis: DiagnosisFile | None = run.diagnosis
     if diagnosis is not None and diagnosis.background:
-        return {name: one.pull for name, one in diagnosis.background.items()}
-    return {k: one.pull for k, one in run.fit.background.items()} if run.fit is not None else {}
+        return {name: term.pull for name, term in diagnosis.background.items()}
+    return {k: term.pull for k, term in run.fit.background.items()} if run.fit is not None else {}

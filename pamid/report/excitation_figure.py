@@ -1,5 +1,5 @@
-"""The picture of an excitation: what is sent, which amplitudes, frequencies and changes it covers,
-and which not."""
+"""Picture of an excitation: its columns, and the amplitudes, frequencies and changes that it covers
+or misses."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ DASHED = (0, (4, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """A column to draw: samples (n,) while it is excited, what they cover, the band asked for and
+class ExcitedColumn:
+    """A column to draw: samples (n,) of its excited part, their coverage, the requested band and
     the rate limit."""
 
     column: str
@@ -47,16 +47,16 @@ class Shown:
 
     @property
     def reach(self) -> str:
-        """Where its power lies; what is slower than a spectrum of such a length tells apart counts
-        as covered."""
+        """Band with its power; frequencies below the resolution of the spectrum count as
+        covered."""
         low, high = self.covers.band_20db_hz
         lowest = spectrum(self.samples, self.period_s)[0][0]
         return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"
 
 
-def richness_picture(shown: Sequence[Shown]) -> Picture:
+def richness_picture(shown: Sequence[ExcitedColumn]) -> Picture:
     """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the
-    title says what the column that covers least covers, and what it cannot show."""
+    title is about the column with the least coverage."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
@@ -75,7 +75,7 @@ def richness_picture(shown: Sequence[Shown]) -> Picture:
     return render(Drawing("richness", finding(shown), draw, 4.6 * len(shown), 8.6 * len(shown)))
 
 
-def finding(shown: Sequence[Shown]) -> str:
+def finding(shown: Sequence[ExcitedColumn]) -> str:
     """Coverage of the column that covers least, and its first blind spot."""
     poorest = max(shown, key=lambda item: len(item.covers.blind_spots()))
     least = "" if len(shown) == 1 else "Least covered: "
@@ -85,7 +85,7 @@ def finding(shown: Sequence[Shown]) -> str:
     )
 
 
-def _signal(axes: Axes, shown: Shown) -> None:
+def _signal(axes: Axes, shown: ExcitedColumn) -> None:
     """The signal as it is held, or so much of its beginning that changes can be distinguished."""
     changes, count = shown.covers.changes, len(shown.samples)
     if changes is not None and changes.pace_hz.size > 2 * MOST_CHANGES:
@@ -110,7 +110,7 @@ def _signal(axes: Axes, shown: Shown) -> None:
     grid(axes, "y")
 
 
-def _levels(axes: Axes, shown: Shown) -> None:
+def _levels(axes: Axes, shown: ExcitedColumn) -> None:
     edges = np.linspace(shown.covers.low, shown.covers.high, BINS + 1)
     axes.bar(
         edges[:-1],
@@ -128,7 +128,7 @@ def _levels(axes: Axes, shown: Shown) -> None:
     axes.set_ylabel("share of time [%]")
 
 
-def _power(axes: Axes, shown: Shown) -> None:
+def _power(axes: Axes, shown: ExcitedColumn) -> None:
     frequency, power = spectrum(shown.samples, shown.period_s)
     axes.axvspan(*shown.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
     axes.semilogx(
@@ -149,7 +149,7 @@ def _power(axes: Axes, shown: Shown) -> None:
     grid(axes, "y")
 
 
-def _changes(axes: Axes, shown: Shown) -> None:
+def _changes(axes: Axes, shown: ExcitedColumn) -> None:
     changes = shown.covers.changes
     axes.set_xlabel("pace 1/(2 time) [Hz]")
     axes.set_ylabel("size of change [% of range]")

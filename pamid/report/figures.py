@@ -70,7 +70,7 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     if where is None or not where.ports:
         return None
     shares = _large_shares(where)
-    alike = where.not_told_from(where.port)
+    alike = where.inseparable_from(where.port)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
@@ -223,9 +223,9 @@ def ranking_drawing(
 ) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
     first. places: by effect, the figure of the page that its row leads to."""
-    shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][
-        :MOST_CANDIDATES
-    ]
+    shown = [
+        candidate for candidate in candidate_order(diagnosis) if candidate.shrinkage is not None
+    ][:MOST_CANDIDATES]
     if not shown:
         return None
     named = {cause.effect for cause in diagnosis.causes}
@@ -299,8 +299,10 @@ def ranking_drawing(
         for row, entry in enumerate(shown)
         for part in ("name", "line", "point")
     ]
-    tips = tuple((part, candidate_tip(one, diagnosis)) for part, one in parts)
-    leads = tuple((part, places[one.effect]) for part, one in parts if one.effect in places)
+    tips = tuple((part, candidate_tip(candidate, diagnosis)) for part, candidate in parts)
+    leads = tuple(
+        (part, places[candidate.effect]) for part, candidate in parts if candidate.effect in places
+    )
     title = ranking_title(diagnosis)
     return Drawing("ranking", title, draw, height, height, tips=tips, leads=leads)
 
@@ -403,9 +405,9 @@ def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing 
 
 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
-    """The shares from the largest; three or more that round to nothing stand in one row."""
+    """Shares from the largest on; three or more that round to zero share one row."""
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
-    large = [one for one in ordered if abs(one[1]) >= _NOTHING or one[0] == where.port]
+    large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
     small = len(ordered) - len(large)
     if small < 3:
         return ordered
@@ -419,7 +421,7 @@ def _large_shares(where: Where) -> list[tuple[str, float]]:
 
 
 def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> str:
-    """A model beside its bar or in a legend; a cause that would be cut off goes by that word."""
+    """Label of a model at its bar or in a legend; too long a cause is called "cause"."""
     name = model_label(field, diagnosis)
     if field == "with_cause" and len(name) > (_LONG_NARROW if narrow else _LONG):
         name = MODEL_NAMES[field]
@@ -493,7 +495,7 @@ def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
 
 
 def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
-    """Names beside rows 0, 1, ... from the top."""
+    """Names next to the rows 0, 1, ... from the top."""
     lines = ["\n".join(label(line, longest) for line in name.split("\n")) for name in names]
     axes.set_yticks(range(len(names)), lines)
     axes.set_ylim(len(names) - 0.4, -0.6)

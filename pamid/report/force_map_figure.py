@@ -1,5 +1,5 @@
-"""The picture of a measured force map: its points over the curves of two laws, and what each is off
-by."""
+"""Picture of a measured force map: its points over the curves of two laws, and the errors of
+both."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def force_map_picture(
         for (above, below), side in zip(axes.T, sides, strict=True):
             for pressure, curve in zip(levels, side.curves, strict=True):
                 above.plot(steps, curve, color=colours(shades(pressure)), linewidth=1.1)
-            for one, values in ((above, force_n), (below, side.errors)):
-                one.scatter(
+            for panel, values in ((above, force_n), (below, side.errors)):
+                panel.scatter(
                     contraction,
                     values,
                     s=9.0,
@@ -65,7 +65,7 @@ def force_map_picture(
                     linewidths=0.3,
                     zorder=3,
                 )
-                grid(one, "y")
+                grid(panel, "y")
             below.axhline(0.0, color=colour("ink"), linewidth=0.7)
             above.set_title(label(side.title), loc="left")
             below.set_xlabel("contraction [-]")

@@ -68,7 +68,7 @@ def channel_unit(name: str) -> str:
 
 
 def unit_label(symbol: str) -> str:
-    """ "kg m2" -> "kg m²"; "" where there is no unit."""
+    """ "kg m2" -> "kg m²"; "" if there is no unit."""
     symbol = clean(symbol)
     if symbol in ("", NONE):
         return ""
@@ -76,7 +76,7 @@ def unit_label(symbol: str) -> str:
 
 
 def axis_label(what: str, unit_text: str) -> str:
-    """ "angle", "deg" -> "angle [deg]"; a quantity without unit says so: "[-]"."""
+    """ "angle", "deg" -> "angle [deg]"; a quantity without unit gets "[-]"."""
     return f"{what} [{unit_text or '-'}]"
 
 
@@ -103,7 +103,7 @@ def superscript(exponent: int) -> str:
 
 
 def short(value: float | None, digits: int = 3) -> str:
-    """As `number`, without zeros at the end: for sentences and bars, where nothing stands in
+    """As `number`, without zeros at the end: for sentences and bars, where nothing is aligned in
     columns."""
     text = number(value, digits)
     head, times, power = text.partition(f"{SPACE}×")
@@ -115,14 +115,14 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     millionths: "0.405 µm"."""
     if value is None or not unit_text:
         return short(value, digits)
-    factor, unit_text = _told_in(unit_text, value)
+    factor, unit_text = _scaled_unit(unit_text, value)
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
 
 
 def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     """ "5.98 → 2.63 mm": the unit is that of the largest."""
     if values and unit_text:
-        factor, unit_text = _told_in(unit_text, *values)
+        factor, unit_text = _scaled_unit(unit_text, *values)
         values = [factor * value for value in values]
     text = between.join(short(value) for value in values)
     return f"{text}{SPACE}{unit_text}" if unit_text else text
@@ -131,20 +131,20 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
 def with_interval(
     value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
 ) -> str:
-    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval where it
-    has no width, as of what was read off."""
+    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval if it has
+    no width."""
     if low is not None and low == high:
         low = high = None
-    known = [one for one in (value, low, high) if one is not None]
+    known = [bound for bound in (value, low, high) if bound is not None]
     if not known or not unit_text:
         return short(value, digits) + interval_tail(span(low, high, "", digits))
-    factor, unit_text = _told_in(unit_text, *known)
-    middle, low, high = (None if one is None else factor * one for one in (value, low, high))
+    factor, unit_text = _scaled_unit(unit_text, *known)
+    middle, low, high = (None if bound is None else factor * bound for bound in (value, low, high))
     interval = span(low, high, unit_text, digits)
     return f"{with_unit_text(middle, unit_text, digits)}{interval_tail(interval)}"
 
 
-def _told_in(unit_text: str, *values: float) -> tuple[float, str]:
+def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
     """Factor and unit for display: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))
     if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
@@ -163,8 +163,10 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
     if low is None and high is None:
         return DASH
-    factor, unit_text = _told_in(unit_text, *(one for one in (low, high) if one is not None))
-    low, high = (None if one is None else factor * one for one in (low, high))
+    factor, unit_text = _scaled_unit(
+        unit_text, *(bound for bound in (low, high) if bound is not None)
+    )
+    low, high = (None if bound is None else factor * bound for bound in (low, high))
     tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None:
         return f"below {short(high, digits)}{tail}"
@@ -185,7 +187,7 @@ def chance(probability: float | None) -> str:
 
 
 def interval_tail(interval: str) -> str:
-    """ " (95 % interval 74 to 82 %)"; "" where there is none."""
+    """ " (95 % interval 74 to 82 %)"; "" if there is none."""
     return "" if interval == DASH else f" ({INTERVAL} {interval})"
 
 
@@ -214,7 +216,7 @@ def join(parts: Iterable[str], last: str = "and") -> str:
 
 
 def not_converged(what: str, why: str) -> str:
-    """ "the fit did not converge: iterations used up", as every page and picture says it."""
+    """ "the fit did not converge: iterations used up", the wording of all pages and pictures."""
     return f"{what} did not converge: {clean(why) or 'no reason given'}"
 
 

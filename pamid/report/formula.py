@@ -1,4 +1,4 @@
-"""The formula of an unknown effect, which diagnosis.json holds as text, as MathML.
+"""Formula of an unknown effect from diagnosis.json as MathML.
 
 formula  = [name [unit] =] sum          term   = factor ("*" factor | "/" factor | factor)*
 sum      = ["+" | "-"] term (("+" | "-") term)*      factor = atom ["^" number]
@@ -26,7 +26,7 @@ _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class FormulaError(ValueError):
-    """The text is no formula."""
+    """The text is not a formula."""
 
 
 def formula_html(text: str) -> Markup:
@@ -117,7 +117,7 @@ class _Reader:
                 return term
 
     def _begins(self) -> bool:
-        """Can what comes next begin another factor, with no sign between?"""
+        """Whether the next token can begin another factor without a sign between."""
         kind, text = self._peek()
         return kind in ("number", "name", "size") or text == "(" or (text == "|" and not self._bars)
 

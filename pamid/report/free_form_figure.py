@@ -13,7 +13,7 @@ from pamid.schemas.diagnosis_file import DiagnosisFile
 
 
 def free_form_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
-    """Line with its 95 % band: what the first free form takes off, or adds, over its signal."""
+    """Nonparametric curve of the first family over its signal, with the 95 % band."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     curve = forms[0].curve if forms else None
     if curve is None or not curve.x:

@@ -1,4 +1,4 @@
-"""The three answers at a glance: a card each, and one line that says what to do next."""
+"""The three answers at a glance: a card each, and one line with the next step."""
 
 from __future__ import annotations
 
@@ -41,22 +41,24 @@ def cards_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> tuple[AnswerCard,
 
 
 def todo_of(run: RunData) -> str:
-    """One line: what to do next."""
+    """The next step, in one line."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return "Ask for the cause: `pamid diagnose` on the same recordings."
+        return "Find the cause: `pamid diagnose` on the same recordings."
     if diagnosis.remark:
-        return "Check the recordings and their units first; no verdict means anything before."
+        return "First check the recordings and their units; before that no verdict is valid."
     if any(OF_THE_LOG in note for note in diagnosis.notes):
         return (
-            "Set the order of the log's rows right, as the notes say, and diagnose again before "
+            "Correct the order of the log's rows, as in the notes, and diagnose again before "
             "you measure more."
         )
     experiment = diagnosis.next_experiment
     if experiment is None and diagnosis.withheld:
-        return "Hold the rig by a loop and record again: without one each experiment leads too far."
+        return (
+            "Record again in closed loop: in open loop every experiment leaves the recorded range."
+        )
     if experiment is None:
-        return "Nothing more needs to be measured for this answer."
+        return "This answer needs no further measurement."
     text = f"run the experiment “{effect_label(experiment.name)}”"
     if experiment.minutes is not None:
         text += f" ({set_spaces(minutes_text(experiment.minutes))} at the rig)"
@@ -78,7 +80,7 @@ def _where_card(diagnosis: DiagnosisFile) -> AnswerCard:
     if diagnosis.remark:
         return AnswerCard("Where", "Undetermined", ("Check the recordings first.",), "where", True)
     if diagnosis.verdict == "no-structural-gap":
-        return AnswerCard("Where", "Nowhere", ("No gap is left to place.",), "where", True)
+        return AnswerCard("Where", "Nowhere", ("There is no gap.",), "where", True)
     if where is None or not (where.port or where.ports):
         return AnswerCard("Where", "Undetermined", ("The diagnosis names no port.",), "where", True)
     shares = {item.port: item.share for item in where.ports}
@@ -122,7 +124,7 @@ def _alike(diagnosis: DiagnosisFile) -> list[str]:
         return []
     if diagnosis.causes and diagnosis.verdict != "ambiguous":
         return sorted({port for cause in diagnosis.causes for port in cause.or_at})
-    return sorted(where.not_told_from(where.port))
+    return sorted(where.inseparable_from(where.port))
 
 
 # ---- which ---------------------------------------------------------------------------------------
@@ -135,7 +137,7 @@ def _which_card(diagnosis: DiagnosisFile, plots: Sequence[AddedVariable]) -> Ans
     if diagnosis.verdict == "cannot-tell":
         return AnswerCard("Which", "Undetermined", _best_guess(diagnosis), "which", True)
     if diagnosis.verdict == "no-structural-gap":
-        lines = ("Retuned parameters and ordinary tolerances suffice.",)
+        lines = ("Refitted parameters and ordinary tolerances suffice.",)
         return AnswerCard("Which", "No effect", lines, "which", True)
     if diagnosis.verdict == "unknown-effect" or not diagnosis.causes:
         families = verdict_words.free_families(diagnosis, SPELLING)
@@ -214,7 +216,7 @@ def _how_far_card(diagnosis: DiagnosisFile | None, rows: tuple[ChannelErrors, ..
     if row is None:
         return AnswerCard("How far", "Not scored", (), "how-far", True)
     unit_text, what = channel_unit(row.channel), channel_label(row.channel)
-    steps = [one for one in (row.refitted, row.with_cause) if one is not None]
+    steps = [error for error in (row.refitted, row.with_cause) if error is not None]
     if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
         steps = [row.data_sheet, row.refitted]
     lead = formatting.in_one_unit(steps, unit_text, " → ")
@@ -234,6 +236,6 @@ def _left_line(diagnosis: DiagnosisFile | None) -> list[str]:
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return []
-    size = set_figures(verdict_words.size_of(rest, beside=bool(diagnosis.causes)))
+    size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
     at = f", at the {port_label(rest.port)}" if rest.port else ""
     return [f"remaining: {size}{at}"]

@@ -61,11 +61,11 @@ def _refitted(residual: Residual, channel: str) -> FloatArray:
     return values
 
 
-def _judged(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
-    """Windows as (stretch, first, last), of the held-out ones only if there are any."""
+def _scored_windows(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
+    """Windows as (stretch, first, last); only held-out ones, if there are any."""
     every = [(stretch, *window) for stretch in stretches for window in stretch.windows]
     held_out = any(window[3] for window in every)
-    return [(one, first, last) for one, first, last, held in every if held == held_out]
+    return [(part, first, last) for part, first, last, held in every if held == held_out]
 
 
 def _worst(
@@ -73,19 +73,19 @@ def _worst(
 ) -> list[Highlight]:
     """The windows in which the refitted model is off most, worst first."""
     scored = [
-        (float(np.nanmean(error[one.rows[first : last + 1]])), one, first, last)
-        for one, first, last in _judged(stretches)
-        if np.isfinite(error[one.rows[first : last + 1]]).any()
+        (float(np.nanmean(error[stretch.rows[first : last + 1]])), stretch, first, last)
+        for stretch, first, last in _scored_windows(stretches)
+        if np.isfinite(error[stretch.rows[first : last + 1]]).any()
     ]
     time, places = residual.columns["time_s"], []
-    for size, one, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
-        begin, end = float(time[one.rows[first]]), float(time[one.rows[last]])
+    for size, stretch, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
+        begin, end = float(time[stretch.rows[first]]), float(time[stretch.rows[last]])
         off = formatting.with_unit_text(size, channel_unit(channel))
         label = (
-            f"{formatting.span(begin, end, 's', 4)}{run.recording_words(one.recording)}: "
+            f"{formatting.span(begin, end, 's', 4)}{run.recording_words(stretch.recording)}: "
             f"{channel_label(channel)} off by"
         )
-        places.append(Highlight("how far", f"{label} {off}", one.recording, begin, end))
+        places.append(Highlight("how far", f"{label} {off}", stretch.recording, begin, end))
     return places
 
 
@@ -117,7 +117,7 @@ def _named(
 def _regime(
     residual: Residual, error: FloatArray, stretches: Sequence[Stretch], regime: Regime
 ) -> Highlight | None:
-    """The window with most error within the regime; None where its signal does not stand in
+    """The window with most error within the regime; None if its signal does not stand in
     residual.csv."""
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
@@ -130,12 +130,12 @@ def _regime(
     counted = {number: np.where(mask, 1.0, 0.0) for number, mask in inside.items()}
     scored = [
         (
-            float(np.nansum((error[one.rows] * counted[one.recording])[first : last + 1])),
-            one,
+            float(np.nansum((error[part.rows] * counted[part.recording])[first : last + 1])),
+            part,
             first,
             last,
         )
-        for one, first, last in _judged(stretches)
+        for part, first, last in _scored_windows(stretches)
     ]
     if not scored:
         return None
@@ -183,7 +183,7 @@ def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> Floa
 
 
 def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Times between which the mask holds."""
+    """Intervals of time in which the mask is true."""
     return tuple(
         (float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True)
     )

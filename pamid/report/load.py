@@ -39,8 +39,8 @@ class Residual:
 
 @dataclass(frozen=True)
 class RunData:
-    """All that was found; None for what is not there. network: the one trained last; beside: those
-    of other channels."""
+    """Content of a run; None for missing parts. network: the last trained one; beside: those of
+    other channels."""
 
     steps: tuple[Step, ...]
     fit: FitFile | None
@@ -53,12 +53,12 @@ class RunData:
     added: AddedVariablesFile | None = None
 
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
-        """Errors with the networks of the run, by channel: those that correct the replayed model,
-        or those that correct the model in its own loop."""
+        """Errors with the networks of the run, by channel: networks that correct the replayed
+        model, or networks that correct the model in closed loop."""
         errors: dict[str, dict[str, float]] = {}
-        for one in (*self.beside, self.network):
-            if one is not None and one.in_loop == in_loop:
-                errors |= one.errors
+        for network in (*self.beside, self.network):
+            if network is not None and network.in_loop == in_loop:
+                errors |= network.errors
         return errors
 
     def network_on_causes(self, channel: str) -> bool:
@@ -68,7 +68,7 @@ class RunData:
 
     @property
     def rig(self) -> str:
-        """The rig's name, "" if no file says it."""
+        """Name of the rig, "" if no file states it."""
         if self.fit is not None:
             return self.fit.rig
         return self.named_rig
@@ -95,15 +95,14 @@ class RunData:
 
 
 def load_run(folder: Path) -> RunData:
-    """Read a run folder; FileError if it is none, holds no result, or one of its files is
-    damaged."""
+    """Read a run folder; FileError if it is not one, has no result, or has a damaged file."""
     Run.open(folder)
     fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
         hint = "`pamid fit` or `pamid diagnose` with --output writes one."
         raise FileError(
-            f"{folder} holds no result yet: neither fit.json nor diagnosis.json.",
+            f"{folder} has no result yet: neither fit.json nor diagnosis.json.",
             hint,
             code="no-result",
         )
@@ -146,8 +145,8 @@ def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> 
 def _in_loops(
     columns: dict[str, FloatArray], networks: Sequence[NetworkFile]
 ) -> dict[str, FloatArray]:
-    """The columns of residual.csv, those of networks that correct the model in its own loop as
-    "loop_network": they belong to another comparison."""
+    """Columns of residual.csv; those of networks that correct the model in closed loop are called
+    "loop_network", because they belong to another comparison."""
     for network in networks:
         if not network.in_loop:
             continue
@@ -178,7 +177,7 @@ def _beside(folder: Path) -> tuple[NetworkFile, ...]:
 
 
 def read_diagnosis(path: Path) -> DiagnosisFile | None:
-    """The diagnosis in a file; None if there is no such file, FileError where it is damaged."""
+    """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
     if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
         needed = f"a list with at least one effect, as the verdict is {diagnosis.verdict!r}"

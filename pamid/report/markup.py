@@ -46,8 +46,8 @@ def joined(parts: Iterable[Part]) -> Markup:
 
 
 def prose(text: str) -> Markup:
-    """A sentence; what stands in backticks is set as code, and compounds that a line break would
-    make hard to read are kept on one line."""
+    """A sentence as HTML: text in backticks becomes code, and some compounds are kept on one
+    line."""
     return Markup(
         _UNBROKEN.sub(r'<span class="k">\1</span>', _CODE_SPAN.sub(_code, str(escape(text))))
     )

@@ -92,8 +92,8 @@ def _whole(number: int) -> Markup:
 
 
 class Typeset:
-    """Sets expressions; `shown` says how each symbol looks. functions: those that were used, to be
-    explained."""
+    """Typesetter of expressions; `shown` is the notation of each symbol. functions: used ones, to
+    be explained."""
 
     def __init__(self, shown: Shown) -> None:
         self._shown, self.functions = shown, dict[str, None]()
@@ -135,8 +135,8 @@ class Typeset:
 
     def _product(self, node: Expr) -> tuple[Markup, int]:
         above, below = _factors(node)
-        factor = math.prod(one.value for one in above if one.op == "const")
-        rest = [one for one in above if one.op != "const"]
+        factor = math.prod(factor_node.value for factor_node in above if factor_node.op == "const")
+        rest = [factor_node for factor_node in above if factor_node.op != "const"]
         minus, factor = factor < 0.0, abs(factor)
         if (
             not below
@@ -155,7 +155,7 @@ class Typeset:
         )
 
     def _factors(self, factors: list[Expr]) -> Markup:
-        """Factors side by side, equal ones as powers."""
+        """Product of factors, with equal ones as powers."""
         parts: list[Part] = []
         for factor in dict.fromkeys(factors):
             body, level = self._set(factor)

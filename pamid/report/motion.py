@@ -83,19 +83,19 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
     """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of
     the run's name.
 
-    FileError where there is none, it is another one, or it has no pose.
+    FileError if there is none, it is another one, or it has no pose.
     """
     if named is None and run.rig not in rigs():
         raise FileError(
             f"The run is of the rig {run.rig!r}, which is not in the catalogue.",
-            "A rig file is code, run only when you name it yourself: add --rig FILE.",
+            "A rig file is code, which pamid runs only if you name it: add --rig FILE.",
             code="rig",
         )
     rig = rig_named(named) if named is not None else catalogue_rig(run.rig)
     if rig.name != run.rig:
         raise FileError(
             f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.",
-            "Name its own rig.",
+            "Give the rig of the run.",
             code="rig",
         )
     if type(rig).pose is Rig.pose:
@@ -114,11 +114,11 @@ def motion_of(
     """Poses every `step_s` of the recording whose held-out window is the worst: between two times
     [s], or without them over at most 12 s of the held-out part around that window.
 
-    DataError where the run does not hold what the pose needs or has nothing at these times.
+    DataError if the run does not hold what the pose needs or has nothing at these times.
     """
     if run.residual is None:
         raise DataError(
-            "The run has no residual.csv, so nothing moves.",
+            "The run has no residual.csv, so there is no motion to draw.",
             "`pamid fit` writes it.",
             code="no-residual",
         )
@@ -141,7 +141,7 @@ def motion_of(
     rows = rows[(clock >= first) & (clock <= last)]
     if not rows.size:
         raise DataError(
-            "The run holds no sample at these times.",
+            "The run has no sample at these times.",
             f"It has one at {clock[0]:g} s and one at {clock[-1]:g} s.",
             code="times",
         )
@@ -174,7 +174,7 @@ def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
     )
     if not outputs:
         raise DataError(
-            f"residual.csv holds no output of the rig {rig.name!r}.", REMEDY, code="no-output"
+            f"residual.csv has no output of the rig {rig.name!r}.", REMEDY, code="no-output"
         )
     _posed(rig, outputs, parameters)
     return [name for name in rig.outputs if name in outputs.read]
@@ -223,7 +223,7 @@ def _model_name(run: RunData, kind: str) -> str:
 
 
 class _Outputs(Mapping[str, FloatArray]):
-    """Outputs by name in SI, of what a run holds; `read` gathers those that a pose asked for."""
+    """Outputs by name in SI, from the columns of a run; `read` collects those that a pose used."""
 
     def __init__(self, rig: Rig, columns: Mapping[str, FloatArray]) -> None:
         self._rig, self._columns, self.read = rig, columns, set[str]()
@@ -233,7 +233,8 @@ class _Outputs(Mapping[str, FloatArray]):
             known = name in self._rig.outputs
             hint = "Record that channel." if known else nearest(name, list(self._rig.outputs))
             raise DataError(
-                f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run lacks.", hint
+                f"The pose of the rig {self._rig.name!r} needs {name!r}, which is not in the run.",
+                hint,
             )
         self.read.add(name)
         values: FloatArray = to_si(self._columns[name], split_column(name)[1])
@@ -271,7 +272,7 @@ def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, 
             raise FileError(
                 f"The pose of the rig {rig.name!r}: {name!r} has the shape {line.shape}, expected "
                 f"({size}, points, 2).",
-                "One row per sample, at least two points.",
+                "Return one row per sample and at least two points.",
                 code="rig",
             )
         if not np.isfinite(line).all():
@@ -292,7 +293,7 @@ def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, 
     ]
     if not complete:
         raise DataError(
-            "residual.csv holds no model of what the pose needs.", REMEDY, code="no-model"
+            "residual.csv has no model of the columns that the pose needs.", REMEDY, code="no-model"
         )
     return tuple(complete[-2:])
 
@@ -317,8 +318,8 @@ def _rows(
     begin: float | None,
     end: float | None,
 ) -> NDArray[np.intp]:
-    """Rows of the window's recording in order of time; of its held-out part where no times are
-    asked for."""
+    """Rows of the window's recording in order of time; only of its held-out part without given
+    times."""
     table = residual.columns
     usable = (table["recording"] == window.recording) & np.isfinite(table["time_s"])
     if begin is None and end is None:
@@ -335,7 +336,9 @@ def _span(
 ) -> tuple[float, float]:
     """First and last time shown; a nan is refused with all else that leaves nothing."""
     if clock.size < 2:
-        raise DataError("The run holds too little of what the pose needs.", REMEDY, code="times")
+        raise DataError(
+            "The run has too few of the columns that the pose needs.", REMEDY, code="times"
+        )
     first, last = float(clock[0]), float(clock[-1])
     if begin is None:
         middle = 0.5 * (window.start_s + window.end_s)
@@ -348,7 +351,7 @@ def _span(
     high = min(low + LONGEST_SHOWN_S if end is None else end, last)
     if not high - low >= step_s:
         raise DataError(
-            "The run holds nothing at these times.",
+            "The run has no samples at these times.",
             f"Its recording spans {first:g} to {last:g} s.",
             code="times",
         )

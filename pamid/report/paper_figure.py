@@ -1,5 +1,5 @@
-"""The pictures of the first paper: what every model leaves of the angle on the steps, at both
-inertias, and the paper's own figures: responses, pressures, training, excitation, force surface."""
+"""Pictures of the first paper: angle errors of every model on the steps, at both inertias, and the
+figures of the paper: responses, pressures, training, excitation, force surface."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def steps_picture(
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """The joint on the steps at one inertia: name of the case, and by word of the legend the angle
-    (samples,), deg, of the reference, what was measured, and of models."""
+    """The joint on the steps at one inertia: name of the case, and by legend entry the angle
+    (samples,), deg, of the reference, the measurement and the models."""
 
     case: str
     reference: Array
@@ -126,8 +126,8 @@ def pressures_picture(
 def training_picture(
     trace: Mapping[str, Array], published: Mapping[str, float], weights: int, title: str
 ) -> bytes:
-    """Figure 8 of the paper, and what its table I has: PNG of MSE, gradient, mu and gamma over the
-    iterations; published: where the paper's training ended, by name of the trace."""
+    """Figure 8 and table I of the paper: PNG of MSE, gradient, mu and gamma over the iterations;
+    published: end of the paper's training, by name of the trace."""
     panels = {
         "mse": "MSE of scaled signals",
         "gradient": "norm of the gradient",
@@ -184,17 +184,17 @@ def excitation_picture(
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, 1, sharey=True)
         near = (time_s >= closer_s[0]) & (time_s < closer_s[1])
-        for one, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
+        for panel, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
             for values, role, word in (
                 (reference, "data_sheet", "reference"),
                 (error, "with_cause", "error signal: measured - analytic model"),
             ):
-                one.plot(
+                panel.plot(
                     time_s[rows], values[rows], color=colour(role), linewidth=width, label=word
                 )
-            grid(one, "y")
-            one.set_ylabel("scaled [-]")
-            one.margins(x=0.01)
+            grid(panel, "y")
+            panel.set_ylabel("scaled [-]")
+            panel.margins(x=0.01)
         legend_above(axes[0], 2)
         axes[-1].set_xlabel("time [s]")
 
@@ -205,7 +205,7 @@ def force_surface_picture(
     contraction: Array, pressure_kpa: Array, force_n: Array, other_n: Array, title: str
 ) -> bytes:
     """Figure 2 of the paper: PNG of a force law over contraction and pressure, force_n
-    (contractions, pressures), N, below zero where it is slack; beside it its curves over those of
+    (contractions, pressures), N, below zero for a slack muscle, and its curves over those of
     another law, other_n."""
     colours = colormaps["viridis_r"].resampled(256)
 

@@ -31,7 +31,7 @@ def paper_document(
     rows: tuple[ChannelErrors, ...],
     pictures: dict[str, Picture],
 ) -> Document:
-    """The report of a paper; run: of the diagnosis that belongs to it, where there is one."""
+    """The report of a paper; run: of the diagnosis that belongs to it, if there is one."""
     stills = {still.name: still for still in paper.stills}
     answers: tuple[Block, ...] = ()
     if run is not None:

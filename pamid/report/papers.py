@@ -116,7 +116,7 @@ class Still:
 
 @dataclass(frozen=True)
 class PaperStory:
-    """lead: what came out, in a sentence."""
+    """A topic of a paper; lead: the result, in a sentence."""
 
     subtitle: str
     lead: str
@@ -126,7 +126,7 @@ class PaperStory:
 
 
 def read_paper(folder: Path) -> PaperStory | None:
-    """The reproduced paper in a folder; None where there is none, FileError where its file is
+    """The reproduced paper in a folder; None if there is none, FileError if its file is
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
@@ -146,11 +146,9 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
             with Image.open(io.BytesIO(png), formats=("PNG",)) as picture:
                 wide, tall = picture.size
         except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise FileError(f"{path} is no picture: {error}.", REMEDY, code="damaged") from None
+            raise FileError(f"{path} is not a picture: {error}.", REMEDY, code="damaged") from None
         if wide * tall > _MOST_PIXELS:
-            raise FileError(
-                f"{path} is too large a picture: {wide} x {tall}.", REMEDY, code="damaged"
-            )
+            raise FileError(f"{path} is too large: {wide} x {tall} pixels.", REMEDY, code="damaged")
         stills.append(Still(name, png, wide, tall))
     return tuple(stills)
 
@@ -161,8 +159,10 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
 def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> PaperStory:
     rows, cases = paper.rows, list(paper.rows[0].mae)
     training = [("", *_JOINT_TRAINING.values())]
-    for name, one in (("published", paper.published.training), ("here", paper.training)):
-        training.append((name, *(formatting.short(getattr(one, key)) for key in _JOINT_TRAINING)))
+    for name, training_row in (("published", paper.published.training), ("here", paper.training)):
+        training.append(
+            (name, *(formatting.short(getattr(training_row, key)) for key in _JOINT_TRAINING))
+        )
     sections = (
         Topic(
             "Errors on the steps",
@@ -310,11 +310,11 @@ def _coupling_topic(each: Sequence[ArmCoupling]) -> Topic:
     }
     body = [
         (
-            f"{channel_label(one.moved)}, joint {one.pulsed} pulsed",
-            number(one.swing_deg),
-            *(number(one.mae.get(key)) for key in columns),
+            f"{channel_label(coupling.moved)}, joint {coupling.pulsed} pulsed",
+            number(coupling.swing_deg),
+            *(number(coupling.mae.get(key)) for key in columns),
         )
-        for one in each
+        for coupling in each
     ]
     head = ("angle, deg", "moves by", *columns.values())
     words = (
@@ -337,10 +337,12 @@ def _arm_errors(
     title: str, variables: Mapping[str, ArmErrors], *, only: str = "", still: str = ""
 ) -> Topic:
     rows = [item for item in variables.items() if not only or item[1].unit == only]
-    models = [key for key in _ARM_MODELS if any(getattr(one, key) is not None for _, one in rows)]
+    models = [
+        key for key in _ARM_MODELS if any(getattr(errors, key) is not None for _, errors in rows)
+    ]
     body = [
-        (channel_label(name), one.unit, *(number(getattr(one, key)) for key in models))
-        for name, one in rows
+        (channel_label(name), errors.unit, *(number(getattr(errors, key)) for key in models))
+        for name, errors in rows
     ]
     return Topic(
         title,
@@ -354,7 +356,7 @@ def _arm_errors(
 def _known_rows(
     parameters: Mapping[str, ArmEstimate], columns: Mapping[str, str]
 ) -> tuple[tuple[str, ...], ...]:
-    """Values with their intervals, a star where the interval does not hold the truth."""
+    """Values with their intervals, and a star if the interval does not contain the true value."""
     body = []
     for name, parameter in parameters.items():
         cells = []

@@ -44,18 +44,18 @@ _PATIENCE_S = 300.0  # a page of all pictures takes a few seconds
 
 
 def installed_browser() -> str | None:
-    """Path of a browser that prints pages without a window; None where there is none."""
+    """Path of a browser that prints pages without a window; None if there is none."""
     on_path = (shutil.which(name) for name in _ON_PATH)
     elsewhere = (path for path in _ELSEWHERE if os.access(path, os.X_OK))
     return next(filter(None, (*on_path, *elsewhere)), None)
 
 
 def printed(html: bytes) -> bytes:
-    """The page `html` as a PDF on A4. FileError where no browser is installed, or it fails."""
+    """The page `html` as a PDF on A4. FileError if no browser is installed, or it fails."""
     browser = installed_browser()
     if browser is None:
         raise FileError(
-            "There is no browser that could print the page.",
+            "No browser for printing the page is installed.",
             "Install Chromium, Chrome or Edge, or open the page in any browser and print it there.",
             code="no-browser",
         )

@@ -41,8 +41,9 @@ def player_script() -> str:
 
 
 def player_html(run: RunData, rig: Rig | None = None) -> Markup:
-    """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose
-    needs. rig: the one that draws it, of whoever calls; then PamidError says why it cannot."""
+    """HTML of the figure; empty if the rig of the run is not in the catalogue, has no pose, or the
+    run has too few columns for it. rig: a rig given by the caller, for which PamidError states the
+    reason."""
     try:
         motion = motion_of(run, rig or rig_of_run(run), 1.0 / PLAYER_HZ)
     except PamidError as error:
@@ -80,13 +81,13 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
 
 
 def _widest(motion: Motion) -> int:
-    """The frame in which the models are farthest from what was measured."""
+    """Frame with the largest error of the models."""
     gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
     return int(np.argmax(np.max(gaps, axis=0)))
 
 
 def _class(motion: Motion, kind: str) -> str:
-    """measured, or the place of a model and the role its colour goes by."""
+    """Role of a line for its colour: measured, or the index of a model."""
     kinds = list(motion.lines)
     return (
         kind
@@ -217,8 +218,7 @@ def _strips(motion: Motion, still: int) -> Markup:
 
 
 def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> Markup:
-    """The curves of one channel between its least and its largest gap, which are written beside
-    it."""
+    """Curves of one channel, with the smallest and the largest gap as labels."""
     gaps = motion.gaps[channel]
     low = min(0.0, *(float(gap.min()) for gap in gaps.values()))
     high = max(0.0, *(float(gap.max()) for gap in gaps.values()))

@@ -19,8 +19,8 @@ MARKS = (2.0, 5.0, 10.0, 20.0, 50.0, PLAINEST)
 
 
 def power_drawing(power: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
-    """A row per effect (plainest first), a column per size; the colour is the error of the
-    refitted model over the noise floor, what does not show is left white."""
+    """A row per effect (most visible first), a column per size; the colour is the error of the
+    refitted model over the noise floor, and undetectable sizes are white."""
     shown = [e for e in effects if e.visible]
 
     def draw(figure: Figure, narrow: bool) -> None:

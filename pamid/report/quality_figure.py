@@ -1,5 +1,5 @@
-"""The picture of a recording's quality: every channel over time with the places of each finding,
-and beside it so few samples that noise and step can be seen."""
+"""Picture of a recording's quality: every channel over time with the places of each finding, and an
+enlarged part in which noise and quantisation are visible."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def card_figure(
     others: Sequence[str] = (),
 ) -> NotebookFigure:
     """The quality card; channels: step and noise per column
-    (`pamid.checks.recording_quality.channel_figures`); others: what is wrong besides the issues, as
-    a column that the rig needs."""
+    (`pamid.checks.recording_quality.channel_figures`); others: further faults, as a missing column
+    of the rig."""
     rows = _rows(recording, issues)
     lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)
     with settings("quality"):
@@ -201,7 +201,7 @@ def _close_up(axes: Axes, recording: Recording, name: str, channel: Mapping[str,
 
 
 def _drawable(recording: Recording, name: str) -> Array:
-    """A column within what axes can be laid out for."""
+    """A column clipped to the range that the axes support."""
     return np.clip(recording.columns[name], -HUGE, HUGE)
 
 

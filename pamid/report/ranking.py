@@ -1,5 +1,4 @@
-"""Every candidate that was refitted: its errors, its own parameters, and why it is not the
-answer."""
+"""Every refitted candidate: its errors, its parameters, and the reason against it."""
 
 from __future__ import annotations
 

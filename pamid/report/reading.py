@@ -1,4 +1,4 @@
-"""Reading the tables of a run with complaints that say which file, and what is wrong with it."""
+"""Reading the tables of a run, with errors that name the file and its fault."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
 
 def read_columns(path: Path) -> dict[str, FloatArray] | None:
-    """The columns of a numeric CSV by name, each (n,); None if there is no such file. A blank cell
-    reads as nan."""
+    """Columns of a numeric CSV by name, each (n,); None if there is no such file. A blank cell
+    becomes nan."""
     if not path.exists():
         return None
     try:
@@ -33,7 +33,7 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     if not body.strip():
         raise FileError(f"{path} has no rows.", REMEDY, code="damaged")
     if len(set(names)) != len(names) or not all(names):
-        raise FileError(f"{path}: every column needs a name of its own.", REMEDY, code="damaged")
+        raise FileError(f"{path}: the names of the columns must differ.", REMEDY, code="damaged")
     try:
         table = np.loadtxt(
             _BLANK_CELL.sub("nan", body).splitlines(), delimiter=",", ndmin=2, comments=None
@@ -41,11 +41,11 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     except ValueError as error:
         raise FileError(f"{path}, below the header: {error}.", REMEDY, code="damaged") from None
     if table.shape[1] != len(names):
-        message = f"{path}: {len(names)} names stand above {table.shape[1]} columns."
+        message = f"{path} has {len(names)} names for {table.shape[1]} columns."
         raise FileError(message, REMEDY, code="damaged")
     if (np.abs(table) > SQUARED).any():
         raise FileError(
-            f"{path} holds a number beyond {SQUARED:g}, which nothing shows.",
+            f"{path} has a number beyond {SQUARED:g}, too large to draw.",
             REMEDY,
             code="damaged",
         )

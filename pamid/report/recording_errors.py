@@ -31,8 +31,8 @@ ENDINGS = {
 
 
 def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
-    """The rows of a run, from the held-out part of its residual.csv; in closed loop as fit.json
-    has them, with the network's beside. None where it has no residual.csv."""
+    """Rows of a run, from the held-out part of its residual.csv; in closed loop those of fit.json
+    and of the network. None without residual.csv."""
     rows = tuple(_rows(run))
     if run.fit is None or run.fit.loops is None:
         return rows
@@ -71,10 +71,10 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
     for k in np.unique(columns["recording"][held]).astype(int).tolist():
         if not 0 <= k < len(fit.recordings):
             continue
-        one = fit.recordings[k]
-        own = held & (columns["recording"] == k)
+        recording = fit.recordings[k]
+        rows = held & (columns["recording"] == k)
         for comparison in ENDINGS:
-            scored = own & (columns["window"] >= 0) if comparison == REPLAYED else own
+            scored = rows & (columns["window"] >= 0) if comparison == REPLAYED else rows
             for channel in fit.channels:
                 measured = columns.get(channel)
                 if measured is None:
@@ -85,7 +85,7 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
                 still = comparison == IN_LOOP and not any(np.any(v) for v in models.values())
                 if models and seen.any() and not still:
                     yield recording_error(
-                        one.name, one.known, comparison, channel, measured[seen], models
+                        recording.name, recording.known, comparison, channel, measured[seen], models
                     )
 
 

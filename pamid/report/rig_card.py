@@ -1,5 +1,5 @@
-"""The rig's diagram for a notebook: one SVG that carries its own looks, takes its ink from what it
-stands on, light or dark, and leads nowhere."""
+"""Diagram of a rig for a notebook: one SVG with its style, which adopts the text colour of its
+surroundings and has no links."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SVG_STYLE = "max-width:56em;width:100%;height:auto;display:block;margin:.5em 0"
 
 
 def rig_svg(diagnosis: DiagnosisFile | None) -> str:
-    """The diagram as HTML; "" where the run does not say which ports its rig has."""
+    """The diagram as HTML; "" if the run does not say which ports its rig has."""
     if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
         return ""
     rig = diagnosis.rig

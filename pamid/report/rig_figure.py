@@ -36,7 +36,7 @@ BASE = 11.0  # from the top of a line to its letters' foot
 
 
 def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
-    """The diagram; None where the run does not say which ports its rig has."""
+    """The diagram; None if the run does not say which ports its rig has."""
     if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
         return None
     rig, texts = diagnosis.rig, block_texts(diagnosis, diagnosis.rig)
@@ -57,9 +57,9 @@ def bare_rig_drawing(rig: RigMap) -> Drawing:
     texts = {
         group: BlockText(
             formatting.port_label(group),
-            tuple((f"[{unit}]", "") for unit in dict.fromkeys(own) if unit),
+            tuple((f"[{unit}]", "") for unit in dict.fromkeys(symbols) if unit),
         )
-        for group, own in units.items()
+        for group, symbols in units.items()
     }
     return _drawing(
         _plain_title(rig),
@@ -130,7 +130,7 @@ def panels_html(diagnosis: DiagnosisFile) -> Markup:
 
 
 def anchor(group: str) -> str:
-    """The place on the page at which a group's evidence stands."""
+    """Place of a group's evidence on the page."""
     return "at-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in group)
 
 

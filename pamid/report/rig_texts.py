@@ -19,7 +19,7 @@ _MOST_TRIED = 4
 
 
 def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
-    """Group of ports -> what its block says."""
+    """Group of ports -> text of its block."""
     shares = _shares(diagnosis)
     unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
     blocks = {}
@@ -40,7 +40,7 @@ def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
 
 
 def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
-    """Shares of the gap by group; none where there is no gap to be shared out."""
+    """Shares of the gap by group; none without a gap."""
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return {}
     return {port.port: port.share for port in diagnosis.where.ports}
@@ -51,7 +51,7 @@ def _share_lines(share: float | None, unseen: bool, gap: bool) -> list[str]:
         return []
     if unseen and not share:
         return ["not seen"]
-    return [f"{percent(share)} of gap" if share is not None else "no share told"]
+    return [f"{percent(share)} of gap" if share is not None else "share unknown"]
 
 
 def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
@@ -61,7 +61,7 @@ def _pins(diagnosis: DiagnosisFile, group: str) -> list[str]:
     for cause in diagnosis.causes:
         if cause.port == group:
             texts.append(f"{PIN}{either}{effect_label(cause.effect.partition('@')[0])}")
-            texts += [one for one in (_first_value(cause), _chance(cause)) if one]
+            texts += [pin for pin in (_first_value(cause), _chance(cause)) if pin]
     rest = diagnosis.remainder
     if rest is not None and rest.real and rest.port == group and not diagnosis.remark:
         left = f"{percent(rest.share)} left" if diagnosis.causes else "gap"
@@ -73,12 +73,12 @@ def _first_value(cause: Cause) -> str:
     parameter = first_parameter(cause)
     if parameter is None:
         return ""
-    name, one = parameter
-    return formatting.with_unit_text(one.value, channel_unit(name))
+    name, estimate = parameter
+    return formatting.with_unit_text(estimate.value, channel_unit(name))
 
 
 def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
-    """The parameter that says most of an effect: the first that is not 0."""
+    """The most informative parameter of an effect: the first that is not 0."""
     every = list(cause.parameters.items())
     return next((item for item in every if item[1].value), every[0] if every else None)
 
@@ -89,14 +89,14 @@ def _chance(cause: Cause) -> str:
 
 def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> list[str]:
     """Sentences about a group of ports."""
-    own = [port for port in rig.ports if (port.group or port.port) == group]
+    ports = [port for port in rig.ports if (port.group or port.port) == group]
     named = [
         f"{formatting.port_label(name.port)}"
         + (f" [{formatting.unit_label(name.unit)}]" if formatting.unit_label(name.unit) else "")
-        for name in own
+        for name in ports
     ]
-    kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in own)
-    texts = [f"What passes here: {'; '.join(kinds)} ({formatting.join(named)})."]
+    kinds = dict.fromkeys(KINDS.get(name.kind, name.kind) for name in ports)
+    texts = [f"Quantity at this port: {'; '.join(kinds)} ({formatting.join(named)})."]
     texts += _alike(diagnosis, group)
     for cause in diagnosis.causes:
         if cause.port == group:
@@ -104,7 +104,7 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
     rest = diagnosis.remainder
     if rest is not None and rest.real and rest.port == group and rest.formula:
         texts.append(
-            f"What is left here looks like {formula_text(formatting.clean(rest.formula))}."
+            f"The remainder here is similar to {formula_text(formatting.clean(rest.formula))}."
         )
     return [*texts, _tried(diagnosis, group)]
 
@@ -114,7 +114,7 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     if where is None:
         return []
     texts = []
-    others = where.not_told_from(group)
+    others = where.inseparable_from(group)
     if others:
         order = [port.port for port in where.ports]
         named = sorted(others, key=lambda item: order.index(item) if item in order else len(order))
@@ -128,7 +128,7 @@ def _alike(diagnosis: DiagnosisFile, group: str) -> list[str]:
     if split is not None:
         texts.append(f"Measuring {sensor_label(split)} as well would separate them.")
     if group in where.unseen:
-        texts.append("These sensors say nothing of what happens here.")
+        texts.append("These sensors do not respond to this port.")
     return texts
 
 
@@ -153,9 +153,10 @@ def _tried(diagnosis: DiagnosisFile, group: str) -> str:
         if candidate.port == group and candidate.shrinkage is not None
     ]
     if not tried:
-        return "No candidate that acts here was worth a refit."
+        return "No candidate at this port was promising enough for a refit."
     shown = [
-        f"{effect_label(one.effect)} ({percent(one.shrinkage)})" for one in tried[:_MOST_TRIED]
+        f"{effect_label(other.effect)} ({percent(other.shrinkage)})"
+        for other in tried[:_MOST_TRIED]
     ]
     more = f" and {len(tried) - len(shown)} more" if len(tried) > len(shown) else ""
     return (

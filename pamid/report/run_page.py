@@ -104,8 +104,8 @@ def answer_sections(
     which: Sequence[Block] = (),
     how_far: Sequence[Block] = (),
 ) -> tuple[Section, ...]:
-    """The three answers, what is left and the next experiment; where, which, how_far: what else
-    stands below these answers."""
+    """The three answers, the remainder and the next experiment; where, which, how_far: further
+    blocks below these answers."""
     unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
     left = left_answer(run)
     # the ranking leads, unless no effect of it is the answer
@@ -172,8 +172,8 @@ def _answer(
     *,
     listed: bool = True,
 ) -> Section:
-    """Lead sentence, pictures, list, sentences, what stands below them; listed: no picture shows
-    what the list says."""
+    """Lead sentence, pictures, list, sentences and further blocks; listed: the list is shown
+    because no picture has its content."""
     points = [Bullets(answer.points)] if answer.points and listed else []
     heading = Heading(answer.lead, question=question)
     return Section((heading, *above, *points, Paragraphs(answer.details), *below), "answer")
@@ -235,7 +235,7 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
         "command."
     ]
     differing = disagreements(run, rows)
-    for file in dict.fromkeys(one[1] for one in differing):
+    for file in dict.fromkeys(difference[1] for difference in differing):
         differences = [
             f"{formatting.channel_label(channel)} "
             f"{formatting.with_unit_text(other, formatting.channel_unit(channel))}"
@@ -366,7 +366,7 @@ def _background(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     if not drawn:
         return
     background = run.diagnosis.background if run.diagnosis is not None else {}
-    shares = [one.share_of_gap for one in background.values() if one.share_of_gap is not None]
+    shares = [term.share_of_gap for term in background.values() if term.share_of_gap is not None]
     took = f"Together these corrections took {formatting.percent(sum(shares))} of the gap."
     yield Heading("Background", 3)
     yield from drawn
@@ -379,20 +379,24 @@ def _background(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
 
 def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     yield Heading("Residual network", 3)
-    one = run.network
-    if one is None:
+    network = run.network
+    if network is None:
         yield notes("No network was trained; `pamid train-residual` adds one.")
         return
     size = (
-        f" with {formatting.count(one.n_weights)} parameters" if one.n_weights is not None else ""
+        f" with {formatting.count(network.n_weights)} parameters"
+        if network.n_weights is not None
+        else ""
     )
-    ended = formatting.clean(one.summary.why) or "no word of it"
+    ended = formatting.clean(network.summary.why) or "no word of it"
     texts = [
         formatting.sentence(
-            f"{formatting.clean(one.kind)} network{size}; how training ended: {ended}"
+            f"{formatting.clean(network.kind)} network{size}; how training ended: {ended}"
         ),
-        formatting.sentence(formatting.clean(one.summary.remark)),
-        formatting.sentence(f"trained on {formatting.clean(one.target)}") if one.target else "",
+        formatting.sentence(formatting.clean(network.summary.remark)),
+        formatting.sentence(f"trained on {formatting.clean(network.target)}")
+        if network.target
+        else "",
     ]
     texts += [
         "It corrects the model in its own loop: there the held-out error of "

@@ -1,4 +1,4 @@
-"""Runs at a glance: what each folder holds and what was found, without drawing anything."""
+"""Summaries of runs: content and result of each folder, without figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _KINDS = {"trial.json": "trial", "paper.json": "paper", "arm-paper.json": "paper
 
 
 def summary_of(folder: Path) -> RunSummary:
-    """A run at a glance; FileError where the folder is no run or a file of it is damaged."""
+    """Summary of a run; FileError if the folder is not a run or a file of it is damaged."""
     steps = read_steps(folder / _RECORD)
     kind = next((kind for name, kind in _KINDS.items() if (folder / name).exists()), "")
     has_result = any((folder / name).exists() for name in ("fit.json", "diagnosis.json"))
@@ -69,20 +69,20 @@ def _with_findings(summary: RunSummary, run: RunData) -> RunSummary:
 
 
 def command_name(step: Step) -> str:
-    """ "diagnose" of ["pamid", "diagnose", "rec.csv"]; "" where the record does not say."""
+    """ "diagnose" of ["pamid", "diagnose", "rec.csv"]; "" if the record does not say."""
     words = [word for part in step.command for word in part.split()]
     return formatting.clean(words[1]) if len(words) > 1 else ""
 
 
 def runs_below(folder: Path) -> list[RunSummary]:
-    """Every run in the folder and below it, by path; a damaged one is listed with what is wrong.
+    """Every run in the folder and below it, by path; a damaged run is listed with its fault.
 
-    FileError where there is no such folder.
+    FileError if there is no such folder.
     """
     if not folder.is_dir():
         raise FileError(
-            f"{folder} is no folder.",
-            "Name the folder that holds your run folders.",
+            f"{folder} is not a folder.",
+            "Give the folder that contains your run folders.",
             code="no-folder",
         )
     return [_listed(run_folder) for run_folder in _run_folders(folder)]
@@ -110,8 +110,8 @@ def _listed(folder: Path) -> RunSummary:
 def _run_folders(folder: Path) -> Iterator[Path]:
     """Folders with a run.json, those inside a run left out; links are not followed."""
     count, depth = 0, len(folder.parts)
-    for here, below, files in os.walk(folder):
-        path = Path(here)
+    for place, below, files in os.walk(folder):
+        path = Path(place)
         below.sort()
         if _RECORD in files:
             count += 1

@@ -31,7 +31,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Packed:
-    """Values offset + step * k, k from `text`; k = -1 where there is none."""
+    """Values offset + step * k with k from `text`; k = -1 for a missing value."""
 
     offset: float
     step: float
@@ -50,8 +50,8 @@ class Stretch:
 
 
 def packed(values: FloatArray) -> Packed:
-    """Quantised to 65535 levels between the least and the largest value; what is not finite stays
-    missing."""
+    """Values quantised to 65535 levels between the smallest and the largest one; values that are
+    not finite are missing."""
     usable = np.isfinite(values)
     if not usable.any():
         return Packed(0.0, 1.0, text_of(np.full(values.size, MISSING_SAMPLE)))
@@ -78,7 +78,7 @@ def text_of(numbers: IntArray) -> str:
 
 
 def channels_of(residual: Residual) -> list[str]:
-    """Measured columns beside which a refitted model stands."""
+    """Measured columns for which there is a refitted model."""
     return [
         name
         for name, values in residual.columns.items()
@@ -108,8 +108,8 @@ def inputs_of(residual: Residual) -> list[str]:
 
 
 def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
-    """Every recording in order of time, each time once; rows beyond `most_rows` in all are left out
-    from the end of the list of recordings, of what was fitted before what was held out."""
+    """Every recording in order of time, without repeated times. Beyond `most_rows` rows in total
+    the last recordings are left out, fitted ones before held-out ones."""
     columns = residual.columns
     usable = np.flatnonzero(np.isfinite(columns["time_s"]))
     chosen = usable[np.argsort(columns["part"][usable] != 1, kind="stable")][:most_rows]
@@ -118,8 +118,8 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
     windows = stretches(residual, np.flatnonzero(allowed & (columns["window"] >= 0)))
     plotted = []
     for number in np.unique(columns["recording"][usable]):
-        own = usable[columns["recording"][usable] == number]
-        rows = own[allowed[own]]
+        recorded = usable[columns["recording"][usable] == number]
+        rows = recorded[allowed[recorded]]
         rows = rows[np.unique(columns["time_s"][rows], return_index=True)[1]]
         if rows.size < 2:
             continue
@@ -134,8 +134,8 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
             Stretch(
                 int(number),
                 rows,
-                tuple(sorted(one for one in inside if 0 <= one[0] < one[1])),
-                rows.size < own.size,
+                tuple(sorted(window for window in inside if 0 <= window[0] < window[1])),
+                rows.size < recorded.size,
             )
         )
     return plotted

@@ -142,7 +142,7 @@ def colour(role: str) -> str:
 
 
 def label(text: str, longest: int = 34) -> str:
-    """Text as it may stand in a figure: one line, not too long, only letters that the font has."""
+    """Text for a figure: one line, not too long, only characters of the font."""
     known = _letters()
     shown = "".join(
         letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " ")
@@ -156,7 +156,7 @@ def grid(axes: Axes, axis: str = "x") -> None:
 
 
 def bare(axes: Axes) -> None:
-    """No line and no ticks beside the names of bars."""
+    """Remove the line and the ticks at the names of bars."""
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0, labelcolor=colour("ink"))
 
@@ -194,8 +194,8 @@ def dots(x: NDArray[np.float64], y: NDArray[np.float64], length: float) -> PathP
 
 @contextmanager
 def settings(salt: str) -> Iterator[None]:
-    """Everything drawn inside looks the same whatever the user's matplotlibrc says; salt: of the
-    names in an SVG."""
+    """Settings of matplotlib that override the user's matplotlibrc; salt: seed of the names in an
+    SVG."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
         matplotlib.rcParams.update({**DRAWING_SETTINGS, "svg.hashsalt": salt})
@@ -224,7 +224,7 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
 
 
 def figure_of(drawing: Drawing) -> NotebookFigure:
-    """The drawing as a figure of its own, its title above it."""
+    """The drawing as a separate figure with its title."""
     with settings(drawing.name):
         lines = textwrap.wrap(label(drawing.title, 400), 88)
         figure = NotebookFigure(
@@ -259,8 +259,8 @@ def _image(drawing: Drawing) -> Image.Image:
 
 
 def _for_page(svg: str, drawing: Drawing) -> str:
-    """Without comments, metadata, rules and repeated ids, with tooltips; colours and font taken
-    from the page."""
+    """SVG without comments, metadata, rules and repeated ids, with tooltips, and with colours and
+    font of the page."""
     for group, tip in drawing.tips:
         head = f'<g id="{group}">'
         svg = svg.replace(head, f"{head}<title>{escape(tip)}</title>")

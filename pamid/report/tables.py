@@ -78,7 +78,7 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def loop_table(errors: Mapping[str, LoopError]) -> Table:
-    """MAE of the model in its own loop, with the band that small parameter changes cause."""
+    """MAE of the model in closed loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
@@ -96,8 +96,8 @@ def loop_table(errors: Mapping[str, LoopError]) -> Table:
 def parameter_table(
     parameters: Mapping[str, Estimate], without_cause: Mapping[str, Estimate]
 ) -> Table:
-    """Value, interval, prior, unit, how well it is known, strain, and what to think of it;
-    without_cause: the refitted model's, where the answer has causes."""
+    """Value, interval, prior, unit, certainty, strain and a remark; without_cause: those of the
+    refitted model, if the answer has causes."""
     compared = any(name in without_cause for name in parameters)
     heads = [
         "parameter",
@@ -133,8 +133,8 @@ def parameter_table(
     return table(heads, body, range(2, 6 + compared))
 
 
-def _unit(name: str, one: Estimate | Combination) -> str:
-    return split_column(name)[1] if one.unit is None else one.unit
+def _unit(name: str, estimate: Estimate | Combination) -> str:
+    return split_column(name)[1] if estimate.unit is None else estimate.unit
 
 
 def combinations_table(fit: FitFile) -> Table:
@@ -142,15 +142,15 @@ def combinations_table(fit: FitFile) -> Table:
     body: list[list[str | TableCell]] = []
     for group in fit.tied:
         for name in group.known:
-            if (one := fit.combinations.get(name)) is None:
+            if (estimate := fit.combinations.get(name)) is None:
                 continue
             body.append(
                 [
                     TableCell(formatting.clean(name), "code"),
-                    formatting.unit_label(_unit(name, one)) or formatting.DASH,
-                    number(one.value, 5),
-                    f"{number(one.low, 5)} to {number(one.high, 5)}",
-                    number(one.prior),
+                    formatting.unit_label(_unit(name, estimate)) or formatting.DASH,
+                    number(estimate.value, 5),
+                    f"{number(estimate.low, 5)} to {number(estimate.high, 5)}",
+                    number(estimate.prior),
                     formatting.clean(", ".join(group.parameters)),
                 ]
             )
@@ -171,9 +171,13 @@ def parameters_of(run: RunData) -> tuple[Mapping[str, Estimate], Mapping[str, Es
     return diagnosis.parameters, fitted
 
 
-def _remark(one: Estimate, strained: bool) -> str:
-    end = f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound" if one.at_bound else ""
-    word = "" if end and one.word == "settled" else formatting.clean(one.word)
+def _remark(estimate: Estimate, strained: bool) -> str:
+    end = (
+        f"at its {'lower' if estimate.at_bound == 'low' else 'upper'} bound"
+        if estimate.at_bound
+        else ""
+    )
+    word = "" if end and estimate.word == "settled" else formatting.clean(estimate.word)
     strain = "may be absorbing structure" if strained else ""
     remarks = [text for text in (word, strain, end) if text]
     return ", ".join(remarks) or formatting.DASH
@@ -303,7 +307,7 @@ def _differences(values: Mapping[str, object]) -> str:
 def _plainly(value: object) -> str:
     """A value of `differs` as text: a number, a word, or the changed entries of a table."""
     if isinstance(value, dict):
-        return " and ".join(f"{key} {_plainly(one)}" for key, one in value.items())
+        return " and ".join(f"{key} {_plainly(entry)}" for key, entry in value.items())
     return (
         f"{value:.3g}"
         if isinstance(value, float | int) and not isinstance(value, bool)

@@ -70,7 +70,7 @@ _HUGE = 4.0
 
 @dataclass(frozen=True)
 class Traces:
-    """The section, "" where nothing was sampled, and the places that its plots can be sent to."""
+    """The section, "" if nothing was sampled, and the places that its plots can be sent to."""
 
     section: Markup = Markup("")
     places: tuple[Highlight, ...] = field(default=())
@@ -91,11 +91,11 @@ class Traces:
 
 
 def traces_scripts() -> tuple[str, ...]:
-    """Scripts of the plots: the library with its licence, then our own."""
-    library, licence, own = (
+    """Scripts of the plots: the library with its licence, then pamid's."""
+    library, licence, player = (
         asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )
-    return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", own
+    return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", player
 
 
 def traces_style() -> str:
@@ -106,8 +106,8 @@ def traces_style() -> str:
 def traces_of(
     run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES
 ) -> Traces:
-    """Every sample of residual.csv up to this many values; nothing where no measured channel has a
-    model beside it."""
+    """Every sample of residual.csv up to this number of values; empty if no measured channel has a
+    model."""
     residual = run.residual
     if residual is None or not (channels := channels_of(residual)):
         return Traces()
@@ -198,8 +198,8 @@ def _kind_label(kind: str, run: RunData) -> str:
 
 
 def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
-    """Is the model off by so much, in the channel that leads, that nothing else could be read
-    beside it?"""
+    """Whether the error of the model in the leading channel is so large that it would hide the
+    others."""
     row = headline(rows)
     error = getattr(row, _FIELDS[kind]) if row is not None and kind in _FIELDS else None
     return (
@@ -269,7 +269,7 @@ def _values(residual: Residual, column: str, kind: str) -> FloatArray:
 
 
 def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[str]) -> list[str]:
-    """How exact the numbers are, and what is left out."""
+    """Note on the resolution of the numbers and on omitted samples."""
     exact = []
     for channel in channels:
         traces = [

@@ -38,7 +38,7 @@ def trial_drawings(trial: Trial) -> list[Drawing]:
 
 def targets_drawing(trial: Trial) -> Drawing | None:
     """Points with 95 % intervals: every rate that has a target [%], and the target."""
-    shown = [one for one in trial.scored if one.reached is not None and one.row.unit == "%"]
+    shown = [score for score in trial.scored if score.reached is not None and score.row.unit == "%"]
     if not shown:
         return None
 
@@ -105,16 +105,16 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
             linestyle=(0, (4, 3)),
             label="as stated",
         )
-        for one in trial.reliability:
+        for bin_ in trial.reliability:
             axes.plot(
-                [one.said] * 2,
-                [one.right.low, one.right.high],
+                [bin_.said] * 2,
+                [bin_.right.low, bin_.right.high],
                 color=colour("refitted"),
                 linewidth=1.6,
             )
             axes.annotate(
-                formatting.count(one.right.of),
-                (one.said, max(one.right.high, one.right.share or 0.0)),
+                formatting.count(bin_.right.of),
+                (bin_.said, max(bin_.right.high, bin_.right.share or 0.0)),
                 xytext=(0, 5),
                 ha="center",
                 textcoords="offset points",
@@ -122,7 +122,7 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
                 color=colour("muted"),
             )
         stated, right = zip(
-            *((one.said, one.right.share or 0.0) for one in trial.reliability), strict=True
+            *((bin_.said, bin_.right.share or 0.0) for bin_ in trial.reliability), strict=True
         )
         axes.plot(
             stated,

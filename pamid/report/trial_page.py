@@ -84,13 +84,13 @@ def trial_document(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Pi
 
 def _targets(trial: Trial) -> tuple[Block, ...]:
     body: list[list[str | TableCell]] = []
-    for one in trial.scored:
+    for score in trial.scored:
         outcome: str | TableCell = (
-            "no cases" if one.row.target is not None and one.value is None else ""
+            "no cases" if score.row.target is not None and score.value is None else ""
         )
-        if one.reached is not None:
-            outcome = "reached" if one.reached else TableCell("missed", "strong")
-        body.append([*(signs(text.replace(" .. ", " to ")) for text in one.texts), outcome])
+        if score.reached is not None:
+            outcome = "reached" if score.reached else TableCell("missed", "strong")
+        body.append([*(signs(text.replace(" .. ", " to ")) for text in score.texts), outcome])
     return (table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4)),)
 
 

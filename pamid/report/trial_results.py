@@ -1,4 +1,4 @@
-"""trial.json read into frozen nouns (schema pamid.trial/1), and what it finds in sentences."""
+"""trial.json read into dataclasses (schema pamid.trial/1), and its findings in sentences."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FEW_CASES = 10  # below, any share may be chance
 
 @dataclass(frozen=True)
 class Scored:
-    """A row of the table with its figure and interval in the row's unit, None where there were no
+    """A row of the table with its figure and interval in the row's unit, None if there were no
     cases; cases: how many; texts: its cells as the terminal shows them."""
 
     row: FigureRow
@@ -43,7 +43,7 @@ class Scored:
 @dataclass(frozen=True)
 class Trial:
     """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer ->
-    cases; content: the file as it stands, every part of it checked."""
+    cases; content: the checked content of the file."""
 
     content: Mapping[str, Any]
     scored: tuple[Scored, ...]
@@ -54,12 +54,12 @@ class Trial:
     digest: str
 
     def of(self, key: str) -> Scored | None:
-        """The row of a figure; None where the file does not hold it."""
-        return next((one for one in self.scored if one.row.key == key), None)
+        """Row of a figure; None if it is not in the file."""
+        return next((score for score in self.scored if score.row.key == key), None)
 
 
 def read_trial(path: Path) -> Trial | None:
-    """The trial in a file; None if there is no such file, FileError where it is damaged."""
+    """The trial in a file; None if there is no such file, FileError if it is damaged."""
     trial = read_result(path, TrialFile)
     if trial is None:
         return None
@@ -79,9 +79,9 @@ def read_trial(path: Path) -> Trial | None:
                     raise damaged(path, place, "an object", "missing")
     content = read_json(path)  # as it stands: what was null is null
     scored = tuple(
-        _scored(row, one, cells(content, row))
+        _scored(row, value, cells(content, row))
         for row in rows_of(content)
-        if (one := getattr(trial, row.section).get(row.key)) is not None
+        if (value := getattr(trial, row.section).get(row.key)) is not None
     )
     return Trial(
         content=content,
@@ -105,7 +105,7 @@ def _scored(row: FigureRow, rate: Rate | Figure, texts: tuple[str, ...]) -> Scor
 
 def reached_text(trial: Trial) -> str:
     """ "9 of 12 targets are reached"."""
-    rows = [one for one in trial.scored if one.reached is not None]
+    rows = [score for score in trial.scored if score.reached is not None]
     if not rows:
         return "No case counts for a target"
     judged = [row.reached for row in rows]
@@ -119,9 +119,9 @@ def reached_text(trial: Trial) -> str:
 def targets_title(trial: Trial) -> str:
     """ "9 of 12 targets are reached; missed: family named first (81.0 %, target ≥ 92 %)"."""
     missed = [
-        f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {signs(one.texts[4])})"
-        for one in trial.scored
-        if one.reached is False
+        f"{score.row.title.removeprefix('... ')} ({score.texts[1]}, target {signs(score.texts[4])})"
+        for score in trial.scored
+        if score.reached is False
     ]
     more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
     return (
@@ -133,11 +133,11 @@ def targets_title(trial: Trial) -> str:
 
 def reliability_title(trial: Trial) -> str:
     """ "Stated probabilities are off by 0.042 on average (target ≤ 0.05)"."""
-    one = trial.of("ece")
-    if one is None or one.value is None:
+    score = trial.of("ece")
+    if score is None or score.value is None:
         return "Stated probabilities against the share that was right"
-    aim = f" (target {signs(one.texts[4])})" if one.row.target is not None else ""
-    return f"Stated probabilities are off by {one.texts[1]} on average{aim}"
+    aim = f" (target {signs(score.texts[4])})" if score.row.target is not None else ""
+    return f"Stated probabilities are off by {score.texts[1]} on average{aim}"
 
 
 def confusion_title(trial: Trial) -> str:

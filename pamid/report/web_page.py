@@ -1,6 +1,5 @@
-"""A document as one HTML page (Jinja2, autoescaped). Nothing in it is loaded from elsewhere and
-nothing runs but our own scripts; a Content-Security-Policy in its head says so to the browser, too.
-"""
+"""A document as one HTML page (Jinja2, autoescaped). It loads nothing and runs only pamid's
+scripts, which a Content-Security-Policy enforces."""
 
 from __future__ import annotations
 
@@ -65,12 +64,12 @@ def page_script() -> str:
 
 
 def asset(name: str) -> str:
-    """A script, style sheet or licence that goes into pages."""
+    """A script, style sheet or licence for pages."""
     return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
 
 
 def _style_sheet() -> str:
-    """Light and dark as the system asks, unless the reader has chosen; prints are light."""
+    """Light or dark theme by the system's setting or the reader's choice; prints are light."""
     light, dark = (
         "".join(f"--{role.replace('_', '-')}:{pair[k]};" for role, pair in COLOURS.items())
         for k in (0, 1)

@@ -82,8 +82,8 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Report:
-    """Written report; `errors` are the rows of the MAE table, `recordings` those per recording,
-    `pdf` is there where it was requested, `notes` state what could not be shown."""
+    """Written report; `errors`: rows of the MAE table, `recordings`: errors per recording, `pdf`:
+    path if requested, `notes`: remarks about omitted parts."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -138,17 +138,19 @@ def write_report(
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document).encode(errors="replace")
     paper = {pdf: printed(html)} if pdf is not None else {}
-    own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
-    drawn = [file for file, name in own.items() if name in pictures]
-    outputs = [one for one in (page, pdf) if one is not None]
-    for one in outputs:
-        make_folder(one.parent)
+    figure_names = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
+    drawn = [file for file, name in figure_names.items() if name in pictures]
+    outputs = [path_ for path_ in (page, pdf) if path_ is not None]
+    for item in outputs:
+        make_folder(item.parent)
     run = Run.open(run_folder)
-    run.remove(*(file for file in own if file not in drawn))
-    figures = run.claim(*drawn, *(one.name for one in outputs if one.parent == run_folder))[
+    run.remove(*(file for file in figure_names if file not in drawn))
+    figures = run.claim(*drawn, *(item.name for item in outputs if item.parent == run_folder))[
         : len(drawn)
     ]
-    files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}
+    files = {
+        path: pictures[figure_names[file]].png for path, file in zip(figures, drawn, strict=True)
+    }
     write_together({**files, **paper, page: html})
     return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
 
@@ -166,14 +168,13 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    drawn_by, notes = _drawn_by(run, rig)
+    drawn_by, notes = _posed_rig(run, rig)
     document_of = partial(run_document, run, rows, drawn_by=drawn_by)
     return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run), notes)
 
 
-def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
-    """The rig that was named, for its pose; without one the page has no animation, which is
-    said."""
+def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
+    """The given rig, for its pose; a page without one has no animation, and a note states it."""
     if rig is None:
         return None, ()
     try:
@@ -185,8 +186,8 @@ def _drawn_by(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...
 
 
 def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
-    """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
-    where there is one."""
+    """Content of a reproduced paper: its pictures, and the drawn ones of its diagnosis, if there is
+    one."""
     if not (run_folder / "diagnosis.json").exists():
         return Content((), [], partial(paper_document, paper, steps, None, ()))
     run = load_run(run_folder)
@@ -225,7 +226,7 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
 
 
 def _windows(run: RunData, channel: str) -> list[Drawing]:
-    """The worst window with the cause, and again with the network where its trace was written."""
+    """The worst window with the cause, and with the network if its trace exists."""
     residual = run.residual
     window = worst_window(residual, channel) if residual is not None else None
     if residual is None or window is None:
@@ -240,34 +241,36 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
 def write_comparison(
     runs: Sequence[ComparedRun], page: Path, pdf: Path | None = None, *, overwrite: bool = False
 ) -> None:
-    """The page of several runs, and the same on paper; FileError if one of them exists and is no
-    report, unless it may be overwritten."""
+    """Write the page of several runs, also as PDF; FileError if a file exists and is not a report,
+    unless it may be overwritten."""
     if not overwrite:
         _require_ours(page, pdf)
     html = html_of(comparison_document(runs)).encode(errors="replace")
     paper = {pdf: printed(html)} if pdf is not None else {}
-    for one in filter(None, (page, pdf)):
-        make_folder(one.parent)
+    for path in filter(None, (page, pdf)):
+        make_folder(path.parent)
     write_together({**paper, page: html})
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
-    _require_own(page, lambda found: found.startswith(MARK.encode()))
+    _require_replaceable(page, lambda found: found.startswith(MARK.encode()))
     if pdf is not None:
-        _require_own(pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK))
+        _require_replaceable(
+            pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK)
+        )
 
 
-def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
-    """Raise unless pamid wrote the file: only its own files are replaced without a question."""
+def _require_replaceable(page: Path, is_own: Callable[[bytes], bool]) -> None:
+    """Raise unless pamid wrote the file, since pamid replaces only its files without a question."""
     if not page.exists():
         return
     try:
-        own = is_own(read_data(page, PAGE))
+        is_report = is_own(read_data(page, PAGE))
     except OSError as error:
         raise FileError(
             f"{page} cannot be replaced: {error.strerror}.", "Choose another name."
         ) from error
-    if not own:
+    if not is_report:
         raise FileError(
             f"{page} exists and is not a report.",
             "Choose another name, or replace it by --overwrite.",

@@ -18,7 +18,7 @@ class AddedVariable(Model):
     beside: ListOf[Text] = Field(
         (), description="further effects of the refitted model that it is added to"
     )
-    channel: Text = Field(description="whose samples are shown, by name with unit")
+    channel: Text = Field(description="channel of the samples, by name with unit")
     slope: Number = Field(
         description=f"least-squares slope over the samples of all channels, {SLOPE}"
     )

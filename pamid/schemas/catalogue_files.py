@@ -23,7 +23,7 @@ class ParameterRow(Model):
     multiple_of: Text = Field(description="value or rate: it is a multiple of that at the port")
     null: Number | None = Field(description="value at which the effect vanishes")
     fitted: Flag
-    source: Text = Field(description="where the value comes from")
+    source: Text = Field(description="source of the value")
 
 
 class NamedUnit(Model):
@@ -49,7 +49,7 @@ class EffectRow(Model):
     title: Text
     kinds: ListOf[Text] = Field(description=ACTS_ON)
     families: dict[Text, Text] = Field(description="by kind of port")
-    home: ListOf[Text] = Field(description="kinds of port that it is made for")
+    home: ListOf[Text] = Field(description="kinds of port for which it is made")
     general: ListOf[Text] = Field(description="kinds of port on any rig")
     symptoms: ListOf[Text] = Field((), description="shapes of the error that it causes")
 
@@ -85,7 +85,7 @@ class EffectCatalogue(Model):
     model_config = ConfigDict(title="pamid effects: the catalogue of effects, or one of them")
 
     schema_: Literal["pamid.effects/1"] = Field(default="pamid.effects/1", alias="schema")
-    effect: Sometimes[EffectStory] = Field(default=None, description="the one asked for")
+    effect: Sometimes[EffectStory] = Field(default=None, description="the requested one")
     effects: Sometimes[ListOf[EffectRow]] = Field(default=None, description="sorted by name")
 
 
@@ -148,15 +148,15 @@ class RigRow(Model):
 
     name: Text
     title: Text
-    inputs: ListOf[Text] = Field(description="columns that go in")
-    outputs: ListOf[Text] = Field(description="columns that come out")
+    inputs: ListOf[Text] = Field(description="input columns")
+    outputs: ListOf[Text] = Field(description="output columns")
     variants: ListOf[Text] = Field(description="named as rig:variant")
 
 
 class NoPlaceRow(Model):
     """Effects that this rig has no place for, while others for the same quantities have."""
 
-    effects: dict[Text, Text] = Field(description="effect -> what it is")
+    effects: dict[Text, Text] = Field(description="effect -> description")
     needs: Text = Field(description="the port that they take")
     rigs: ListOf[Text] = Field(description="rigs of the catalogue that have it")
 
@@ -188,5 +188,5 @@ class RigCatalogue(Model):
     model_config = ConfigDict(title="pamid rigs: the catalogue of rigs, or one of them")
 
     schema_: Literal["pamid.rigs/1"] = Field(default="pamid.rigs/1", alias="schema")
-    rig: Sometimes[RigStory] = Field(default=None, description="the one asked for")
+    rig: Sometimes[RigStory] = Field(default=None, description="the requested one")
     rigs: Sometimes[ListOf[RigRow]] = None

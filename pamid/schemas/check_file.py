@@ -57,8 +57,8 @@ class Issue(Model):
     kind: Text = Field(description="a stable word for scripts")
     columns: ListOf[Text]
     severity: Literal["wrong", "advice"] = Field(description="wrong: any fit on it is nonsense")
-    message: Text = Field(description="what")
-    hint: Text = Field(description="how to mend it; empty where nothing can be said")
+    message: Text = Field(description="the finding")
+    hint: Text = Field(description="remedy; empty if unknown")
     windows_s: ListOf[Pair] = Field(description="[begin, end] in s; empty for all of it")
     figures: dict[Text, Number] = Field(description="the numbers behind it, by name with unit")
 
@@ -74,12 +74,14 @@ class BetweenSamples(Model):
     """An input tried both ways: held between samples, and linear to the next one."""
 
     column: Text
-    taken: Literal["held", "linear"] = Field(description="as rig or recording say; held by default")
-    stated: Flag = Field(description="whether they say it")
-    better: Text = Field(description="the way that fits clearly better; empty where neither does")
-    channel: Text = Field(description="the output that shows it most")
-    rms_held: Number = Field(description="its error over the windows, in its unit")
-    rms_linear: Number = Field(description="likewise")
+    taken: Literal["held", "linear"] = Field(description="by rig or recording; held by default")
+    stated: Flag = Field(description="whether rig or recording state it")
+    better: Text = Field(
+        description="the assumption that fits clearly better; empty if neither does"
+    )
+    channel: Text = Field(description="the output with the largest difference")
+    rms_held: Number = Field(description="error over the windows, in its unit")
+    rms_linear: Number = Field(description="as rms_held, for a linear input")
     windows: Count
 
 
@@ -99,18 +101,20 @@ class CheckedPort(Model):
     unit: Text = Field(description="SI, of the value; empty for none")
     signals: dict[Text, Text] = Field(description="offered there, with their SI units")
     passes: Text
-    sign: Text = Field(description="which way it counts")
+    sign: Text = Field(description="direction of positive values")
     imposed: Flag = Field(description="whether an input imposes its position or velocity")
-    size: dict[Text, Number] = Field(description="what the rig states, SI; else it is found")
-    effects: ListOf[Text] = Field(description="that can act there now")
-    unlocks: ListOf[Unlocked] = Field(description="what further signals would let act")
+    size: dict[Text, Number] = Field(
+        description="typical size stated by the rig, SI; else determined from data"
+    )
+    effects: ListOf[Text] = Field(description="effects that can act there")
+    unlocks: ListOf[Unlocked] = Field(description="further effects by the signal that they need")
 
 
 class CheckFile(Model):
     """Faults of a recording, a rig file or an effect file."""
 
     model_config = ConfigDict(
-        title="pamid check: what is wrong with a recording, a rig file or an effect file"
+        title="pamid check: faults of a recording, a rig file or an effect file"
     )
 
     schema_: Literal["pamid.check/1"] = Field(default="pamid.check/1", alias="schema")
@@ -125,21 +129,19 @@ class CheckFile(Model):
     duration_s: Sometimes[Number] = None
     sampling_period_s: Sometimes[Number] = None
     loop: Annotated[Text | None, MAY_LACK] = Field(
-        default=None, description="closed or open: did a controller produce the command?"
+        default=None, description="closed if a controller produced the command, else open"
     )
-    rig: Annotated[Text | None, MAY_LACK] = Field(
-        default=None, description="that it was held against"
-    )
+    rig: Annotated[Text | None, MAY_LACK] = Field(default=None, description="rig of the check")
     known: Sometimes[dict[Text, Number]] = Field(default=None, description="by name with unit")
     controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
     columns: Sometimes[MapOf[Column]] = Field(default=None, description="by name")
     quality: Sometimes[SignalQuality] = None
     between: Sometimes[ListOf[BetweenSamples]] = Field(
-        default=None, description="inputs, tried held and linear between samples"
+        default=None, description="inputs, simulated as held and as linear between samples"
     )
-    ok: Flag = Field(description="whether every check passed, advice aside")
+    ok: Flag = Field(description="whether every check passed, apart from advice")
     code: Sometimes[Text] = Field(default=None, description="of the error, where there is one")
-    message: Sometimes[Text] = Field(default=None, description="the first thing that is wrong")
+    message: Sometimes[Text] = Field(default=None, description="the first fault")
     hint: Sometimes[Text] = None
     findings: ListOf[Finding] = Field(description="every check with its outcome")
     figure: Sometimes[Text] = Field(default=None, description="file of the picture")

@@ -18,12 +18,12 @@ LOOP = "closed or open: was a controller producing the command?"
 
 
 class PrintedText(Model):
-    """The text of a command that has nothing else to say."""
+    """A command whose only result is a text."""
 
     model_config = ConfigDict(title="A command that prints text only, such as --help")
 
     schema_: Literal["pamid.text/1"] = Field(default="pamid.text/1", alias="schema")
-    text: Text = Field(description="what is printed")
+    text: Text = Field(description="the printed text")
 
 
 class CompletionScript(Model):
@@ -33,7 +33,7 @@ class CompletionScript(Model):
 
     schema_: Literal["pamid.completion/1"] = Field(default="pamid.completion/1", alias="schema")
     shell: Literal["bash", "zsh", "fish"]
-    script: Text = Field(description="what the shell has to run")
+    script: Text = Field(description="script for the shell")
     line: Text = Field(description="the line that runs it")
     place: Text = Field(description="the file in which the line belongs")
 
@@ -45,35 +45,31 @@ OPTION_VALUE = {
 
 
 class OptionSetting(Model):
-    """The value of an option before any word is said."""
+    """The value of an option without a command line."""
 
     value: Annotated[Any, WithJsonSchema(OPTION_VALUE)] = Field(description="in the option's unit")
-    origin: Text = Field(description="where the value comes from")
+    origin: Text = Field(description="source of the value")
 
 
 class AllSettings(Model):
-    """Every option of the commands asked for."""
+    """Every option of the requested commands."""
 
-    model_config = ConfigDict(
-        title="pamid config: the value of every option and where it comes from"
-    )
+    model_config = ConfigDict(title="pamid config: the value of every option and its source")
 
     schema_: Literal["pamid.config/1"] = Field(default="pamid.config/1", alias="schema")
-    file: Text | None = Field(description="the pamid.toml that holds; null where there is none")
+    file: Text | None = Field(description="the pamid.toml in use; null without one")
     commands: MapOf[MapOf[OptionSetting]] = Field(description="command -> option -> its value")
-    ignored: dict[Text, Text] = Field(
-        description="settings files that would hold and are not believed, and why"
-    )
+    ignored: dict[Text, Text] = Field(description="ignored settings files, and the reason")
     harmless_only: Text = Field(
-        description="why files to run, a cluster and leave to replace files are not taken from the "
-        "file; empty where they are"
+        description="why files to run, a cluster and permission to replace files are ignored in "
+        "the file; empty if they are used"
     )
 
 
 class SimulatedFile(Model):
     """A recording that was made by a model."""
 
-    model_config = ConfigDict(title="pamid simulate: what was recorded")
+    model_config = ConfigDict(title="pamid simulate: the simulated recording")
 
     schema_: Literal["pamid.simulate/1"] = Field(default="pamid.simulate/1", alias="schema")
     output: Text = Field(description="path of the recording")
@@ -85,17 +81,17 @@ class SimulatedFile(Model):
 
 
 class GuessedMappingFile(Model):
-    """A first mapping of a raw log, to be looked through."""
+    """A first mapping of a raw log, which the user must check."""
 
     model_config = ConfigDict(title="pamid ingest --guess: a first mapping")
 
     schema_: Literal["pamid.mapping/1"] = Field(default="pamid.mapping/1", alias="schema")
     log: Text = Field(description="path of the log")
-    output: Text | None = Field(description="file of the mapping; null where it is only printed")
+    output: Text | None = Field(description="file of the mapping; null if it is only printed")
     toml: Text = Field(description="the mapping as text")
-    open: ListOf[Text] = Field(description="keys that only the user can answer")
+    open: ListOf[Text] = Field(description="keys that the user must fill in")
     notes: ListOf[Text] = Field(
-        default=(), description="columns and joints for which nothing was found, with nearest names"
+        default=(), description="columns and joints without a channel, with nearest names"
     )
 
 
@@ -113,13 +109,13 @@ class WrittenReport(Model):
     recordings: ListOf[RecordingError] = Field(
         (), description="the same per held-out recording, comparison and channel, with RMS"
     )
-    pdf: Sometimes[Text] = Field(default=None, description="path of the PDF, where it was asked")
+    pdf: Sometimes[Text] = Field(default=None, description="path of the PDF, if requested")
 
 
 class WrittenAnimation(Model):
     """An animated picture of a stretch of a recording."""
 
-    model_config = ConfigDict(title="pamid animate: a GIF of how a rig moved")
+    model_config = ConfigDict(title="pamid animate: a GIF of a rig's motion")
 
     schema_: Literal["pamid.animate/1"] = Field(default="pamid.animate/1", alias="schema")
     output: Text = Field(description="path of the GIF")
@@ -143,12 +139,12 @@ class PlainChannel(Model):
 
     before: Number = Field(description="of the file that was written into")
     now: Number = Field(description="of the new file")
-    stated: Number | None = Field(None, description="as the run states it; null where it does not")
+    stated: Number | None = Field(None, description="value in the run; null without one")
     best: Number = Field(description="of the new file with the best step and integrator")
 
 
 class PlainSettings(Model):
-    """How a simulator steps."""
+    """Time step and integrator of a simulator."""
 
     timestep_s: Number = Field(description="s")
     integrator: Text = Field(description="as a model file names it")
@@ -175,15 +171,15 @@ class WrittenExport(Model):
 
     schema_: Literal["pamid.export/1"] = Field(default="pamid.export/1", alias="schema")
     to: Text = Field(description="the form")
-    files: ListOf[Text] = Field(description="paths of what was written")
+    files: ListOf[Text] = Field(description="paths of the written files")
     binary: Text | None = Field(description="platform that an FMU was built for; empty for none")
     rig: Text | None = Field(description=RIG)
     effects: ListOf[Text] = Field(description=EFFECTS)
     network: Text | None = Field(description="kind of the network in it; empty for none")
     period_s: Number = Field(description=PERIOD)
-    inputs: ListOf[Text] = Field(description="columns that go in")
-    outputs: ListOf[Text] = Field(description="columns that come out")
-    notes: ListOf[Text] = Field(description="what the user has to know, a sentence each")
+    inputs: ListOf[Text] = Field(description="input columns")
+    outputs: ListOf[Text] = Field(description="output columns")
+    notes: ListOf[Text] = Field(description="remarks for the user, one sentence each")
     plain_mujoco: Sometimes[PlainMujoco] = Field(
         default=None, description="of a model file: its errors in plain MuJoCo"
     )

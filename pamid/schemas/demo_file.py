@@ -15,9 +15,9 @@ Hit = Literal["right", "among", "missed"]
 
 
 class WithheldFile(Model):
-    """The effect and the parameters that nothing but the final comparison reads."""
+    """Hidden effect and parameters, which only the final comparison reads."""
 
-    model_config = ConfigDict(title="withheld.json: the effect that the demo withheld")
+    model_config = ConfigDict(title="withheld.json: the hidden effect of the demo")
 
     schema_: Literal["pamid.withheld/1"] = Field(default="pamid.withheld/1", alias="schema")
     seed: Count | None = Field(description=SEED)
@@ -29,17 +29,19 @@ class WithheldFile(Model):
 
 
 class DemoOutput(Model):
-    """The withheld effect beside the diagnosis."""
+    """The withheld effect and the diagnosis."""
 
-    model_config = ConfigDict(title="pamid demo: what was withheld, and what was found")
+    model_config = ConfigDict(title="pamid demo: the withheld effect and the diagnosis")
 
     schema_: Literal["pamid.demo/1"] = Field(default="pamid.demo/1", alias="schema")
     withheld: WithheldFile
-    hit: Hit = Field(description="was the withheld family named: alone, as one of several, or not?")
+    hit: Hit = Field(
+        description="whether the withheld family was named: alone, as one of several, or not"
+    )
     verdict: Verdict
     sentence: Text = Field(description="the verdict in words")
     causes: ListOf[Cause] = Field(description="as in diagnosis.json")
-    parameters: MapOf[Estimate] = Field(description="those that were off, by name with unit")
+    parameters: MapOf[Estimate] = Field(description="wrong parameters, by name with unit")
     how_far: MapOf[Reach] = Field(description="as in diagnosis.json, by channel")
     network: MapOf[ChannelErrors] | None = Field(
         description="as `mae` in network.json; null on another rig than one-dof"

@@ -63,21 +63,21 @@ class Cause(Model):
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
     or_at: ListOf[Text] = Field(
-        (), description="groups of ports at which an effect of its family does as well"
+        (), description="groups of ports at which an effect of its family fits as well"
     )
     instead: ListOf[Text] = Field(
-        (), description="families that do as well in its place, next to the other causes"
+        (), description="families that fit as well in its place, together with the other causes"
     )
     parameters: MapOf[Estimate] = Field({}, description="by name with unit")
     probability: Number | None = Field(
-        None, description="calibrated frequency with which such a cause is there, 0 to 1"
+        None, description="calibrated frequency of such a cause, 0 to 1"
     )
     removes: GapShare | None = Field(
-        None, description="share of the gap that it removes beside the other causes"
+        None, description="share of the gap that it removes in addition to the other causes"
     )
-    figures: MapOf[Number] = Field({}, description="of which the probability is made")
+    figures: MapOf[Number] = Field({}, description="inputs of the probability")
     share: Number | None = Field(
-        None, description="its part of what the causes remove one by one, 0 to 1"
+        None, description="its part of the sum of the shares of all causes, 0 to 1"
     )
 
 
@@ -88,21 +88,25 @@ class Remainder(Model):
     low: Written[Number] = Field(None, description=LOW)
     high: Written[Number] = Field(None, description=HIGH)
     floors: Written[Number] = Field(
-        None, description="error that is left over the noise floor, in the worst channel"
+        None, description="remaining error divided by the noise floor, in the worst channel"
     )
     real: Flag = Field(
         True, description="whether it is material: a fifth of the gap or more, above the floor"
     )
     port: Text = Field("", description="group of ports at which it enters; empty where not real")
-    formula: Text = Field("", description="what is missing there, in the signals at the port")
-    family: Text = Field("", description="whose free form would take it up; empty where none does")
+    formula: Text = Field(
+        "", description="formula of the missing value, in the signals at the port"
+    )
+    family: Text = Field(
+        "", description="family of a nonparametric curve that fits it; empty without one"
+    )
     missing_rms: Sometimes[Number] = Field(
         default=None,
-        description="root mean square of what is missing there to the model as "
+        description="root mean square of the missing value at the port for the model as "
         "fitted, where that is known",
     )
     passing_rms: Sometimes[Number] = Field(
-        default=None, description="... of what passes there, with all that acts"
+        default=None, description="root mean square of the total value at the port"
     )
     unit: Sometimes[Text] = Field(default=None, description="of both")
 
@@ -121,12 +125,12 @@ class Candidate(Model):
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
     probability: Number | None = Field(
-        None, description="calibrated frequency with which such a candidate is the cause, 0 to 1"
+        None, description="calibrated frequency at which such a candidate is the cause, 0 to 1"
     )
     held_out: MapOf[HeldOut] = Field({}, description="by channel")
     removes: GapShare | None = Field(None, description="share of the gap, alone")
     behind: Written[Number] = Field(
-        None, description="standard errors by which the first of the ranking removes more"
+        None, description="distance from the first of the ranking, in standard errors"
     )
     shrinkage: Written[Number] = Field(
         None, description=f"{SHRINKAGE}, all channels weighed by their floors"
@@ -136,11 +140,9 @@ class Candidate(Model):
     converged: Flag = Field(True, description=CONVERGED)
     why: Text = Field("", description=WHY_ENDED)
     parameters: MapOf[Estimate] = Field({}, description="of the effect, by name with unit")
-    at_bound: ListOf[Text] = Field(
-        (), description="of these, those at a bound that physics did not set"
-    )
-    figures: MapOf[Number] = Field({}, description="of which the probability is made")
-    set_aside: ListOf[Text] = Field((), description="physical reasons for which it is not named")
+    at_bound: ListOf[Text] = Field((), description="parameters at a bound that is not physical")
+    figures: MapOf[Number] = Field({}, description="inputs of the probability")
+    set_aside: ListOf[Text] = Field((), description="physical reasons against it")
 
 
 class SetMember(Model):
@@ -217,23 +219,23 @@ class Where(Model):
     redundancy: Written[Count] = Field(
         None, description="independent checks that these sensors allow"
     )
-    unseen: ListOf[Text] = Field((), description="ports that no sensor tells anything about")
-    sensors: ListOf[Sensor] = Field((), description="further sensors that would help, best first")
-    regimes: ListOf[Regime] = Field((), description="when it shows")
+    unseen: ListOf[Text] = Field((), description="ports that do not affect any sensor")
+    sensors: ListOf[Sensor] = Field((), description="useful further sensors, best first")
+    regimes: ListOf[Regime] = Field((), description="ranges of signals in which the gap is large")
     frequency_hz: Annotated[tuple[Number, ...], BeforeValidator(_band)] = Field(
-        (), description="[low, high] of the band that holds most of the gap, Hz; else empty"
+        (), description="[low, high] of the band with most of the gap, Hz; else empty"
     )
     windows_s: ListOf[Pair] = Field(
         (), description="[begin, end] of the worst windows, s of the recording"
     )
 
-    def not_told_from(self, port: str) -> set[str]:
+    def inseparable_from(self, port: str) -> set[str]:
         """The other ports that these sensors or recordings cannot tell from this one."""
         return {o for group in self.indistinguishable if port in group for o in group} - {port}
 
 
 class Reach(Model):
-    """Errors of a measured channel on held-out data that chose nothing."""
+    """Errors of a measured channel on held-out data that were not used to choose the model."""
 
     mae_data_sheet: Written[Number] = Field(None, description=f"data-sheet parameters: {ERROR}")
     mae_refitted: Written[Number] = Field(None, description=f"refitted parameters: {ERROR}")
@@ -265,14 +267,14 @@ Condition = Annotated[Any, WithJsonSchema({"type": ["number", "string", "object"
 
 
 class Transfer(Model):
-    """A held-out recording made under other conditions than all that were fitted; beside the keys
+    """A held-out recording under other conditions than all fitted ones; in addition to the keys
     below it has one per channel."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ChannelTransfer] = Field(init=False)
 
     recording: Text = Field("", description="first 12 digits of its sha256")
-    differs: dict[Text, Condition] = Field({}, description="what is new: known values, loop ...")
+    differs: dict[Text, Condition] = Field({}, description="new conditions: known values, loop ...")
 
     @property
     def channels(self) -> dict[str, ChannelTransfer]:
@@ -283,11 +285,11 @@ class NextExperiment(Model):
     """Next experiment."""
 
     name: Text
-    why: Text = Field("", description="what it is good for, in words")
-    separates: ListOf[Text] = Field((), description="effects that it would tell from each other")
+    why: Text = Field("", description="purpose, in words")
+    separates: ListOf[Text] = Field((), description="effects that it would separate")
     expected_separation: Written[Number] = Field(
         None,
-        description="smallest rms difference of two of their models on it, in noise standard "
+        description="smallest rms difference between two of their models, in noise standard "
         "deviations",
     )
     minutes: Written[Number] = Field(None, description="at the rig, min")
@@ -298,8 +300,8 @@ class NextExperiment(Model):
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
     cautions: ListOf[Text] = Field(
         (),
-        description="before it is sent: which inputs are sent and which vary as recorded, and "
-        "where it leads as predicted, compared with what was recorded",
+        description="remarks before the experiment: inputs to send, inputs that vary as recorded, "
+        "and predicted ranges compared with the recordings",
     )
 
     @property
@@ -309,18 +311,19 @@ class NextExperiment(Model):
 
 
 class Pull(Model):
-    """A tolerance-sized correction that stands in every model."""
+    """A correction within a tolerance, which is part of every model."""
 
     pull: Number = Field(description="fitted value over tolerance")
     share_of_gap: Written[Number] = Field(None, description=SHARE)
 
 
 class FormCurve(Model):
-    """Curve that a free form subtracts from a value or adds to it, over the recorded range."""
+    """Nonparametric curve that is added to a value or subtracted from it, over the recorded
+    range."""
 
-    signal: Text = Field(description="over which it is drawn")
+    signal: Text = Field(description="signal of the abscissa")
     signal_unit: Text = Field("", description=UNIT)
-    shown: Text = Field("", description="what it shows, in words")
+    shown: Text = Field("", description="content, in words")
     unit: Text = Field("", description=UNIT)
     x: ListOf[Number] = Field((), description="of the signal; of a loop, there and back")
     y: ListOf[Number] = Field((), description="one per entry of x")
@@ -329,12 +332,12 @@ class FormCurve(Model):
 
 
 class FamilyForm(Model):
-    """A family whose free form, a curve without a law, takes up what is missing."""
+    """A family whose nonparametric curve fits the missing effect."""
 
-    effect: Text = Field(description="label of the free form")
+    effect: Text = Field(description="label of the nonparametric curve")
     family: Text
     port: Text = Field("", description="group of ports that it acts on")
-    known_by: Text = Field("", description="what the family has in common, in words")
+    known_by: Text = Field("", description="common property of the family, in words")
     removes: GapShare | None = Field(None, description="share of the gap")
     shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
     low: Written[Number] = Field(None, description=LOW)
@@ -346,10 +349,12 @@ class Unknown(Model):
     """Description of an effect that the catalogue does not contain."""
 
     port: Text = Field("", description="where it enters")
-    formula: Text = Field("", description="of what is missing, in the signals at the port")
+    formula: Text = Field(
+        "", description="formula of the missing value, in the signals at the port"
+    )
     variables: ListOf[Text] = Field((), description="signals that the formula uses")
     inclusion: Written[Number] = Field(
-        None, description="share of resampled fits in which the formula's terms came up"
+        None, description="share of resampled fits with the terms of the formula"
     )
     described: Written[Number] = Field(
         None, description="share of the term's variance that the formula describes"
@@ -359,8 +364,9 @@ class Unknown(Model):
     memory: Written[Flag] = Field(None, description="whether it depends on the past")
     free_forms: ListOf[FamilyForm] = Field(
         (),
-        description="free forms of families, best first, that take it up and that these recordings "
-        "cannot tell apart: it is of one of them, in a form not in the catalogue; else empty",
+        description="nonparametric curves of families that fit it, best first, which these "
+        "recordings cannot separate: one of these families, in a form outside the catalogue; else "
+        "empty",
     )
 
 
@@ -385,22 +391,19 @@ class DiagnosisFile(Model):
     sentence: Text = Field("", description="the verdict in words")
     remark: Text = Field(
         "",
-        description="what to check first, where the recordings show nothing of the model; else "
-        "empty",
+        description="first check, if the recordings do not depend on the model; else empty",
     )
     doubts: ListOf[Text] = Field(
         (),
-        description="what `pamid check` doubts about the recordings and a fit would put down to "
+        description="doubts of `pamid check` about the recordings that a fit would attribute to "
         "the machine: an offset, another scale; part of the sentence",
     )
     causes: ListOf[Cause] = Field(
         (),
         description="effects that the verdict adds, strongest first; for ambiguous the members "
-        "that cannot be told from each other",
+        "that cannot be separated",
     )
-    remainder: Remainder | None = Field(
-        None, description="what is left; null where nothing was there to explain"
-    )
+    remainder: Remainder | None = Field(None, description="remaining gap; null without a gap")
     ranking: ListOf[Candidate] = Field(
         (), description="every candidate that was refitted, best first"
     )
@@ -415,15 +418,17 @@ class DiagnosisFile(Model):
     )
     where: Written[Where] = Field(None, description="where the gap enters")
     how_far: MapOf[Reach] = Field({}, description="by channel")
-    transfer: ListOf[Transfer] = Field((), description="does the cause hold elsewhere?")
-    next_experiment: NextExperiment | None = Field(None, description="what to measure next")
+    transfer: ListOf[Transfer] = Field(
+        (), description="errors with the cause under other conditions"
+    )
+    next_experiment: NextExperiment | None = Field(None, description="recommended next experiment")
     parameters: MapOf[Estimate] = Field({}, description="of the rig, by name with unit")
     background: MapOf[Pull] = Field({}, description="by name")
-    unknown: Unknown | None = Field(None, description="of an effect without a name")
-    rig: Sometimes[RigMap] = Field(default=None, description="its ports and which leads to which")
-    notes: ListOf[Text] = Field(
-        (), description="what a reader should know before believing a figure, in words"
+    unknown: Unknown | None = Field(
+        None, description="description of an effect outside the catalogue"
     )
+    rig: Sometimes[RigMap] = Field(default=None, description="its ports and their connections")
+    notes: ListOf[Text] = Field((), description="remarks on the reliability of the figures")
     failed_jobs: Sometimes[ListOf[FailedJob]] = None
 
     @property

@@ -54,5 +54,5 @@ class Estimate(Interval):
 class FailedJob(Model):
     """A part of the work without a result; the rest goes on, and the exit code is 6."""
 
-    job: Text = Field(description="what it was")
+    job: Text = Field(description="name of the job")
     why: Text = Field(description="why it failed")

@@ -1,4 +1,4 @@
-"""The note beside an excitation: what is sent, and how well it covers amplitude and frequency."""
+"""JSON next to an excitation: its columns, and their coverage of amplitude and frequency."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class SignalCoverage(Model):
     histogram: ListOf[Number] = Field(description="share of time in equal bins of the range")
     crest: Number = Field(description="highest deviation from the mean over the rms")
     library_condition: Number | None = Field(
-        description="condition number of 1, v, v², v³; null where they are not told apart"
+        description="condition number of 1, v, v², v³; null if they are not independent"
     )
     even_condition: Number | None = Field(description="the same of 1 and v²")
     changes: ChangesCovered | None = Field(description="null of fewer than two changes")
@@ -54,7 +54,7 @@ ColumnSeed = Annotated[
 
 
 class SentColumn(Model):
-    """One column of several that are sent."""
+    """One of several excited columns."""
 
     column: Text
     unit: Text = Field(description=UNIT)
@@ -63,22 +63,24 @@ class SentColumn(Model):
     part: Sometimes[Number] = Field(
         default=None, description="of the common sequence, at which it begins, 0 to 1"
     )
-    coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
+    coverage: Sometimes[SignalCoverage] = Field(default=None, description="coverage of the signal")
 
 
 class CommandKept(Model):
     """Effect of a model's limits on one command."""
 
     column: Text
-    factor: Number = Field(description="of what was asked for, about its centre, up to 1")
+    factor: Number = Field(
+        description="reduction of the requested signal about its centre, up to 1"
+    )
     shift: Number = Field(description="of the centre, in the unit of the column")
-    why: ListOf[Text] = Field(description="what was in the way, in words")
+    why: ListOf[Text] = Field(description="violated limits, in words")
 
 
 class LimitsKept(Model):
-    """The limits of a model within which the signal was run before."""
+    """Limits of a model, under which the signal was simulated first."""
 
-    checked: ListOf[Text] = Field(description="what was looked at, in words")
+    checked: ListOf[Text] = Field(description="checked limits, in words")
     commands: ListOf[CommandKept]
     reached: dict[Text, Pair] = Field(description="joint -> lowest and highest position, rad or m")
 
@@ -86,10 +88,10 @@ class LimitsKept(Model):
 class ExcitationFile(Model):
     """Excitation: one column with the settings, or several in a list."""
 
-    model_config = ConfigDict(title="The note beside an excitation, and pamid generate-aprbs")
+    model_config = ConfigDict(title="JSON next to an excitation, and pamid generate-aprbs")
 
     schema_: Literal["pamid.excitation/1"] = Field(default="pamid.excitation/1", alias="schema")
-    generator: Text = Field(description="the program that made it, with its version")
+    generator: Text = Field(description="program and version")
     file: Text | None = Field(description="name of the file that it describes")
     sha256: Text = Field(description=SHA256)
     rig: Text | None = Field(description=RIG)
@@ -114,13 +116,16 @@ class ExcitationFile(Model):
     )
     seed: Annotated[Count | None, MAY_LACK] = Field(default=None, description=SEED)
     known: Sometimes[dict[Text, Number]] = Field(
-        default=None, description="what the rig is set to, by name with unit"
+        default=None, description="settings of the rig, by name with unit"
     )
     sampling_period_s: Sometimes[Number] = None
     samples: Sometimes[Count] = Field(default=None, description="number of samples")
-    coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
+    coverage: Sometimes[SignalCoverage] = Field(default=None, description="coverage of the signal")
     limits: Sometimes[LimitsKept] = Field(
-        default=None, description="of a MuJoCo or URDF model, and what was done to keep them"
+        default=None,
+        description="of a MuJoCo or URDF model, and the changes of the signal for them",
     )
-    format: Sometimes[Text] = Field(default=None, description="of the file, where it is no CSV")
-    interpolation: Sometimes[Text] = Field(default=None, description="how it has to be played")
+    format: Sometimes[Text] = Field(default=None, description="of the file, unless it is a CSV")
+    interpolation: Sometimes[Text] = Field(
+        default=None, description="interpolation between samples on the rig"
+    )

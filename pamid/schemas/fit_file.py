@@ -39,11 +39,11 @@ class RecordingUsed(Model):
     name: Text
     path: Text = Field("", description="as it was given")
     sha256: Text = Field("", description=SHA256)
-    role: Text = Field("", description="fit, held-out, or both: it was split in time")
+    role: Text = Field("", description="fit, held-out, or both if it was split in time")
     samples: Written[Count] = Field(None, description="number of samples")
     period_s: Number | None = Field(None, description="sampling period, s")
     loop: Text | None = Field(
-        None, description="closed or open: did a controller produce the command?"
+        None, description="closed if a controller produced the command, else open"
     )
     controller: dict[Text, Number] = Field({}, description="settings of the controller, by name")
     known: Annotated[dict[Text, Number], MAY_LACK] = Field(
@@ -71,7 +71,7 @@ class CheckedSteps(Steps):
 
 
 class BackgroundPull(Model):
-    """A tolerance-sized correction that stands in every model."""
+    """A correction within a tolerance, which is part of every model."""
 
     pull: Number = Field(description="fitted value over tolerance")
 
@@ -87,7 +87,7 @@ class LoopError(Model):
 
 
 class Combination(Estimate):
-    """A function of several parameters that the data settle."""
+    """A function of several parameters that the data determine."""
 
     members: ListOf[Text] = Field((), description="the fitted parameters in it")
     declared: Flag = Field(False, description="whether the rig declares it")
@@ -136,7 +136,7 @@ class FittedModel(Model):
 
 
 class Rival(Model):
-    """One of several causes that the recordings cannot tell apart."""
+    """One of several causes that the recordings cannot separate."""
 
     probability: Number = Field(description="calibrated frequency with which such a cause acts")
     model: FittedModel = Field(description="the model with it")
@@ -148,7 +148,7 @@ class StartedFrom(Model):
     path: Text = Field(description="folder of its run")
     sha256: Text = Field(description=SHA256)
     recordings: ListOf[Text] = Field(description="sha256 of all that it rests on")
-    remarks: ListOf[Text] = Field(description="what a reader must know, a sentence each")
+    remarks: ListOf[Text] = Field(description="remarks for the reader, one sentence each")
 
 
 class FitFile(Model):
@@ -177,7 +177,7 @@ class FitFile(Model):
     )
     channels: ListOf[Text] = Field((), description="measured outputs that were fitted")
     inputs: Sometimes[ListOf[Text]] = Field(
-        default=None, description="inputs of the rig that every recording holds; in residual.csv"
+        default=None, description="inputs of the rig that every recording has; in residual.csv"
     )
     converged: Flag = Field(True, description=CONVERGED)
     why: Text = Field("", description=WHY_ENDED)
@@ -202,10 +202,10 @@ class FitFile(Model):
         description="the same per held-out recording and channel, by model, with RMS",
     )
     combinations: MapOf[Combination] = Field(
-        {}, description="combinations of parameters that the data settle, by name with unit"
+        {}, description="combinations of parameters that the data determine, by name with unit"
     )
     tied: ListOf[Tie] = Field((), description="parameters known only in combination")
-    posterior: Written[Posterior] = Field(None, description="what a later fit starts from")
+    posterior: Written[Posterior] = Field(None, description="priors for a later fit")
     model: Written[FittedModel] = Field(None, description="the refitted model")
     from_: Sometimes[StartedFrom] = Field(
         default=None, alias="from", description="the fit before this one"
@@ -215,9 +215,9 @@ class FitFile(Model):
     )
     rivals: Sometimes[MapOf[Rival]] = Field(
         default=None,
-        description="of an ambiguous diagnosis: the causes that cannot be told apart, by label",
+        description="for an ambiguous diagnosis: the causes that cannot be separated, by label",
     )
     notes: Sometimes[ListOf[Text]] = Field(
-        default=None, description="what to know before believing a figure, sentences"
+        default=None, description="remarks on the reliability of the figures, sentences"
     )
     failed_jobs: Sometimes[ListOf[FailedJob]] = Field(default=None, description="and why")

@@ -35,7 +35,7 @@ class AnfisErrors(Model):
     n_weights: Count
     rms_n: Number
     worst_n: Number
-    rms_n_each_way: ListOf[Number] = Field(description="for every way to hold points out")
+    rms_n_each_way: ListOf[Number] = Field(description="by fold of the cross-validation")
     contraction_held_out_rms_n: Number | None = Field(
         description="with whole contractions held out"
     )

@@ -16,11 +16,11 @@ class LogRead(InputFile):
     """The raw log."""
 
     kind: Text = Field(description="its format")
-    details: ListOf[Text] = Field(description="what was met in it, a clause each")
+    details: ListOf[Text] = Field(description="decisions of the reader, one clause each")
 
 
 class TimeMapped(Model):
-    """How the mapping says the time base is made."""
+    """Settings of the time base in the mapping."""
 
     source: Sometimes[Text] = Field(default=None, description="channel with the stamps")
     unit: Sometimes[Text] = Field(default=None, description=UNIT)
@@ -32,7 +32,7 @@ class TimeMapped(Model):
 
 
 class ChannelMapped(Model):
-    """How the mapping makes a column of a channel."""
+    """Conversion of a channel to a column in the mapping."""
 
     source: Text = Field(description="channel of the log")
     unit: Sometimes[Text] = Field(default=None, description=UNIT)
@@ -40,7 +40,7 @@ class ChannelMapped(Model):
     pressure: Sometimes[Text] = Field(default=None, description="gauge or absolute")
     sign: Count
     offset: Number
-    rows: Sometimes[Count] = Field(default=None, description="by which its values are logged late")
+    rows: Sometimes[Count] = Field(default=None, description="delay of its values in rows")
     interpolation: Sometimes[Text] = Field(default=None, description="hold or smooth")
 
 
@@ -51,7 +51,7 @@ class AtmosphereTaken(Model):
 
 
 class MappingUsed(InputFile):
-    """The mapping, with what the command line said over it."""
+    """The mapping, with the settings of the command line."""
 
     rig: Sometimes[Text] = Field(default=None, description=RIG)
     loop: Sometimes[Text] = Field(default=None, description=LOOP)
@@ -68,7 +68,7 @@ class MappingUsed(InputFile):
 
 
 class ClockWitness(Model):
-    """A smooth signal by which uneven stamps were judged."""
+    """A smooth signal that was used to diagnose uneven stamps."""
 
     signal: Text
     coefficient: Number
@@ -77,7 +77,7 @@ class ClockWitness(Model):
 
 
 class ClockRepair(Model):
-    """Something that was mended in a time base."""
+    """A repair of a time base."""
 
     what: Text = Field(description="a stable word for scripts")
     count: Count
@@ -90,12 +90,12 @@ class ClockUsed(Model):
     name: Text
     rows: Count
     state: Text
-    cure: Text | None = Field(description="how uneven stamps were mended")
+    cure: Text | None = Field(description="repair of uneven stamps")
     why: Text = Field(description="the reason, in words")
     numbers: Sometimes[dict[Text, Number]] = Field(default=None, description="behind the reason")
     signals: Sometimes[ListOf[ClockWitness]] = None
     repairs: ListOf[ClockRepair]
-    leads: Flag = Field(description="whether the recording's time base is made from it")
+    leads: Flag = Field(description="whether it is the time base of the recording")
 
 
 class ColumnMade(Model):
@@ -107,7 +107,7 @@ class ColumnMade(Model):
     empty_cells: Count
     longest_empty_run: Count
     at_limit: Count = Field(description="samples in runs at the highest or lowest value")
-    filtered: Flag = Field(description="whether it was smoothed before it was thinned out")
+    filtered: Flag = Field(description="whether it was filtered before it was resampled")
     unit: Sometimes[Text] = Field(default=None, description="of the channel")
     atmosphere_taken_off_kpa: Sometimes[Number] = None
 
@@ -128,10 +128,10 @@ _ACCOUNT = ("source", "mapping", "clock_ppm", "clocks", "signals", "notes", "rec
 
 
 class IngestFile(Model):
-    """The account of one recording; or, of the command, of every recording that it made."""
+    """Conversion record of one recording; in the command's output, of all recordings."""
 
     model_config = ConfigDict(
-        title="pamid ingest, and the account beside a recording made from a raw log",
+        title="pamid ingest, and the conversion record next to a recording from a raw log",
         json_schema_extra={"oneOf": [{"required": [*_ACCOUNT]}, {"required": ["recordings"]}]},
     )
 
@@ -147,5 +147,5 @@ class IngestFile(Model):
     notes: Sometimes[ListOf[Text]] = Field(default=None, description="a sentence each")
     recording: Sometimes[RecordingMade] = None
     recordings: Sometimes[ListOf[IngestFile]] = Field(
-        default=None, description="of the command: one account per recording"
+        default=None, description="in the command's output: one record per recording"
     )

@@ -121,7 +121,7 @@ def _one_by_one(value: Any, validated: Callable[[Any], Any]) -> Any:
     """Entry by entry: a file with a million wrong entries is refused at the first."""
     if not isinstance(value, dict):
         return validated(value)
-    return {key: validated({key: one})[key] for key, one in value.items()}
+    return {key: validated({key: item})[key] for key, item in value.items()}
 
 
 def _two(value: Any) -> Any:
@@ -133,7 +133,7 @@ def _two(value: Any) -> Any:
 def _numbers_only(value: Any, info: ValidationInfo) -> Any:
     if info.context is None or not isinstance(value, dict):
         return value
-    return {k: one for k, one in value.items() if one is not None and not isinstance(one, str)}
+    return {k: item for k, item in value.items() if item is not None and not isinstance(item, str)}
 
 
 class _FailFast(FailFast):
@@ -156,7 +156,7 @@ class _NeverNull:
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         schema = handler(core)
-        others = [one for one in schema.pop("anyOf", []) if one != _NULL]
+        others = [option for option in schema.pop("anyOf", []) if option != _NULL]
         schema |= others[0] if len(others) == 1 else {"anyOf": others} if others else {}
         if schema.get("default", 0) is None:
             del schema["default"]
@@ -171,9 +171,9 @@ class _MayLack:
 MAY_LACK = _MayLack()
 
 
-#: pamid always writes it; None where an older or partial file lacks it
+#: pamid always writes it; None if an older or partial file lacks it
 Written = Annotated[T | None, _NeverNull()]
-#: written only where there is something to say; None where it is missing
+#: written only where there is something to say; None if it is missing
 Sometimes = Annotated[T | None, _NeverNull(), MAY_LACK]
 
 
@@ -204,7 +204,7 @@ class Model(BaseModel):
             for name, field in fields.items()
             if name in self.model_fields_set or field.alias == "schema"
         }
-        return written | {name: _plain(one) for name, one in (self.model_extra or {}).items()}
+        return written | {name: _plain(item) for name, item in (self.model_extra or {}).items()}
 
     @model_validator(mode="before")
     @classmethod
@@ -233,10 +233,10 @@ class Model(BaseModel):
         schema["required"] = [
             field.alias or name
             for name, field in cls.model_fields.items()
-            if not any(one is MAY_LACK for one in field.metadata)
+            if not any(part is MAY_LACK for part in field.metadata)
         ]
-        for one in schema.get("properties", {}).values():
-            one.pop("default", None)
+        for part in schema.get("properties", {}).values():
+            part.pop("default", None)
         return schema
 
 
@@ -253,7 +253,7 @@ class NumbersByKey(Model):
 
     def numbers(self) -> dict[str, float]:
         """All that are there, by key."""
-        return {key: float(one) for key, one in self.as_json().items() if one is not None}
+        return {key: float(number) for key, number in self.as_json().items() if number is not None}
 
 
 class _Untitled(GenerateJsonSchema):
@@ -312,5 +312,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Model):
         return value.as_json()
     if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, tuple | list) else value
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value

@@ -59,7 +59,7 @@ class TrainingSummary(Model):
 
     why: Annotated[Text, MAY_LACK] = Field(default="", description=WHY_ENDED)
     converged: Annotated[Flag, MAY_LACK] = Field(default=True, description=CONVERGED)
-    remark: Annotated[Text, MAY_LACK] = Field(default="", description="what to mind; else empty")
+    remark: Annotated[Text, MAY_LACK] = Field(default="", description="warning; else empty")
     iterations: Sometimes[Count] = None
     mse: Last = Field(default=None, description="mean squared error, of the scaled output")
     gradient: Last = Field(default=None, description="norm of the gradient of the objective")
@@ -117,7 +117,7 @@ class NetworkFile(Model):
     schema_: Literal["pamid.network/1"] = Field(default="pamid.network/1", alias="schema")
     kind: Text = Field("network", description="elman, narx, anfis")
     sizes: dict[Text, Annotated[Any, WithJsonSchema(ANY_SIZE)]] = Field(
-        {}, description="what this kind is made with, by name"
+        {}, description="sizes of this kind of network, by name"
     )
     n_weights: Written[Count] = None
     inputs: ListOf[ScaledSignal] = Field((), description="in the network's order")
@@ -130,15 +130,15 @@ class NetworkFile(Model):
     )
     model: Sometimes[Text] = Field(
         default=None,
-        description="what it corrects: the replayed model (replay), or the one in its own loop "
-        "(loop)",
+        description="model that it corrects: the replayed model (replay), or the model in closed "
+        "loop (loop)",
     )
     on: Sometimes[Text] = Field(
         default=None,
         description="the model whose residual it was trained on: the refitted one (refit), or the "
         "one with the causes of the diagnosis (causes)",
     )
-    target: Sometimes[Text] = Field(default=None, description="what it was trained on, in words")
+    target: Sometimes[Text] = Field(default=None, description="training target, in words")
     parameters: Sometimes[dict[Text, Number]] = Field(
         default=None, description="fitted ones of the model that it corrects from within, by name"
     )

@@ -18,9 +18,9 @@ class TakenColumn(Model):
     role: Literal["input", "output", "reference"]
     stands_for: Text = Field(description="the column of the rig that was started from")
     by: Literal["name", "word", "unit", "you"] = Field(
-        description="what it was recognised by; you: --column"
+        description="how it was identified; you: by --column"
     )
-    scaled: Flag = Field(description="another quantity: a gain to be fitted stands between")
+    scaled: Flag = Field(description="whether a gain is fitted, because the quantities differ")
 
 
 class OtherMatch(Model):
@@ -38,7 +38,7 @@ class NewRigFile(Model):
     schema_: Literal["pamid.new-rig/1"] = Field(default="pamid.new-rig/1", alias="schema")
     output: Text = Field(description="the rig file")
     rig: Text = Field(description="its name")
-    like: Text = Field(description="the rig of the catalogue that it was started from")
+    like: Text = Field(description="rig of the catalogue on which it is based")
     score: Number = Field(description="1 where everything fits by name")
     columns: ListOf[TakenColumn]
     unrecorded: ListOf[Text] = Field(description="columns of the rig that were not recorded")

@@ -142,7 +142,7 @@ class ArmRecording(Model):
     name: Text
     kind: Text = Field(description="gravity or pulses")
     held_out: Flag
-    known: dict[Text, Number] = Field(description="what the arm is set to, by name with unit")
+    known: dict[Text, Number] = Field(description="settings of the arm, by name with unit")
     samples: Count = Field(description="number of samples")
 
 
@@ -197,7 +197,7 @@ class StageEstimate(Interval):
     """A value as a stage of the fits knows it."""
 
     word: Text = Field("", description=WORD)
-    holds: Flag | None = Field(None, description="whether the interval holds the truth")
+    holds: Flag | None = Field(None, description="whether the interval contains the true value")
 
 
 class ArmEstimate(Model):
@@ -244,7 +244,7 @@ class ArmPaperFile(Model):
     force_law: ArmForceLaw
     mae: MapOf[MapOf[ArmErrors]] = Field({}, description="of free runs")
     windowed_mae: MapOf[MapOf[ArmErrors]] = Field(
-        {}, description="in short windows whose states are set anew"
+        {}, description="in short windows, each with an estimated initial state"
     )
     target: ArmTarget
     coupling: ListOf[ArmCoupling] = Field(

@@ -13,12 +13,12 @@ SEEN_BY = "error of the refitted model over the noise floor"
 
 
 class UsualAmount(Model):
-    """The parameter that says how large an effect is."""
+    """The parameter for the size of an effect."""
 
     parameter: Text = Field(description="by name with unit")
     unit: Text = Field(description=UNIT)
     usual: Number = Field(description="its value at the usual size")
-    least: Number | None = Field(description="the smallest that shows; null where none tried does")
+    least: Number | None = Field(description="the smallest detectable value; null if none tried is")
 
 
 class ShownEffect(Model):
@@ -36,9 +36,9 @@ class ShownEffect(Model):
         description=f"{SEEN_BY} at the usual size if that sensor were the only one"
     )
     confused: ListOf[Text] = Field(
-        description="effects of other families that would be taken for it at its usual size"
+        description="effects of other families with which it would be confused at its usual size"
     )
-    failed: Text = Field(description="why nothing can be said; else empty")
+    failed: Text = Field(description="reason of a failure; else empty")
 
 
 class PowerFile(Model):

@@ -12,8 +12,8 @@ class MappedPort(Model):
     """A port of the rig, its places as one."""
 
     port: Text
-    group: Text = Field("", description="the name that the gap's shares are told by")
-    kind: Text = Field("", description="motion, actuator-force, flow ...: what passes there")
+    group: Text = Field("", description="name of the group in the shares of the gap")
+    kind: Text = Field("", description="kind of value: motion, actuator-force, flow ...")
     unit: Text = Field("", description=UNIT)
     leads_to: ListOf[Text] = Field(
         (), description="ports that are reached from here with no other port between"
@@ -26,4 +26,4 @@ class RigMap(Model):
     name: Text
     inputs: ListOf[Text] = Field((), description="columns that are sent to it")
     outputs: ListOf[Text] = Field((), description="columns that were measured")
-    ports: ListOf[MappedPort] = Field((), description="in the rig's own order")
+    ports: ListOf[MappedPort] = Field((), description="in the order of the rig")

@@ -1,4 +1,4 @@
-"""run.json: which command made the files of a folder, of what, with which versions, and when."""
+"""run.json: origin of the files of a folder: command, inputs, versions and time."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ class Step(Model):
     command: ListOf[Text] = Field((), description="the words of the command line")
     seed: Count | None = Field(None, description=SEED)
     options: Annotated[dict[Text, Any], BeforeValidator(_with_named_rig)] = Field(
-        {}, description="what decides the result, by name"
+        {}, description="settings that determine the result, by name"
     )
     inputs: ListOf[InputFile] = Field((), description="files that it read")
     versions: dict[Text, Text] = Field({}, description="of Python and of the packages")
     platform: Sometimes[Text] = Field(default=None, description="of the run itself")
     begun: Text = Field("", description=UTC)
-    ended: Text | None = Field(None, description=f"{UTC}; null while it goes on")
-    outcome: Text | None = Field(None, description="how it ended; null while it goes on")
+    ended: Text | None = Field(None, description=f"{UTC}; null while it runs")
+    outcome: Text | None = Field(None, description="how it ended; null while it runs")
 
     @property
     def rig(self) -> str:
-        """The rig as it was named, by name or by file; "" where none was."""
+        """The rig as it was named, by name or by file; "" if none was."""
         return self.options.get("rig") or ""
 
 
 class Resumption(Model):
-    """A command that went on with a run that was cut short."""
+    """A command that continued an interrupted run."""
 
     command: ListOf[Text]
     versions: dict[Text, Text]
@@ -56,16 +56,15 @@ class Resumption(Model):
 
 
 class RunFile(Step):
-    """Where the files of a run come from. A run that was killed has `ended` null."""
+    """Origin of the files of a run. A killed run has `ended` null."""
 
-    model_config = ConfigDict(title="run.json: where the files of a run come from")
+    model_config = ConfigDict(title="run.json: origin of the files of a run")
     not_read: ClassVar = ("files", "resumed")
 
     schema_: Literal["pamid.run/1"] = Field(default="pamid.run/1", alias="schema")
     steps: ListOf[Step] = Field((), description="later commands on the same run")
     files: Sometimes[ListOf[Text]] = Field(
         default=None,
-        description="what pamid wrote here, relative to the folder: all that --overwrite takes "
-        "away",
+        description="files that pamid wrote, relative to the folder, which --overwrite removes",
     )
     resumed: Sometimes[ListOf[Resumption]] = Field(default=None, description="in their order")

@@ -15,13 +15,13 @@ class RunSummary(Model):
 
     path: Text = Field(description="folder of the run")
     kind: Text = Field(description="diagnosis, fit, trial, paper, other or damaged")
-    command: Text = Field(description="the command that made it, its name")
+    command: Text = Field(description="name of its command")
     rig: Text = Field(description=RIG)
-    recordings: ListOf[Text] = Field(description="names of what was recorded")
+    recordings: ListOf[Text] = Field(description="names of the recordings")
     begun: Text = Field(description="UTC, ISO 8601")
-    outcome: Text = Field(description="how it ended; empty while it goes on")
+    outcome: Text = Field(description="how it ended; empty while it runs")
     verdict: Text = Field(description="of a diagnosis, as in diagnosis.json")
-    sentence: Text = Field(description="what was found, in words; what is damaged")
+    sentence: Text = Field(description="result in words, or the damage")
     causes: ListOf[Text] = Field(description="labels of the effects that the verdict names")
     mae: MapOf[Figures] = Field(
         description="held-out mean absolute error in the channel's unit: channel -> model",
@@ -31,23 +31,21 @@ class RunSummary(Model):
 class RunList(Model):
     """The runs below a folder."""
 
-    model_config = ConfigDict(title="pamid runs: the runs below a folder and what they found")
+    model_config = ConfigDict(title="pamid runs: the runs below a folder with their results")
 
     schema_: Literal["pamid.runs/1"] = Field(default="pamid.runs/1", alias="schema")
-    folder: Text = Field(description="where it was looked")
+    folder: Text = Field(description="searched folder")
     runs: ListOf[RunSummary] = Field(default=(), description="by path")
 
 
 class WrittenComparison(Model):
-    """A page that puts runs side by side."""
+    """A page that compares runs."""
 
-    model_config = ConfigDict(title="pamid report --compare: runs side by side")
+    model_config = ConfigDict(title="pamid report --compare: a comparison of runs")
 
     schema_: Literal["pamid.comparison/1"] = Field(default="pamid.comparison/1", alias="schema")
     page: Text = Field(description="path of the page")
     runs: ListOf[RunSummary] = Field(
         default=(), description="in the order in which they were given"
     )
-    changed: ListOf[Text] = Field(
-        default=(), description="what differs in the data and how it was run"
-    )
+    changed: ListOf[Text] = Field(default=(), description="differences in data and settings")

@@ -17,7 +17,7 @@ class RecordingError(Model):
 
     recording: Text = Field(description="its name")
     known: dict[Text, Number] = Field(
-        description="what the recording states as known, by name with unit: its inertia, payload"
+        description="known values of the recording, by name with unit: its inertia, payload"
     )
     comparison: Text = Field(
         description="replay: on the recorded command, window by window; loop: under the "
@@ -32,9 +32,7 @@ class RecordingError(Model):
 class ScoreFile(Model):
     """Errors of a run's models on new recordings."""
 
-    model_config = ConfigDict(
-        title="pamid score: what the models of a run err by on recordings it has not seen"
-    )
+    model_config = ConfigDict(title="pamid score: errors of a run's models on new recordings")
 
     schema_: Literal["pamid.score/1"] = Field(default="pamid.score/1", alias="schema")
     run: Text = Field(description="folder of the run")

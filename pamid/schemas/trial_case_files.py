@@ -1,4 +1,4 @@
-"""The cases of the blind trial: what was planted in them, and what came of each."""
+"""Cases of the blind trial: planted effects and results."""
 
 from __future__ import annotations
 
@@ -43,23 +43,24 @@ class ActingEffect(PlantedTruth):
 
     planted: Flag = Field(description="or a further, lesser one")
     change: Number = Field(
-        description="of the held-out readings if it is taken out of all that act: root mean square "
+        description="change of the held-out readings without it, as a root mean square "
         "in their standard deviations"
     )
     removes: Annotated[Number | None, MAY_LACK] = Field(
-        default=None, description="share of the refitted model's held-out error that goes with it"
+        default=None,
+        description="share of the refitted model's held-out error that vanishes without it",
     )
 
 
 class TrialCaseFile(Model):
     """The result of one case."""
 
-    model_config = ConfigDict(title="One case of a trial, worked through")
+    model_config = ConfigDict(title="Result of one case of a trial")
 
     schema_: Literal["pamid.trial-case/1"] = Field(default="pamid.trial-case/1", alias="schema")
     case: Count = Field(description="its number")
     sha256: Text = Field(description="of the case and its label, hexadecimal")
-    failed: ErrorFile | None = Field(description="the error, where there is no result")
+    failed: ErrorFile | None = Field(description="the error, if there is no result")
     diagnosis: Sometimes[dict[Text, Any]] = Field(default=None, description="see pamid.diagnosis/3")
     seconds: Sometimes[Number] = Field(default=None, description="CPU time of the diagnosis, s")
     visibility: Annotated[Number | None, MAY_LACK] = Field(
@@ -70,7 +71,7 @@ class TrialCaseFile(Model):
         default=None, description="of two faults, that of the less visible one by itself"
     )
     acting: Sometimes[ListOf[ActingEffect]] = Field(
-        default=None, description="what acts in an open case; first what removes most"
+        default=None, description="effects of an open case, the largest first"
     )
     shrinkage: Annotated[ShrinkageForecast | None, MAY_LACK] = Field(
         default=None, description="null without a cause, or where a model became unstable"
@@ -85,13 +86,14 @@ class CaseLabel(Model):
     seed: Count | None = Field(description=SEED)
     stratum: Text
     planted: MapOf[dict[Text, Number]] = Field(description="fault -> its sizes")
-    removed: ListOf[Text] = Field(description="effects taken out of the tool's catalogue")
+    removed: ListOf[Text] = Field(description="effects removed from the catalogue")
     conditions: dict[Text, Any] = Field(description="of the recording and of the machine")
     rig: Text | None = Field(description=RIG)
     sha256: Text = Field(description=SHA256)
     truth: ListOf[PlantedTruth]
     bare: Sometimes[bool] = Field(
-        default=None, description="is the tool not told of the machine's tolerances?"
+        default=None,
+        description="whether the machine's tolerances were withheld from the diagnosis",
     )
     world: Sometimes[Text] = Field(default=None, description=WORLD)
     further: Sometimes[MapOf[dict[Text, Number]]] = Field(
@@ -104,9 +106,9 @@ class CaseLabel(Model):
 
 
 class TrialLabelsFile(Model):
-    """Opened by the scorer alone."""
+    """Labels, which only the scorer reads."""
 
-    model_config = ConfigDict(title="labels.json: what was planted in the cases of a trial")
+    model_config = ConfigDict(title="labels.json: planted effects of the cases of a trial")
 
     schema_: Literal["pamid.trial-labels/1"] = Field(default="pamid.trial-labels/1", alias="schema")
     rig: Text | None = Field(description=RIG)
@@ -115,7 +117,8 @@ class TrialLabelsFile(Model):
     cases_sha256: Text = Field(description="digest of all cases")
     cases: ListOf[CaseLabel]
     bare: Sometimes[bool] = Field(
-        default=None, description="is the tool not told of the machine's tolerances?"
+        default=None,
+        description="whether the machine's tolerances were withheld from the diagnosis",
     )
     world: Sometimes[Text] = Field(default=None, description=WORLD)
 

@@ -42,8 +42,8 @@ class Bin(Model):
 
     low: Number = Field(0.0, description="lower edge of the bin")
     high: Number = Field(1.0, description="upper edge of the bin")
-    said: Number = Field(description="mean probability that was said")
-    right: Rate = Field(description="how many of them were right")
+    said: Number = Field(description="mean stated probability")
+    right: Rate = Field(description="share of right answers")
 
 
 class TrialFile(Model):
@@ -58,16 +58,18 @@ class TrialFile(Model):
     cases: Count = Field(description="how many were drawn")
     rates: MapOf[Rate] = Field({}, description="by name")
     figures: MapOf[Figure] = Field({}, description="by name")
-    reliability: ListOf[Bin] = Field((), description="stated probabilities against what was right")
+    reliability: ListOf[Bin] = Field(
+        (), description="stated probabilities against the share of right answers"
+    )
     strata: MapOf[MapOf[MapOf[Rate]]] = Field(
-        {}, description="what the cases differ in -> bin -> name of a rate -> rate"
+        {}, description="condition of the cases -> bin -> name of a rate -> rate"
     )
     confusion: MapOf[MapOf[Count]] = Field(
         {}, description="planted family -> answer -> number of visible single faults"
     )
-    baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
+    baselines: MapOf[Rate] = Field({}, description="rates of answers that ignore the data")
     rig: Text = Field(default="one-dof", description="name of the rig, or of its file")
-    world: Text = Field(default="closed", description="open where further effects act as well")
+    world: Text = Field(default="closed", description="open if further effects act as well")
     cases_sha256: Text = Field("", description="digest of all cases and their labels")
     failures: dict[Text, Text] = Field({}, description="number of a case -> why it failed")
     failed_jobs: ListOf[FailedJob] = Field((), description="cases, or jobs of their diagnosis")

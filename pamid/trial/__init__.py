@@ -1,2 +1,2 @@
-"""The blind trial: virtual machines of their own, faults planted in them, and the scoring of what
-is said about them."""
+"""The blind trial: virtual machines with separate equations, planted faults, and the scoring of the
+diagnosis."""

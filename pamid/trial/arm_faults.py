@@ -173,7 +173,7 @@ def _spots(site: str) -> tuple[int, ...]:
             nearest(name, list(ARM_FAULTS)) or "see ARM_FAULTS",
         )
     first = 0 if KIN[kin] == MUSCLES else len(MUSCLES)
-    return tuple(first + k for k, one in enumerate(KIN[kin]) if number in ("", one))
+    return tuple(first + k for k, joint in enumerate(KIN[kin]) if number in ("", joint))
 
 
 def _kin_and_number(place: str) -> tuple[str, str]:

@@ -139,8 +139,8 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
     for j in range(2):
         x[j, LOAD_SPEED] = speed[j]
         x[j, LOAD_ANGLE] += h * speed[j]
-        own = turning[j] if wheel[j] > 0.0 else speed[j]
-        x[j, SPEED] = own - (speed[0] if j == 1 else 0.0)
+        rate = turning[j] if wheel[j] > 0.0 else speed[j]
+        x[j, SPEED] = rate - (speed[0] if j == 1 else 0.0)
         x[j, ANGLE] += h * x[j, SPEED]
 
 

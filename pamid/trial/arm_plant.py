@@ -98,18 +98,18 @@ class ArmSpecimen:
 
     def body(self, payload_kg: float) -> ArmBody:
         """The links with a payload at the tip."""
-        own = self.links
-        moment = own["mass_2"] * own["centre_2"] + payload_kg * LENGTH_2
-        beyond = own["mass_2"] + payload_kg
+        links = self.links
+        moment = links["mass_2"] * links["centre_2"] + payload_kg * LENGTH_2
+        beyond = links["mass_2"] + payload_kg
         return ArmBody(
-            inertia_1=own["inertia_1"]
-            + own["mass_1"] * own["centre_1"] ** 2
+            inertia_1=links["inertia_1"]
+            + links["mass_1"] * links["centre_1"] ** 2
             + beyond * LENGTH_1**2,
-            inertia_2=own["inertia_2"]
-            + own["mass_2"] * own["centre_2"] ** 2
+            inertia_2=links["inertia_2"]
+            + links["mass_2"] * links["centre_2"] ** 2
             + payload_kg * LENGTH_2**2,
             coupling=moment * LENGTH_1,
-            weight_1=GRAVITY * (own["mass_1"] * own["centre_1"] + beyond * LENGTH_1),
+            weight_1=GRAVITY * (links["mass_1"] * links["centre_1"] + beyond * LENGTH_1),
             weight_2=GRAVITY * moment,
             viscous_1=self.viscous[0],
             viscous_2=self.viscous[1],
@@ -178,7 +178,7 @@ def record_arm(
     run(
         packed(**asdict(arm.body(payload_kg))),
         joint_records(arm),
-        np.array([packed(**asdict(one)) for one in f]),
+        np.array([packed(**asdict(specimen)) for specimen in f]),
         joint_waves(arm),
         extended,
         closed,
@@ -191,7 +191,8 @@ def record_arm(
     )
     if not np.isfinite(readings).all():
         raise UsageError(
-            f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+            f"The arm becomes unstable with {', '.join(faults) or 'no fault'}.",
+            "Draw smaller sizes.",
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)

@@ -84,8 +84,8 @@ def lesson(
     """The same from labels and results."""
     if any(label["part"] != "calibration" for label in labels):
         raise DataError(
-            "the probabilities of a verdict are fitted to the calibration part alone",
-            "give the folder of a trial with --part calibration",
+            "The probabilities of a verdict are fitted only to the calibration part.",
+            "Give the folder of a trial with --part calibration.",
         )
     known = {label["number"]: label for label in labels}
     return Lesson(
@@ -138,26 +138,26 @@ def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
     """Expected calibration error on every machine, by weights that were learnt from the others;
     machines whose answers are all the same, or whose others are, are left out."""
     errors = {}
-    for own in dict.fromkeys(k.machine for k in lessons):
-        train = _examples([k for k in lessons if k.machine != own])
-        test = _examples([k for k in lessons if k.machine == own])
+    for machine in dict.fromkeys(k.machine for k in lessons):
+        train = _examples([k for k in lessons if k.machine != machine])
+        test = _examples([k for k in lessons if k.machine == machine])
         if len({e.yes for e in train}) == 2 and test:
             weights = learnt(train)
-            errors[own] = calibration_error(
+            errors[machine] = calibration_error(
                 [logistic(weights, e.features) for e in test], [e.yes for e in test]
             )
     return errors
 
 
 def learnt(examples: Sequence[Example]) -> dict[str, float]:
-    """Weights by feature, and the constant. DataError where the examples all have one answer."""
+    """Weights by feature, and the constant. DataError if the examples all have one answer."""
     from sklearn.linear_model import LogisticRegression
 
     answers = np.array([e.yes for e in examples])
     if len(set(answers.tolist())) < 2:
         raise DataError(
-            "a probability cannot be learnt from cases that all have the same answer",
-            "draw more cases: pamid trial --part calibration --cases 60",
+            "All cases have the same answer, so no probability can be fitted.",
+            "Draw more cases: pamid trial --part calibration --cases 60.",
         )
     names = sorted(examples[0].features)
     table = np.array([[e.features[k] for k in names] for e in examples])
@@ -171,19 +171,21 @@ def learnt(examples: Sequence[Example]) -> dict[str, float]:
 
 def _examples(lessons: Sequence[Lesson]) -> list[Example]:
     return [
-        Example(one["figures"], m.is_right(one), taught.machine)
-        for taught in lessons
-        for m in taught.cases
-        for one in _weighed(m)
+        Example(candidate["figures"], m.is_right(candidate), lesson.machine)
+        for lesson in lessons
+        for m in lesson.cases
+        for candidate in _leading_candidates(m)
     ]
 
 
-def _weighed(m: Marked) -> list[dict[str, Any]]:
+def _leading_candidates(m: Marked) -> list[dict[str, Any]]:
     """The causes that a case names, and the best of the leading families of its ranking."""
     leading: dict[str, dict[str, Any]] = {}
     for cause in [*m.causes, *m.ranking]:
         leading.setdefault(str(cause["family"]), cause)
-    return [one for one in list(leading.values())[:FAMILIES] if one.get("figures")]
+    return [
+        candidate for candidate in list(leading.values())[:FAMILIES] if candidate.get("figures")
+    ]
 
 
 def _spread(cases: Sequence[Marked]) -> float:

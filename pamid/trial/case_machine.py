@@ -241,7 +241,7 @@ class CaseMachine:
         self, site: str, drawn: Mapping[str, float], share: float
     ) -> dict[str, float] | None:
         """Sizes with which a further effect changes the held-out readings by a share of what the
-        planted one does; None where no size does."""
+        planted one does; None if no size does."""
         known = self.machine.faults
         fault = known.get(site) or known[site.partition("@")[0]]  # on the arm faults have places
         planted = self.change(self.case.planted)

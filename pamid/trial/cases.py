@@ -61,7 +61,7 @@ class Case:
     planted     fault, or fault@place -> sizes
     removed     effects taken out of the tool's catalogue
     conditions  as the machine draws them
-    own         the machine, where there is none of the name of the rig to be found
+    own         the machine, if there is none of the name of the rig to be found
     bare        what the rig states of its tolerances is taken away from the tool
     world       "closed" or "open"
     further     candidates for the further effects of an open case -> sizes before they are scaled
@@ -117,7 +117,7 @@ class Case:
         return hashlib.sha256(json_text(fields).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
-        """The case as plain data, with what counts as the right answer to each fault."""
+        """The case as plain data, with the right answers to each fault."""
         truth = [self.machine.truth(site) for site in self.planted]
         return {**self.told, "sha256": self.sha256, "truth": truth}
 
@@ -139,8 +139,8 @@ def draw_cases(
             raise UsageError(f"unknown {what} {word!r}", f"{what}s: {', '.join(known)}")
     if world == OPEN and isinstance(machine, OwnMachine):
         raise UsageError(
-            f"there are no open cases of {machine.name!r}: they need a machine that does not share "
-            "the rig's equations",
+            f"There are no open cases of {machine.name!r}: they need a machine with other "
+            "equations than the rig.",
             f"Rigs that have one: {', '.join(machine_names())}.",
         )
     numbers = range(count)
@@ -199,7 +199,7 @@ def _draw(machine: Machine, part: str, number: int, seed: int, world: str) -> Ca
 
 
 def _opened(case: Case, names: Sequence[str], random: np.random.Generator) -> Case:
-    """A case with what an open world adds to it; names: of the planted faults, without places."""
+    """A case with the additions of an open world; names: planted faults, without places."""
     machine, c = case.machine, case.conditions
     logger = draw_logger(random, c.seconds)
     rough = {"background": MAP_TOLERANCE * float(random.uniform(*BEYOND_TOLERANCE))}
@@ -256,7 +256,7 @@ def _planted(
 
 
 def withheld(fault: Fault, catalogue: dict[str, type[Effect]]) -> tuple[str, ...]:
-    """A fault's whole family, and whatever its members call a look-alike or are called one by."""
+    """Family of a fault, with all effects that are similar to its members."""
     exact, family = fault.exact, fault.family
     kin = {
         n for n, e in catalogue.items() if n in exact or family in (e.family, *e.families.values())

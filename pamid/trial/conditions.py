@@ -20,9 +20,9 @@ ALL, NO_FORCES, ANGLE, ANGLES_AND_PRESSURES = "all", "no-forces", "angle", "angl
 
 @dataclass(frozen=True)
 class JointConditions:
-    """How a case of one joint is recorded. loop: "closed" | "open"; channels: "all" | "no-forces" |
-    "angle"; noise: factor on the sensors' usual noise; background: size of what no model of the
-    tool can represent; amplitude in deg, holds in s."""
+    """Conditions of a recording of one joint. loop: "closed" | "open"; channels: "all" |
+    "no-forces" | "angle"; noise: factor on the sensors' usual noise; background: size of effects
+    that no model of the tool can represent; amplitude in deg, holds in s."""
 
     inertia_kg_m2: float
     loop: str
@@ -54,9 +54,9 @@ class ArmConditions:
 
 @dataclass(frozen=True)
 class StarterConditions:
-    """How a case of a machine behind a starter rig, always in an open loop, or of one made of a rig
-    is recorded. channels: "all", or the column that is left out; amplitude: share of the usual
-    range of what is sent."""
+    """Conditions of a recording of a starter rig's machine, always in open loop, or of a machine
+    built from a rig. channels: "all", or the omitted column; amplitude: share of the usual range of
+    the input."""
 
     loop: str
     channels: str
@@ -73,7 +73,7 @@ Conditions = JointConditions | ArmConditions | StarterConditions
 def draw_joint_conditions(
     random: np.random.Generator, faults: Sequence[Fault], clean: bool
 ) -> JointConditions:
-    """Drawn at large, then narrowed to what the faults need to show."""
+    """Draw the conditions, then restrict them to those in which the faults can show."""
     needs, u = _needs(faults), random.random(7)
     angle_only = u[2] < 0.2 and PRESSURES not in needs
     return JointConditions(
@@ -91,7 +91,7 @@ def draw_joint_conditions(
 def draw_arm_conditions(
     random: np.random.Generator, faults: Sequence[Fault], clean: bool
 ) -> ArmConditions:
-    """Drawn at large, then narrowed to what the faults need to show."""
+    """Draw the conditions, then restrict them to those in which the faults can show."""
     needs, u = _needs(faults), random.random(8)
     wide = WIDE_RANGE in needs
     return ArmConditions(

@@ -155,18 +155,18 @@ def planted(faults: Mapping[str, Mapping[str, float]]) -> Planted:
     for name, sizes in faults.items():
         if name not in FAULTS:
             raise UsageError(
-                f"there is no fault {name!r}", nearest(name, list(FAULTS)) or "see FAULTS"
+                f"There is no fault {name!r}.", nearest(name, list(FAULTS)) or "see FAULTS"
             )
         for key, value in sizes.items():
             if key not in known:
                 raise UsageError(
-                    f"fault {name!r} has no size {key!r}",
+                    f"Fault {name!r} has no size {key!r}.",
                     nearest(key, list(known)) or "see Planted",
                 )
             if key in together:
                 raise UsageError(
-                    f"fault {name!r} sets {key!r}, which another one has set",
-                    "plant one of the two",
+                    f"Fault {name!r} sets {key!r}, which another fault has set.",
+                    "Plant one of the two.",
                 )
             together[key] = float(value)
     return Planted(**together)

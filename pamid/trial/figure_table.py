@@ -1,4 +1,4 @@
-"""trial.json as tables: every figure with its interval, and beside it what was aimed for."""
+"""trial.json as tables: every figure with its interval and its target."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from pamid.trial.machine import ONE_DOF, TWO_LINK
 
 @dataclass(frozen=True)
 class FigureRow:
-    """A figure of trial.json. target: what is aimed for, in the unit shown; upward: more is
-    better."""
+    """A figure of trial.json. target: in the unit shown; upward: whether more is better."""
 
     section: str
     key: str
@@ -175,7 +174,7 @@ def summary(scores: dict[str, Any]) -> str:
 
 
 def _seen(hidden: int, planted: int) -> str:
-    """How many gaps do not show, and what becomes of them."""
+    """Rates of invisible gaps, and the answers to them."""
     if not hidden:
         return "all planted gaps show" if planted else "nothing was planted"
     return f"{hidden} of {planted} planted gaps do not show and count for detection only"

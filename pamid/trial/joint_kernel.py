@@ -45,20 +45,20 @@ Array = NDArray[np.float64]
 
 @njit
 def advance_joint(x: Array, m: Any, f: Any, torque: float, h: float) -> None:
-    """Speed, then angle, under `torque`; what is hung on behind the joint pulls back."""
-    own = m.inertia
+    """Speed, then angle, under `torque`; a part attached behind the joint reacts."""
+    inertial = m.inertia
     torque -= bristles(x, f, h)
     if f.outboard > 0.0:
         load = f.outboard * m.inertia
-        own -= load
+        inertial -= load
         link = link_torque(x[ANGLE] - x[LOAD_ANGLE], x[SPEED] - x[LOAD_SPEED], load, f)
         torque -= link
         x[LOAD_SPEED] += h * link / load
         x[LOAD_ANGLE] += h * x[LOAD_SPEED]
-    free = (x[SPEED] + h * torque / own) / (1.0 + h * m.viscous / own)
+    free = (x[SPEED] + h * torque / inertial) / (1.0 + h * m.viscous / inertial)
     # dry friction as an impulse: it stops the arm or slows it, never turns it round
     if f.stick_nm > 0.0:
-        free = np.sign(free) * max(0.0, abs(free) - h * sticking(x[SPEED], f) / own)
+        free = np.sign(free) * max(0.0, abs(free) - h * sticking(x[SPEED], f) / inertial)
     x[SPEED] = free
     x[ANGLE] += h * free
 

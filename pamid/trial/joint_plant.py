@@ -84,7 +84,7 @@ class Excitation:
 
     def __post_init__(self) -> None:
         if (self.reference_deg is None) == (self.command is None):
-            raise UsageError("an excitation is a reference or a command", "give one of the two")
+            raise UsageError("An excitation is a reference or a command.", "Give one of the two.")
 
 
 def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
@@ -154,8 +154,10 @@ def machine_record(
     specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN
 ) -> Any:
     """The machine's constants as compiled code reads them."""
-    own = {f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"}
-    return packed(**own, **known, inertia=inertia_kg_m2)
+    record = {
+        f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"
+    }
+    return packed(**record, **known, inertia=inertia_kg_m2)
 
 
 def record(
@@ -202,7 +204,8 @@ def record(
     )
     if not np.isfinite(readings).all():
         raise UsageError(
-            f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+            f"The machine becomes unstable with {', '.join(faults) or 'no fault'}.",
+            "Draw smaller sizes.",
         )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)

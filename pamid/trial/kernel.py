@@ -115,7 +115,7 @@ def volume(m: Any, f: Any, contraction: float, pressure: float) -> tuple[float, 
 def advance_air(
     i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: float, h: float
 ) -> float:
-    """Pressures of muscle i one step on, for the openings of its valves. Returns the p V flow taken
+    """Pressures of muscle i after one step, for the openings of its valves. Returns the p V flow
     from the supply."""
     mate = (1.0 - 2.0 * i) * 0.5
     share = (1.0 + mate * f.flow_mismatch) * (1.0 - f.wear * s[i, WEAR])
@@ -160,8 +160,8 @@ def advance_air(
 
 @njit(cache=True)
 def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: float) -> float:
-    """Pressures of both muscles one step on: one is filled up to p0, then the other vented. Returns
-    the p V flow taken from the supply; f_1, f_2: what is planted in each muscle."""
+    """Pressures of both muscles after one step: one is filled up to p0, then the other vented.
+    Returns the p V flow from the supply; f_1, f_2: faults of each muscle."""
     share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
     share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
     up, down = max(drive, 0.0), max(-drive, 0.0)
@@ -320,8 +320,8 @@ def pair_torque(
     worn: float,
     h: float,
 ) -> float:
-    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: what is planted in the joint and in
-    each muscle."""
+    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: faults of the joint and of each
+    muscle."""
     wound, lever = winding(x, m, f)
     rate = lever * x[SPEED] / m.length
     advance_pull(0, s, z, m, f_1, waves, m.contraction_0 + wound, rate, worn, h)

@@ -1,4 +1,4 @@
-"""How the readings of a machine are taken: the logger between its sensors and the recording.
+"""Logger between the sensors of a machine and the recording.
 
 A plain logger samples evenly, its noise is white, and every column has a fine converter. Real ones
 do worse: noise has a memory, the clock jitters, a gauge is read in coarse steps through a
@@ -55,14 +55,14 @@ class Logger:
         return coloured
 
     def delays(self, random: np.random.Generator, count: int) -> Array:
-        """How late each sample is taken, in sampling periods; within three standard deviations, so
-        that samples keep their order."""
+        """Delay of each sample in sampling periods, within three standard deviations, so that
+        samples keep their order."""
         if self.jitter == 0.0:
             return np.zeros(count)
         return self.jitter * np.clip(random.standard_normal(count), -3.0, 3.0)
 
     def gauged(self, readings: list[str]) -> str:
-        """The reading with the coarse gauge; "" where there is none."""
+        """The reading with the coarse gauge; "" if there is none."""
         if self.gauge_steps == 0.0 or not readings:
             return ""
         return readings[min(int(self.gauge * len(readings)), len(readings) - 1)]

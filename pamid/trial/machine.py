@@ -27,7 +27,7 @@ _FOLDER = "pamid.trial.machines"
 
 
 class Machine(Protocol):
-    """The machine that stands for a rig, in equations of its own.
+    """Machine for a rig, with separate equations.
 
     name              of the rig
     period_s          between two samples
@@ -82,12 +82,12 @@ def machine_names() -> list[str]:
 
 
 def machine_named(rig: str) -> Machine:
-    """The machine that stands for this rig. UsageError for a rig that the trial has none for."""
+    """Machine for this rig; UsageError if the trial has none."""
     known = machine_names()
     if rig not in known:
         raise UsageError(
-            f"the trial has no machine for the rig {rig!r}",
-            nearest(rig, known) or f"rigs: {', '.join(known)}",
+            f"The trial has no machine for the rig {rig!r}.",
+            nearest(rig, known) or f"Rigs: {', '.join(known)}.",
         )
     machine: Machine = import_module(f"{_FOLDER}.{rig.replace('-', '_')}").MACHINE
     return machine

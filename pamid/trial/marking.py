@@ -1,4 +1,4 @@
-"""One case of the trial marked: its label beside the answer that the diagnosis wrote.
+"""Scores of one case of the trial: its label and the answer of the diagnosis.
 
 A case names a cause where its verdict has causes; a ranking below an abstention names nothing.
 """
@@ -20,7 +20,7 @@ OPEN_ANSWERS = ("leader", "lesser", "wrong", "left-open")
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """One case: its label, its result, and what they make of each other."""
+    """One case: its label, its result, and their comparison."""
 
     label: dict[str, Any]
     result: dict[str, Any]
@@ -64,7 +64,7 @@ class Marked:
 
     @property
     def material(self) -> bool:
-        """Does what removes most remove a material share of the refitted error?"""
+        """Whether the largest cause removes a material share of the refitted error."""
         return self.visibility * (1.0 - MATERIAL) >= 1.0
 
     @property
@@ -77,7 +77,7 @@ class Marked:
 
     @property
     def each_visible(self) -> bool:
-        """Does every planted fault show beside the others?"""
+        """Whether every planted fault is visible in addition to the others."""
         return float(self.result["visibility_each"] or 0.0) >= LEAST_VISIBILITY
 
     @property
@@ -103,8 +103,8 @@ class Marked:
 
     @property
     def leaves_nameless(self) -> bool:
-        """Is nothing blamed, and something real said to remain, whatever the verdict is called?
-        What is blamed next to a remainder above half may be a lesser effect."""
+        """Whether the answer blames nothing and reports a material remainder, whatever its verdict.
+        A cause next to a remainder above half may be a lesser effect."""
         rest = self.found.get("remainder") or {}
         if self.names:
             return float(rest.get("share") or 0.0) > 0.5
@@ -127,15 +127,15 @@ class Marked:
 
     @property
     def remainder_reported(self) -> bool:
-        """Is there a size of what the named effects leave and, where it is material, a place?"""
+        """Whether the answer states the size of the remainder and, if it is material, its place."""
         rest = self.found.get("remainder") or {}
         share = rest.get("share")
         return share is not None and (share < MATERIAL_REMAINDER or bool(rest.get("port")))
 
     @property
     def claims_hold(self) -> bool:
-        """Does what is named remove as much of a fresh recording's error as is claimed, within the
-        interval?"""
+        """Whether the named effects remove as much of a fresh recording's error as claimed, within
+        the interval."""
         forecast = self.result["shrinkage"]
         return forecast is None or forecast["achieved"] >= forecast["low"]
 
@@ -160,7 +160,7 @@ class Marked:
 
     @cached_property
     def wrong_beside_right(self) -> bool:
-        """Is there a wrong cause that is called probable beside a right one?"""
+        """Whether the answer has a wrong probable cause in addition to a right one."""
         right = [self.is_right(c) for c in self.causes]
         likely = [float(c["probability"]) > 0.5 for c in self.causes]
         return any(right) and any(p and not r for r, p in zip(right, likely, strict=True))
@@ -186,8 +186,8 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Is the first of the ranking the fault itself, or one that these recordings cannot tell
-        from it?"""
+        """Whether the first of the ranking is the fault itself, or one that these recordings cannot
+        separate from it."""
         exact = set(self.lead["exact"])
         if not self.ranking:
             return False
@@ -212,7 +212,7 @@ class Marked:
 
     @cached_property
     def port_exact(self) -> bool:
-        """Does the first of the ranking act at the fault's own port, number and all?"""
+        """Whether the first of the ranking acts exactly at the port of the fault."""
         return self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.lead["port"]
 
     @cached_property

@@ -28,14 +28,14 @@ UNSTATED = 1.0  # half range of an input of which the rig says nothing, in its o
 
 def driven_columns(rig: Rig, loop: str) -> tuple[str, ...]:
     """The columns that are sent: references of the loops, or else their commands, and all other
-    inputs that the rig needs. UsageError where there are none."""
+    inputs that the rig needs. UsageError if there are none."""
     commands = {q.command for q in rig.loops}
     first = [q.reference if loop == "closed" else q.command for q in rig.loops]
     columns = (*first, *(c for c in rig.inputs if c not in rig.optional and c not in commands))
     if not columns:
         raise UsageError(
-            f"rig {rig.name!r} needs no input, so nothing can be sent to it",
-            "say what is sent with --excitation",
+            f"Rig {rig.name!r} has no required input to excite.",
+            "Give the inputs with --excitation.",
         )
     return columns
 
@@ -53,8 +53,8 @@ def runs_open(rig: Rig) -> bool:
 
 
 def stated_reach(rig: Rig, column: str) -> tuple[float, float]:
-    """Centre and half range of what is usually sent, or of all that can be, in the column's unit;
-    half is infinite where the rig says nothing."""
+    """Centre and half range of the usual signal, or of the allowed one, in the column's unit; half
+    is infinite if the rig states none."""
     low, high = bounds_of(rig, column)
     if column in rig.excited:
         return rig.centre.get(column, 0.0), rig.excited[column]
@@ -75,19 +75,19 @@ def sampled(rig: Rig) -> tuple[float, float, tuple[float, float]]:
 
 
 def made_excitation(rig: Rig, loop: str, amplitude: float, seed: int) -> dict[str, Array]:
-    """Columns to send, in their own units; amplitude: share of the usual half range. A rig that
-    integrates what is sent is brought back after every level, or it would run away."""
+    """Columns to send, in their units; amplitude: share of the usual half range. A rig that
+    integrates its input is brought back after every level, or it would drift away."""
     period, seconds, hold = sampled(rig)
     integrating = loop == "open" and integrates(rig, period, seconds)
     columns = {}
     for k, column in enumerate(driven_columns(rig, loop)):
         centre, half = stated_reach(rig, column)
         half = amplitude * (half if math.isfinite(half) else UNSTATED)
-        count, own = round(seconds / period), (seed, k)
+        count, stream = round(seconds / period), (seed, k)
         if integrating and column not in rig.ramped:
-            wave = centre + half * _there_and_back(count, period, hold, own)
+            wave = centre + half * _there_and_back(count, period, hold, stream)
         else:
-            wave = aprbs(count * period, period, half, hold, seed=own, offset=centre)
+            wave = aprbs(count * period, period, half, hold, seed=stream, offset=centre)
         low, high = bounds_of(rig, column)
         wave = np.clip(wave, low, high)
         columns[column] = ramps(wave) if column in rig.ramped else wave
@@ -109,8 +109,8 @@ def integrates(rig: Rig, period_s: float, seconds: float) -> bool:
 def _there_and_back(
     count: int, period_s: float, hold_s: tuple[float, float], seed: tuple[int, int]
 ) -> Array:
-    """Random levels in [-1, 1], each followed by its opposite for twice as long and by itself
-    again: what they sum up to, and the sum of that, come back to where they were."""
+    """Random levels in [-1, 1], each followed by its opposite for twice as long and by itself: the
+    sum, and the sum of the sum, return to their start."""
     random = np.random.default_rng(seed)
     parts = [np.zeros(max(1, round(hold_s[0] / period_s)))]
     while sum(map(len, parts)) < count:

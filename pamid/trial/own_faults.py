@@ -29,7 +29,7 @@ FORM_DRAWS: dict[str, Draw] = {
 
 def planted_places(rig: Rig) -> dict[str, Attachment]:
     """Everything that can be planted, by the name of its fault: effect@port, or nameless:word@port.
-    UsageError where nothing fits."""
+    UsageError if nothing fits."""
     known = {
         f"{a.effect.name}@{a.label.partition('@')[2] or a.group(rig)}": a
         for a in attachments(rig, effects().values())
@@ -42,15 +42,15 @@ def planted_places(rig: Rig) -> dict[str, Attachment]:
     }
     if not known or not nameless:
         raise UsageError(
-            f"nothing can be planted in rig {rig.name!r}: no effect fits its ports",
-            "give it ports: pamid rigs shows those of others",
+            f"Nothing can be planted in rig {rig.name!r}: no effect fits its ports.",
+            "Add ports; `pamid rigs` shows those of other rigs.",
         )
     return known | nameless
 
 
 def fault_of(rig: Rig, name: str, a: Attachment) -> Fault:
-    """How its sizes are drawn: as multiples of what is typical at its port on that rig, so that no
-    unit counts."""
+    """Sizes of a fault as multiples of the typical value at its port on that rig, so that units do
+    not matter."""
     if name.startswith(NAMELESS):
         return Fault(name, "", a.group(rig), {TIMES_TYPICAL: around(1.0)}, (TIMES_TYPICAL,))
     others = {

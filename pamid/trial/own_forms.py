@@ -60,7 +60,7 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
     """The effect as the module's docstring has it, under the same name; signals: those that are
     bent. Its further parameters (SI) are set by who draws the machine."""
     bent = tuple(s for s in signals if s not in UNBENT)
-    own = (
+    shape_parameters = (
         *(_number(name, 0.0) for name in (FORM_BEND, FORM_SKEW, FORM_SETTLING)),
         *(_number(name, 1.0) for name in (FORM_SCALE, *(SIGNAL_SIZE + s for s in bent))),
     )
@@ -81,8 +81,8 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
         (kind,),
         {
             "name": kind.name,
-            "parameters": (*kind.parameters, *own),
-            "general_parameters": (*kind.general_parameters, *own)
+            "parameters": (*kind.parameters, *shape_parameters),
+            "general_parameters": (*kind.general_parameters, *shape_parameters)
             if kind.general_parameters
             else (),
             "act": act,
@@ -137,7 +137,7 @@ def _amount(value: float) -> Parameter:
 
 
 class SwayingGain(Effect):
-    """A gain that comes and goes with the clock."""
+    """A gain that varies periodically with time."""
 
     family = "nameless"
     general_kinds = ("command", "flow", "rate", "actuator-force", "motion", "reading")
@@ -151,7 +151,7 @@ class SwayingGain(Effect):
 
 
 class RememberedGain(Effect):
-    """A gain that grows with what has lately passed, either way."""
+    """A gain that grows with the recent values, of either sign."""
 
     family = "nameless"
     general_kinds = ("command", "flow", "rate", "actuator-force", "motion")
@@ -185,7 +185,7 @@ class SpeedAcrossPlace(Effect):
 
 
 class LopsidedCross(Effect):
-    """A share of what passes one way, and only there, that goes with the velocity."""
+    """A share of the value of one sign that depends on the velocity."""
 
     family = "nameless"
     general_kinds = ("motion", "actuator-force")

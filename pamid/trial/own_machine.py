@@ -135,14 +135,14 @@ class OwnMachine:
     def excitation(
         self, c: StarterConditions, record: Record | None, seed: int, noise: int
     ) -> dict[str, Array]:
-        """The columns that are sent, in their own units: the user's own, or drawn ones."""
+        """Columns to send, in their units: the user's, or drawn ones."""
         if self.sent is not None:
             return {k: v for k, v in self.sent.columns.items() if k not in self.rig.outputs}
         return made_excitation(self.rig, c.loop, c.amplitude, seed)
 
     def meta(self, c: StarterConditions) -> dict[str, Any]:
-        """The TOML of a recording. A rig that only its user knows is not named there: its file's
-        name may tell more than the rig."""
+        """TOML of a recording. It does not name a rig file, whose name may reveal more than the
+        rig."""
         named = {"rig": self.name} if in_catalogue(self.name) else {}
         tables: dict[str, Any] = {
             "recording": {**named, "loop": c.loop, "sampling_period_s": self.period_s},
@@ -164,9 +164,8 @@ class OwnMachine:
 
 
 def machine_given(rig: str | Rig, excitation: Recording | None = None) -> str | OwnMachine:
-    """The name of the machine that stands for a rig that a user named, or one made of the rig where
-    there is none, or where something of the user's own is sent. A path is code and is run;
-    FileError for what is no rig."""
+    """Name of the machine for the rig of a user, or a machine built from the rig if there is none
+    or the user gives an excitation. A path is code and is run; FileError unless it is a rig."""
     if isinstance(rig, str) and rig in machine_names() and excitation is None:
         return rig
     return machine_of(rig, excitation)
@@ -206,7 +205,7 @@ class RigSpecimen:
     def record(
         self, faults: Mapping[str, Mapping[str, float]], signal: Mapping[str, Array], seed: int
     ) -> dict[str, Array]:
-        """Columns of a recording. UsageError for what cannot be planted."""
+        """Columns of a recording; UsageError for a fault that cannot be planted."""
         for name in faults:
             if name not in self.machine.attached:
                 raise UsageError(
@@ -242,7 +241,7 @@ class RigSpecimen:
             if shown >= SHOWN_FLOORS:
                 return times
             times, raised = times * min(SHOWN_FLOORS / max(shown, 1e-12), MOST_SCALED), True
-        raise UsageError(f"the machine flies apart with {name}", "leave out its port")
+        raise UsageError(f"The machine becomes unstable with {name}.", "Leave out its port.")
 
     def _run(
         self,
@@ -253,14 +252,14 @@ class RigSpecimen:
         noise: float = 0.0,
         seed: int = 0,
     ) -> dict[str, Array]:
-        """Readings before the converters. DataError where the machine flies apart."""
+        """Readings before the converters. DataError if the machine flies apart."""
         assembly, p = self._model(faults, rough)
         return virtual_recording(assembly, sent, p, noise=noise, seed=seed, fineness=FINENESS)
 
     def _model(
         self, faults: Mapping[str, Mapping[str, float]], rough: bool = True
     ) -> tuple[Assembly, Array]:
-        """The machine's equations with what is planted, and its parameters (SI)."""
+        """Equations of the machine with the planted effects, and its parameters (SI)."""
         waves, ports = self.waves if rough else {}, self.rig.ports
         texture = [
             Attachment(Roughness(next(iter(ports[port].signals), "")), (port,), f"rough@{port}")
@@ -287,7 +286,7 @@ class RigSpecimen:
         return assembly, p
 
     def told(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
-        """Parameters of what is planted in the words of its effect, by name with unit."""
+        """Parameters of the planted effects, by name with unit."""
         assembly, p = self._model({name: {**sizes, TIMES_TYPICAL: self.settled(name, sizes)}})
         label = _label(name)
         return {
@@ -329,7 +328,7 @@ class RigSpecimen:
     def _set_sizes(
         self, assembly: Assembly, p: Array, a: Attachment, sizes: Mapping[str, float]
     ) -> None:
-        """The parameters (SI) of what is planted, in place."""
+        """Set the parameters (SI) of the planted effects in place."""
         place = {
             b.key.removeprefix(f"{a.label}:"): (assembly.keys[b.key], b)
             for b in assembly.parameters
@@ -355,7 +354,8 @@ class RigSpecimen:
         return max(*(self.sizes.get((port, signal), 0.0) for port in a.ports), *stated)
 
     def _change(self, assembly: Assembly, p: Array, a: Attachment) -> float:
-        """By how much what is planted usually changes what passes (SI), before it is bent."""
+        """Typical change of the value at the port by the planted effect (SI), before its form is
+        changed."""
         plain = replace(assembly, attachments=(a,))
         at = plain.values(self.probe.known)
         for b in plain.parameters:
@@ -374,7 +374,7 @@ class RigSpecimen:
 
 
 def _label(name: str) -> str:
-    """Of what is planted: a colon would part it from its parameters."""
+    """Label of a planted effect, without a colon, which separates the parameters."""
     return name.replace(":", "-")
 
 
@@ -391,7 +391,7 @@ def _amount(b: Bound, times: float, way: float) -> float:
 def _read(
     assembly: Assembly, probe: Recording, p: Array, extra: Mapping[str, Expr] = MappingProxyType({})
 ) -> Array:
-    """Outputs and further ones of a free run (samples x outputs, SI), as far as it goes."""
+    """Outputs and further ones of a free run (samples x outputs, SI), up to its end."""
     program = assembly.program_with(dict(extra))
     u, period = input_table(assembly, probe), probe.sampling_period_s
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
@@ -410,8 +410,8 @@ def _rms(x: Array) -> float:
 def draw_specimen(
     machine: OwnMachine, random: np.random.Generator, c: StarterConditions
 ) -> RigSpecimen:
-    """A machine of these conditions; what is drawn are shares and multiples of what the data sheet
-    says, so that no unit counts."""
+    """A machine of these conditions; drawn values are shares and multiples of the data sheet, so
+    that units do not matter."""
     rig = as_sampled(machine.rig, [machine.period_s])
     probe = machine.as_recording(c, machine.excitation(c, None, PROBE_SEED, 0))
     settings = machine.controller if c.loop == "closed" else {}
@@ -436,9 +436,9 @@ def draw_specimen(
         values={b.key: _drawn(b, random) for b in plain.parameters if b.fitted},
         waves=_draw_roughness(rig, sizes, random, c.background),
         steps={
-            name: c.noise * one * float(random.uniform(*CONVERTER_STEPS))
-            for name, one in noise.items()
-            if one
+            name: c.noise * level * float(random.uniform(*CONVERTER_STEPS))
+            for name, level in noise.items()
+            if level
         },
         probe=probe,
     )
@@ -450,8 +450,8 @@ def _si_per_unit(column: str) -> float:
 
 
 def _drawn(b: Bound, random: np.random.Generator) -> float:
-    """Within one standard deviation of the prior; what has one sign only by the same factor either
-    way, lest it end at a bound."""
+    """Values within one standard deviation of the prior; those of one sign change by the same
+    factor either way, so that they do not reach a bound."""
     u = float(random.uniform(-1.0, 1.0))
     if b.log:
         value = b.value * np.exp(u * b.spread)
@@ -465,7 +465,7 @@ def _drawn(b: Bound, random: np.random.Generator) -> float:
 def _draw_roughness(
     rig: Rig, sizes: Sizes, random: np.random.Generator, rms: float
 ) -> dict[str, Array]:
-    """Waves by port, over the usual range of its first signal or of what passes; none without
+    """Waves by port, over the usual range of its first signal or of its value; none without
     roughness."""
     maps = {}
     for name, port in rig.ports.items():

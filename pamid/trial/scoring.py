@@ -1,4 +1,4 @@
-"""The scorer: alone opens the labels, and reads nothing of the diagnosis but what it wrote.
+"""The scorer, which alone reads the labels, and reads only the written result of the diagnosis.
 
 Naming counts only where the fault shows: visibility is the refitted model's error over that of a
 twin recording without the fault, in the channel where it is largest.
@@ -95,7 +95,7 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> tuple[FailedJob, ...]:
 
 
 def _share(hits: int, of: int) -> Rate:
-    """The share of cases that count with its 95 % Wilson interval; None where there were none."""
+    """The share of cases that count with its 95 % Wilson interval; None if there were none."""
     low, high = wilson_interval(hits, of)
     return Rate(share=hits / of if of else None, low=low, high=high, hits=hits, of=of)
 
@@ -155,9 +155,9 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
 
 
 def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
-    """Two faults at once, and one taken for two."""
+    """Rates for two faults at once, and for single faults named as two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
-    one = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
+    named = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
     return {
         "both_of_two": _rate(doubles, lambda m: m.caught == 2),
         "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
@@ -165,12 +165,12 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
         "wrong_beside_right": _rate(
             (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
         ),
-        "extra_causes": _rate(one, lambda m: len(m.causes) > 1),
+        "extra_causes": _rate(named, lambda m: len(m.causes) > 1),
     }
 
 
 def _open(singles: list[Marked]) -> dict[str, Rate]:
-    """One planted effect among lesser ones: is what removes most named, and the rest reported?"""
+    """Rates for one planted effect among lesser ones: largest effect named, remainder reported."""
     seen = [m for m in singles if m.material]
     named = [m for m in seen if m.names]
     answers = Counter(m.open_answer for m in seen)

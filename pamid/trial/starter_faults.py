@@ -2,7 +2,7 @@
 a motion.
 
 The forms are those of `starter_kernel`, none of them the catalogue's. Left out is what refitted
-parameters take up whole (a gain, a linear damper where there is one): it leaves no gap.
+parameters take up whole (a gain, a linear damper if there is one): it leaves no gap.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from pamid.trial.faults import Draw, Fault, around, between, either
 
-#: what takes both signs to show, or to differ from another effect
+#: effects that need both signs to show, or to differ from another effect
 TWO_SIDED = (
     "asymmetric-dead-zone",
     "asymmetric-saturation",
@@ -24,10 +24,10 @@ NEVER = 1e30  # where a limit is that is never reached
 
 @dataclass(frozen=True)
 class SignalSizes:
-    """Changes of a signal on its path; the defaults pass it on unchanged.
+    """Changes of a signal on its path; the defaults change nothing.
 
-    full, timescale_s: its usual size, and how fast what it belongs to is; one_sided: it is never
-    negative; the others in its unit
+    full, timescale_s: usual size and time scale of the signal; one_sided: it is never negative; the
+    others in its unit.
     """
 
     full: float
@@ -57,11 +57,10 @@ class SignalSizes:
 
 @dataclass(frozen=True)
 class ForceSizes:
-    """Forces against a motion; the defaults are no force at all.
+    """Forces against a motion; the defaults are no force.
 
-    force, travel, speed: what is usual where it acts; load, level: what presses the surfaces
-    together there, and a current or pressure (0: none); the others in units of force, position and
-    velocity
+    force, travel, speed: usual values at the place; load, level: normal load of the surfaces, and a
+    current or pressure (0: none); the others in units of force, position and velocity.
     """
 
     force: float
@@ -144,7 +143,7 @@ def nameless_fault(word: str, port: str, sizes: Mapping[str, Draw]) -> Fault:
 
 
 def clock_fault(port: str, period_s: float) -> Fault:
-    """A clock of its own for all readings; port: the name under which they are reported."""
+    """A separate clock for all readings; port: name under which they are reported."""
     return known_fault(
         "clock-skew",
         "sensor-timing",

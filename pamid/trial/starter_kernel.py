@@ -26,8 +26,8 @@ FORCE_MEMORY = SPREAD + BUNDLE  # of the forces at one port
 
 @njit(cache=True)
 def bundle(z: Array, step: float, reach: float, decades: float) -> float:
-    """Share (-1 to 1) of what a bundle of elastic stops can hold after a step; their widths run
-    over so many decades about `reach`, the wide ones weaker."""
+    """Share (-1 to 1) of the force limit of a bundle of elastic stops after a step; their widths
+    cover many decades about `reach`, and wide ones are weaker."""
     total = weights = 0.0
     for j in range(BUNDLE):
         width = reach * 10.0 ** (decades * (j / (BUNDLE - 1) - 0.7))
@@ -68,7 +68,7 @@ def worn_band(value: float, half: float) -> float:
 
 @njit(cache=True)
 def passed_on(signal: Array, f: Any, h: float) -> Array:
-    """A signal, one value per h seconds, as it arrives behind what is planted on its way."""
+    """A signal, one value per h seconds, after the effects planted in its path."""
     out = np.empty_like(signal)
     stops = np.zeros(BUNDLE)
     before, follower, smooth, slope = signal[0], signal[0], signal[0], 0.0
@@ -86,7 +86,7 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
             v -= f.swallowed * swallowed(stops, step, f.swallowed_reach)
         v = worn_band(v, f.band_up if v > 0.0 else f.band_down)
         v = soft_limit(v, f.cap_up if v > 0.0 else f.cap_down)
-        if f.blocked > 0.0:  # what should be negative is passed in part only
+        if f.blocked > 0.0:  # negative values pass only in part
             v += f.blocked * 0.5 * (np.sqrt(v * v + f.knee * f.knee) - v)
         if f.unsigned > 0.0:
             v += f.unsigned * (np.sqrt(v * v + f.knee * f.knee) - f.knee - v)
@@ -114,17 +114,19 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
 
 @njit(cache=True)
 def bristles(v: float, load: float, level: float, z: Array, f: Any, h: float) -> float:
-    """Dry friction of contacts that bend before they slide, at velocity v; load, level: what
-    presses the surfaces together, in the unit that the sizes count it in."""
+    """Dry friction of contacts that bend before they slide, at velocity v; load, level: normal load
+    of the surfaces, in the unit of the sizes."""
     force = 0.0
-    own = f.dahl + f.load_share * abs(load) + f.level_share * level * level / (level + f.level_knee)
-    own += f.forward if z[BRISTLE] > 0.0 else f.backward  # at rest, too, as it was left
-    if own > 0.0:
+    friction = (
+        f.dahl + f.load_share * abs(load) + f.level_share * level * level / (level + f.level_knee)
+    )
+    friction += f.forward if z[BRISTLE] > 0.0 else f.backward  # at rest, too, as it was left
+    if friction > 0.0:
         y = z[BRISTLE]
         yielding = 1.0 - y * np.sign(v)
         y += h * v / f.dahl_reach * abs(yielding) ** 1.5 * np.sign(yielding)
         z[BRISTLE] = min(max(y, -1.0), 1.0)
-        force += own * z[BRISTLE]
+        force += friction * z[BRISTLE]
     if f.spread > 0.0:
         force += f.spread * bundle(z[SPREAD:], h * v, f.spread_reach, 2.0)
     if f.rounded > 0.0:

@@ -42,9 +42,8 @@ CLOCK = "clock"  # the place of what is planted in the logger
 
 @dataclass(frozen=True)
 class LoggedColumn:
-    """A column as it is logged: `per_si` of its unit are one of the SI unit, after `shift` is
-    taken off; noise and the steps of the converter in its own unit; port: what it passes on its
-    way."""
+    """A column of the log: `per_si` of its unit are one SI unit, after `shift` is subtracted; noise
+    and the steps of the converter in its unit; port: the port that it passes."""
 
     per_si: float = 1.0
     shift: float = 0.0
@@ -53,8 +52,8 @@ class LoggedColumn:
     port: str = ""
 
     def written(self, x: Array, jitter: Array, step: float) -> Array:
-        """The column for what the sensor shows (SI), with its noise (in standard deviations) and
-        the step of its converter, 0 for none."""
+        """Column for a reading of the sensor (SI), with its noise (in standard deviations) and the
+        step of its converter, 0 for none."""
         shown = (x - self.shift) * self.per_si + self.noise * jitter
         return np.floor(shown / step + 0.5) * step if step > 0.0 else shown
 
@@ -158,14 +157,14 @@ class StarterMachine:
         streams = np.random.SeedSequence(seed).spawn(len(self.sent))
         count = round(c.seconds / self.period_s)
         return {
-            column: _levels(one, c.amplitude, count, self.period_s, np.random.default_rng(stream))
-            for (column, one), stream in zip(self.sent.items(), streams, strict=True)
+            column: _levels(drive, c.amplitude, count, self.period_s, np.random.default_rng(stream))
+            for (column, drive), stream in zip(self.sent.items(), streams, strict=True)
         }
 
     def build(self, random: np.random.Generator, c: StarterConditions) -> Record:
         true = {name: draw(random) for name, draw in self.parameters.items()}
         maps = tuple(draw_map(random, c.background, span) for span in self.maps)
-        steps = {k: float(random.uniform(*one.steps)) for k, one in self.log.items()}
+        steps = {k: float(random.uniform(*channel.steps)) for k, channel in self.log.items()}
         return lambda faults, signal, seed: self.record(
             true, maps, steps, faults, signal, noise=c.noise, seed=seed, logger=c.logger
         )
@@ -184,8 +183,8 @@ class StarterMachine:
                 place = self._place(self.faults[name], key)
                 if (place, key) in occupied:
                     raise UsageError(
-                        f"fault {name!r} sets {key!r}, which another one has set",
-                        "plant one of the two",
+                        f"Fault {name!r} sets {key!r}, which another fault has set.",
+                        "Plant one of the two.",
                     )
                 occupied.add((place, key))
                 places[place] = replace(places[place], **{key: float(value)})
@@ -242,14 +241,14 @@ class StarterMachine:
         )
         if not np.isfinite(y).all():
             raise UsageError(
-                f"the machine flies apart with {', '.join(faults) or 'no fault'}",
-                "draw smaller sizes",
+                f"The machine becomes unstable with {', '.join(faults) or 'no fault'}.",
+                "Draw smaller sizes.",
             )
         stamps = np.arange(n + AHEAD, dtype=np.float64) * self.period_s
         time, clock = stamps[:n], places[CLOCK]
         random = np.random.default_rng(seed)
-        taken = time + self.period_s * logger.delays(random, n)
-        when = taken + clock.early_s - clock.skew_ppm * 1e-6 * taken
+        sampled_at = time + self.period_s * logger.delays(random, n)
+        when = sampled_at + clock.early_s - clock.skew_ppm * 1e-6 * sampled_at
         shown = {k: np.asarray(signal[k]) for k in fine}
         for k, x in zip(self.logged, y.T, strict=True):
             shown[k] = np.interp(when, stamps, through(k, x)[::steps])
@@ -281,12 +280,12 @@ def _levels(
     reach = min(amplitude * reach, middle) if sent.low >= 0.0 else amplitude * reach
     shortest, longest = sent.hold_s
     stamps, levels = [0.0], [0.0]
-    level, hold, again = 0.0, shortest, False
+    level, hold, repeat = 0.0, shortest, False
     while stamps[-1] < count * period_s:
-        if again:
-            level, again = -level, False
+        if repeat:
+            level, repeat = -level, False
         else:
-            level, again = float(random.uniform(-1.0, 1.0)), sent.paired
+            level, repeat = float(random.uniform(-1.0, 1.0)), sent.paired
             hold = float(np.exp(random.uniform(np.log(shortest), np.log(longest))))
             if stamps[-1] > 0.8 * count * period_s:
                 level *= 0.3

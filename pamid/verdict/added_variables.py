@@ -41,8 +41,8 @@ DIGITS = 4  # of a point: a file half as large
 
 
 def added_variables(d: Diagnosis) -> AddedVariablesFile:
-    """The plots of a diagnosis: of several causes each next to the others, then of each candidate
-    of the ranking by itself."""
+    """Plots of a diagnosis: of several causes each in addition to the others, then of each
+    candidate of the ranking alone."""
     plots = [
         plot
         for below, models in _compared(d)
@@ -52,7 +52,7 @@ def added_variables(d: Diagnosis) -> AddedVariablesFile:
 
 
 def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[CandidateModel, str]]]]:
-    """Refitted models, and those that add an effect to each, with its label."""
+    """Refitted models, and models that add an effect to each, with its label."""
     if d.cause is not None and d.selection is not None and len(d.cause.attached) > 1:
         for label, below in d.selection.without.items():
             if len(below.attached) == len(d.cause.attached) - 1:
@@ -64,7 +64,7 @@ def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[Candida
 def _plots(
     below: CandidateModel, models: list[tuple[CandidateModel, str]], channels: tuple[str, ...]
 ) -> list[AddedVariable]:
-    """The plots of models that each add an effect to the same refitted model."""
+    """Plots of models that each add an effect to the same refitted model."""
     if not models:
         return []
     fitted = below.fit
@@ -95,7 +95,7 @@ def _without(column: Array, other: Array) -> Array:
 
 
 def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> LinearRows:
-    """Rows of a fit's model at p, weighed as those of the refitted model."""
+    """Rows of a fit's model at p, with the weights of the refitted model."""
     with np.errstate(over="ignore", invalid="ignore"):
         return linear_rows(
             at.problem,

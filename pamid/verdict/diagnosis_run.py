@@ -1,4 +1,4 @@
-"""A diagnosis into a run folder: the figures, the verdict, and what is known of an unknown
+"""Diagnosis into a run folder: the figures, the verdict, and the description of an unknown
 effect."""
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def diagnosed(
     progress: Progress = silent,
     settings: Settings = DEFAULT,
 ) -> Diagnosed:
-    """From data to verdict: the one path of the command, of Python and of the trial."""
+    """Diagnosis from data to verdict, used by the command, the Python API and the trial."""
     diagnosis = diagnose(
         evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
     )
@@ -125,7 +125,7 @@ def free_runs_of(d: Diagnosis) -> bytes:
 
 def models_json(d: Diagnosis, notes: Sequence[str] = ()) -> dict[str, Any]:
     """fit.json of the refitted model and, where there is a cause, the model that has it; of causes
-    that cannot be told apart a model each. notes: sentences."""
+    that cannot be separated a model each. notes: sentences."""
     model = d.budget.model
     if d.cause is None:
         return fit_json(model, d.seed, notes=notes)
@@ -150,5 +150,5 @@ def with_causes(d: Diagnosis) -> GreyBox | None:
 
 
 def _saved(c: CandidateModel) -> dict[str, Any]:
-    """A model with causes as fit.json holds it."""
+    """Entry of fit.json for a model with causes."""
     return model_json(c.assembly, c.fit) | {"posterior": posterior_of(c.fit).as_json()}

@@ -1,4 +1,4 @@
-"""Where the gap lies: regimes (stretches of a signal's values), frequency band, windows of time."""
+"""Place of the gap: regimes (ranges of a signal), frequency band, and windows of time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ WORST_WINDOWS = 3  # stated
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A regime with what it is chosen by: gain over its share of the time, and the samples
+    """A regime with the figures of its choice: gain over its share of the time, and the samples
     inside."""
 
     regime: Regime
@@ -87,8 +87,8 @@ def regimes(
     )
     if gap.sum() <= 0.0:
         return ()
-    inner, own = port_signals(base), recorded_units(evidence)
-    tables = [measured_signals(evidence, r) | _followed(base, r, inner, own) for r in befores]
+    inner, recorded = port_signals(base), recorded_units(evidence)
+    tables = [measured_signals(evidence, r) | _followed(base, r, inner, recorded) for r in befores]
     candidates = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
         x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
@@ -176,14 +176,14 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
 
 
 def recorded_units(evidence: DataSplit) -> dict[str, str]:
-    """Quantity -> the unit in which it, or what it is the rate of, was recorded first. Not degC: a
-    temperature inside a model may be a difference."""
+    """Quantity -> unit in which it, or its integral, was first recorded. Not degC: a temperature
+    inside a model may be a difference."""
     units: dict[str, str] = {}
     for symbol in (split_column(name)[1] for name in (*evidence.channels, *evidence.rig.inputs)):
         if quantity_of(symbol) == "dimensionless" or unit_of(symbol).offset:
             continue
-        for one in (symbol, quotient(symbol, "s")):
-            units.setdefault(quantity_of(one), one)
+        for recorded in (symbol, quotient(symbol, "s")):
+            units.setdefault(quantity_of(recorded), recorded)
     return units
 
 
@@ -207,8 +207,8 @@ def port_signals(base: CandidateModel) -> _PortSignals:
     passages = [q for q in base.assembly.traced.passages if rig.ports[q.port].kind in REGIME_PORTS]
     for q in sorted(passages, key=lambda q: REGIME_PORTS.index(rig.ports[q.port].kind)):
         port = rig.ports[q.port]
-        own = [("value", q.value)] if port.kind in VALUE_NAMES else []
-        for key, value in (*own, *q.signals):
+        value_signals = [("value", q.value)] if port.kind in VALUE_NAMES else []
+        for key, value in (*value_signals, *q.signals):
             if isinstance(value, Expr) and {space for space, _ in symbols([value])} & {
                 "state",
                 "input",
@@ -239,7 +239,7 @@ def _followed(
     base: CandidateModel,
     r: Replay,
     inner: _PortSignals,
-    own: Mapping[str, str],
+    recorded: Mapping[str, str],
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
     they were (`own`), and the time since the last reversal."""
@@ -249,7 +249,7 @@ def _followed(
     table = outputs[:, outputs.shape[1] - len(inner.names) :]
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
-        shown = own.get(quantity_of(unit or NONE), display_unit(unit))
+        shown = recorded.get(quantity_of(unit or NONE), display_unit(unit))
         out[name] = (from_si(x, shown), "" if shown == NONE else shown)
         if name == inner.velocity:
             out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
@@ -257,8 +257,7 @@ def _followed(
 
 
 def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; while it is still it keeps the sign it
-    had."""
+    """Samples since the velocity last changed its sign; a resting velocity keeps its sign."""
     moving = np.abs(velocity) > STILL_SHARE * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))
@@ -281,11 +280,11 @@ def frequency_band(
             max(256, round(SPECTRUM_SEGMENT * b.track.timescale_s / b.track.period_s)),
         )
         axis = np.fft.rfftfreq(n, b.track.period_s)
-        here = welch_power(b.residual / noise, n).sum(axis=1)
+        removable = welch_power(b.residual / noise, n).sum(axis=1)
         if after is not None:
-            here = here - welch_power(after[i].residual / noise, n).sum(axis=1)
-        here = np.maximum(here, 0.0)  # where the cause makes it worse, none of the gap was
-        power = here if power is None or len(power) != len(here) else power + here
+            removable = removable - welch_power(after[i].residual / noise, n).sum(axis=1)
+        removable = np.maximum(removable, 0.0)  # a cause that adds power there explains nothing
+        power = removable if power is None or len(power) != len(removable) else power + removable
     if power is None or axis is None or power.sum() <= 0.0:
         return ()
     share = np.cumsum(power[1:]) / power[1:].sum()

@@ -28,8 +28,8 @@ from pamid.simulation.input_effects import IDLE_CURE
 from pamid.simulation.tracks import noise_remarks
 from pamid.verdict.verdict_words import joined
 
-FEW_WINDOWS = 12  # with fewer held out a note says so
-# an effect looks like what stands far off if it takes so many tolerances off it; so many are named
+FEW_WINDOWS = 12  # held-out windows; a note warns about fewer
+# tolerances by which an effect must relieve a strained parameter, and number of effects to list
 EASED, EASING_MOST = 0.5, 3
 ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
@@ -39,10 +39,10 @@ ROUGH_SHARE = 0.05  # of what passes: ordinary maps are rough by no more
 
 
 def remark(d: Diagnosis) -> str:
-    """Fault of the recordings, or of how they were read, for which no verdict is possible."""
+    """Fault of the recordings or of their conversion that makes a verdict impossible."""
     if not d.silent:
         return ""
-    channels, one = joined(d.silent, "and"), len(d.silent) == 1
+    channels, single = joined(d.silent, "and"), len(d.silent) == 1
     moving = (
         name
         for name in d.evidence.rig.inputs
@@ -53,13 +53,13 @@ def remark(d: Diagnosis) -> str:
         shown = f"The model predicts {channels} no better than the mean or a straight line does."
     elif d.response.is_reversed:
         shown = (
-            f"{channels} {'precedes' if one else 'precede'} {sent}: the rows seem to be in reverse "
-            "order of time."
+            f"{channels} {'precedes' if single else 'precede'} {sent}: the rows are probably in "
+            "reverse order of time."
         )
     else:
         hardly = not d.response.absent.any()
-        respond = ("responds" if one else "respond") if hardly else "respond"
-        negation = "hardly" if hardly else f"{'does' if one else 'do'} not"
+        respond = ("responds" if single else "respond") if hardly else "respond"
+        negation = "hardly" if hardly else f"{'does' if single else 'do'} not"
         shown = (
             f"{channels} {negation} {respond} to {sent}: the model predicts no better with the "
             "recorded input than without it."
@@ -102,13 +102,16 @@ def notes_of(d: Diagnosis) -> list[str]:
 
 
 def unexplained(reached: Mapping[str, Reach]) -> list[str]:
-    """A sentence per channel that no model explains: with the causes its error is that of the data
-    sheet, and far above the noise floor. reached: by channel."""
+    """One sentence per channel that no model explains.
+
+    Its error with the causes is about that of the data sheet, and far above the noise floor.
+    reached: errors by channel.
+    """
     return [
-        f"No model explains {channel}: with the causes it is off by {reach.mae_with_cause:.3g}"
-        f"{_in_unit(channel)}, with the data sheet by {reach.mae_data_sheet:.3g}, where the noise "
-        f"makes {reach.noise_floor:.2g}. Check its unit, its sign and its place before anything "
-        "else: `pamid check` compares it with the rig."
+        f"No model explains {channel}: its error is {reach.mae_with_cause:.3g}"
+        f"{_in_unit(channel)} with the causes and {reach.mae_data_sheet:.3g} with the data sheet; "
+        f"the noise floor is {reach.noise_floor:.2g}. First check its unit, its sign and its "
+        "place: `pamid check` compares it with the rig."
         for channel, reach in reached.items()
         if reach.mae_with_cause is not None
         and reach.mae_data_sheet is not None
@@ -124,23 +127,23 @@ def _in_unit(channel: str) -> str:
 
 
 def _form(d: Diagnosis) -> list[str]:
-    """Why a model file is run as equations or stepped, where the recordings decided it."""
+    """Reason why a model file is run as equations or stepped, if the recordings decided it."""
     return list(filter(None, [d.evidence.rig.form_note]))
 
 
 def _signs(d: Diagnosis) -> list[str]:
     return driving_words(d.evidence.rig) + [
-        f"{c.attached[-1].label} ends at nothing, but the same with the opposite sign removes "
-        f"{100.0 * removed:.0f} % of the error: check the sign of port {c.attached[-1].ports[0]} "
-        "against its position and velocity. A force that opposes the motion lowers the value "
-        "there; of a reaction that is read, pass its negative."
+        f"{c.attached[-1].label} vanishes in the fit, but with the opposite sign it removes "
+        f"{100.0 * removed:.0f} % of the error. Check the sign of port {c.attached[-1].ports[0]} "
+        "against its position and velocity: a force that opposes the motion must lower the value "
+        "there. If the port reads a reaction, pass its negative."
         for c, removed in d.opposite[:1]
     ]
 
 
 def _unused(d: Diagnosis) -> list[str]:
-    """Recorded columns that move and are not part of the rig, and which of them a lagged regression
-    finds in what remains."""
+    """Recorded columns outside the rig that move, and the one that a lagged regression finds in the
+    remaining error."""
     rig = d.evidence.rig
     known = (*rig.inputs, *rig.outputs, *(q.reference for q in rig.loops))
     names = dict[str, float]()
@@ -163,8 +166,8 @@ def _unused(d: Diagnosis) -> list[str]:
 
 
 def _share_of_remainder(d: Diagnosis, column: str) -> tuple[str, float]:
-    """The channel of whose remaining error a lagged regression on a recorded column removes the
-    largest share, and this share."""
+    """Largest share of a channel's remaining error that a lagged regression on a recorded column
+    removes, with that channel."""
     final, evidence = d.cause or d.budget.baseline, d.evidence
     held_out = [(r.track, r.residual) for r in final.replays]
     fitted = [
@@ -191,34 +194,34 @@ def _idle(d: Diagnosis) -> list[str]:
 
 
 def _instead(d: Diagnosis) -> list[str]:
-    """Families that do as well in the place of a cause, next to the others."""
+    """Families that fit as well in place of a cause, together with the other causes."""
     if d.answer is None or d.verdict == "ambiguous":
         return []
     return [
-        f"An effect of the family {' or '.join(c.instead)} does as well in the place of "
-        f"{c.effect.label}."
+        f"An effect of the family {' or '.join(c.instead)} in place of {c.effect.label} fits as "
+        "well."
         for c in d.answer.causes
         if c.instead
     ]
 
 
 def _set_aside(d: Diagnosis) -> list[str]:
-    """Candidates that would have led, and the physical reason against them."""
+    """Candidates that were better than the answer, and the physical reason against them."""
     if d.silent:
         return []
     best = d.cause or d.budget.baseline
     ahead = [c for c in d.ranking if d.comparison.is_material(c, best)]
     return [
-        f"{c.label} removes {percent_text(d.comparison.removed(c).share)} of the gap and is set "
-        f"aside: {'; '.join(why)}."
+        f"{c.label} removes {percent_text(d.comparison.removed(c).share)} of the gap, but was "
+        f"rejected: {'; '.join(why)}."
         for c in ahead
         if len(c.attached) >= len(best.attached) and (why := d.set_aside.get(c.label))
     ][:1]
 
 
 def _between(d: Diagnosis) -> list[str]:
-    """Readings that are half a sampling period early, or commands that are as late: what an input
-    that is taken for held, or for linear between samples, makes of a model."""
+    """Readings that are early, or commands that are late, by half a sampling period: the sign of an
+    input that is wrongly treated as held, or as linear, between samples."""
     if d.answer is None:
         return []
     model, rig = d.answer.model, d.evidence.rig
@@ -231,16 +234,19 @@ def _between(d: Diagnosis) -> list[str]:
         names = [name for name in rig.inputs if between_of(rig, name) == way]
         if names:
             notes.append(
-                f"{b.owner} comes to half a sampling period. This is what you see if an input is "
-                f"treated as {way} between samples but is {other(way)}. If {names[0]} is, state it "
-                f'in the rig (between = {{"{names[0]}": "{other(way)}"}}) and diagnose again.'
+                f"{b.owner} is half a sampling period. This is what you see if an input is "
+                f"treated as {way} between samples but is {other(way)}. If that is so for "
+                f'{names[0]}, state it in the rig (between = {{"{names[0]}": "{other(way)}"}}) and '
+                "diagnose again."
             )
     return notes
 
 
 def _row_order(d: Diagnosis) -> list[str]:
-    """Readings in another row than their own, and delays of one sampling period, which a log makes
-    by itself. The log of the first recording stands for the others."""
+    """Readings in a wrong row, and delays of one sampling period, which may come from the log.
+
+    Only the log of the first recording is examined, because the others have the same format.
+    """
     if d.answer is None or d.verdict == "no-structural-gap":
         return []
     rig, recording = d.evidence.rig, d.evidence.recordings[0]
@@ -249,8 +255,8 @@ def _row_order(d: Diagnosis) -> list[str]:
     model, period_s = d.answer.model, max(r.sampling_period_s for r in d.evidence.recordings)
     ports = {a.label: a.ports[0] for a in model.attached}
     return [f"{order.text(recording)} Then diagnose again." for order in orders] + [
-        f"{b.owner} comes to {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row "
-        "holds a command that acts from the next row on, or a reading of the row before. Move that "
+        f"{b.owner} is {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row has a "
+        "command that acts from the next row on, or a reading of the row before. Shift that "
         "column by one row (`rows` in the mapping of `pamid ingest`) and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
         if b.key.endswith((":delay", ":start"))
@@ -260,7 +266,7 @@ def _row_order(d: Diagnosis) -> list[str]:
 
 
 def _no_place(d: Diagnosis) -> list[str]:
-    """Common effects that the rig has no place for, where the answer leaves something open."""
+    """Common effects for which the rig has no port, if the answer is incomplete."""
     if d.answer is None or d.verdict == "explained":
         return []
     rig = d.evidence.rig
@@ -288,17 +294,17 @@ def _split(d: Diagnosis) -> list[str]:
     if d.evidence.held_out_rests:
         how = "" if d.evidence.whole_held_out else ": --held-out"
         return [
-            "The held-out part moves by less than a quarter of the fitted one, so that only small "
+            "The held-out part moves by less than a quarter of the fitted part, so only small "
             f"signals are tested. Hold out a recording that moves as much{how}."
         ]
     used_s, all_s = d.evidence.used_s
     excerpt = [
         f"Of {all_s:.4g} s of recordings {used_s:.4g} s were used, in evenly spread stretches. "
-        "An effect that acts only in the rest is not seen: diagnose that part by itself."
+        "An effect that acts only elsewhere is missed: diagnose that part separately."
     ]
     return excerpt * (used_s < 0.99 * all_s) + [
-        f"{r.name} is at rest for a part of its length: three tenths spread over it were held out, "
-        "not its last three. A separate recording is a better test: --held-out."
+        f"{r.name} is at rest for part of its length: 30 % in several parts were held out, not the "
+        "last 30 %. A separate recording is a better test: --held-out."
         for r in d.evidence.spread
     ]
 
@@ -324,27 +330,26 @@ def _bounds(d: Diagnosis) -> list[str]:
     if named is None or not held:
         return []
     return [
-        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound that was widened "
-        "before: the effect may have another form."
+        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound that had been widened: "
+        "the effect may have another form."
     ]
 
 
 def _background(d: Diagnosis) -> list[str]:
-    """Background terms that stand as far off as they may: a muscle that is stronger than its twin
-    bends a force map, too."""
+    """Tolerance terms at their limits, as a force map distorted by unequal muscles."""
     return [
-        f"Background {term} stands at {pull:.1f} tolerances: "
-        f"{like or 'no effect of the ranking takes that up; the tolerance may be too tight'}."
+        f"Tolerance {term} was moved by {pull:.1f} of its standard deviations: "
+        f"{like or 'no effect of the ranking explains that; the tolerance may be too tight'}."
         for term, pull, like in _far_off(d, background_pull)
     ]
 
 
 def _strained(d: Diagnosis) -> list[str]:
-    """Parameters of the rig that the refit has moved far: the data sheet is wrong, or they take up
-    what is missing."""
+    """Parameters of the rig far from their priors: the data sheet is wrong, or they compensate a
+    missing effect."""
     return [
         f"{name} was moved {strain:.1f} standard deviations of its prior: "
-        f"{like or 'no effect of the ranking brings it back; the data sheet may be wrong there'}."
+        f"{like or 'no effect of the ranking explains that; the data sheet may be wrong'}."
         for name, strain, like in _far_off(d, _strains)
     ]
 
@@ -356,8 +361,8 @@ def _strains(fitted: Fit) -> dict[str, float]:
 def _far_off(
     d: Diagnosis, off: Callable[[Fit], dict[str, float]]
 ) -> Iterator[tuple[str, float, str]]:
-    """Parameters of the reported model that are far off, their distance, and the effects that would
-    explain it ("" where there are none)."""
+    """Parameters of the reported model far from their expectation, the distance, and the effects
+    that would explain it ("" without any)."""
     final = d.cause or d.budget.baseline
     far = {name: size for name, size in off(final.fit).items() if size >= d.settings.far_off}
     named = {a.label for a in final.attached}
@@ -373,7 +378,8 @@ def _far_off(
 
 
 def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
-    """Where what is left is no more than a rough map leaves, and the rig states none: that."""
+    """Note that an unstated roughness of a map would explain the remainder, if it is small
+    enough."""
     rig, most = d.evidence.rig, ROUGH_SHARE
     if rest is None or not rest.real or rest.missing_rms is None or not rest.passing_rms:
         return []
@@ -383,14 +389,14 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
         return []
     ports = [name for name in rig.ports if rig.group_of(name) == rest.port]
     return [
-        f"What is missing at port {rest.port} is {percent_text(share)} of what passes there, and a "
-        f"map that is rough by as much would look alike. If yours may be, state it in the rig, "
-        f"{stated_roughness(rig, *ports)}, and diagnose again."
+        f"The missing value at port {rest.port} is {percent_text(share)} of the total value there. "
+        f"A map with as much roughness would look the same. If yours may have it, state it in the "
+        f"rig, {stated_roughness(rig, *ports)}, and diagnose again."
     ]
 
 
 def _left_out(d: Diagnosis) -> list[str]:
-    """Candidates without a signal, by the reason."""
+    """Candidates that were not considered, by the reason."""
     by_reason: dict[str, list[str]] = {}
     for label, reason in d.left_out:
         by_reason.setdefault(reason, []).append(label)
@@ -406,14 +412,14 @@ def _sizes(d: Diagnosis) -> list[str]:
         return []
     which = f"port {bare[0]}" if len(bare) == 1 else f"ports {', '.join(bare)}"
     return [
-        f"Nothing passes {which} in these recordings: effects there are sized by 1 SI unit. State "
-        'Port(size={"value": ...}).'
+        f"The value at {which} is zero in these recordings, so effects there are scaled by 1 SI "
+        'unit. State Port(size={"value": ...}).'
     ]
 
 
 def _noise_and_background(d: Diagnosis) -> list[str]:
-    """Channels whose noise in fits and floors is not what the rig or the samples suggest, and
-    background terms that these recordings do not need."""
+    """Channels whose noise differs from that of the rig or the samples, and tolerances that these
+    recordings do not need."""
     e = d.evidence
     noise = [r.text for r in noise_remarks(e.rig, e.recordings, e.channels)]
     return [f"{text}." for text in (*noise, *(term.text for term in e.left_out))]

@@ -29,7 +29,7 @@ class RefittedParameters:
     undetermined: tuple[str, ...] = ()
 
     def remark(self) -> str:
-        """The parameters left out, in words; "" where all are shown."""
+        """Sentence about the omitted parameters; "" if all are shown."""
         rest = self.total - len(self.shown)
         if not rest:
             return ""
@@ -53,7 +53,9 @@ def refitted_parameters(parameters: Mapping[str, Estimate]) -> RefittedParameter
     moved = [item for item in parameters.items() if _moved(item[1])]
     moved.sort(key=lambda item: -abs(item[1].strain or 0.0))
     shown = dict(moved)
-    open_ones = [k for k, one in parameters.items() if one.word == "silent" and k not in shown]
+    open_ones = [
+        k for k, parameter in parameters.items() if parameter.word == "silent" and k not in shown
+    ]
     return RefittedParameters(shown, len(parameters), tuple(open_ones))
 
 

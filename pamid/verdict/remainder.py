@@ -78,7 +78,7 @@ class Missing:
 
 def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | None:
     """The missing term beside the causes, at the port with the largest latent evidence, or where a
-    free form takes it up; of ports that the recordings cannot tell apart, at the one whose own
+    free form takes it up; of ports that the recordings cannot separate, at the one whose own
     signals describe it best. None where nothing is missing, or no function of these signals
     fits."""
     located = d.left_at
@@ -117,7 +117,7 @@ class _Describing(Work[str, Missing | None]):
 
 
 def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
-    """Port, formula, nature and free forms of what remains; None where the smoother finds
+    """Port, formula, nature and free forms of what remains; None if the smoother finds
     nothing."""
     located, group_of = d.left_at, d.evidence.rig.group_of
     if located is None or located.most <= 0.0:
@@ -255,8 +255,8 @@ def missing_value(
         times.append(
             np.array([(track.first + over.start) * track.period_s for over in sliced.slices])
         )
-        own = next(i for i, r in enumerate(recordings) if r is span.recording)
-        numbers.append(np.full(len(sliced.slices), own))
+        index = next(i for i, r in enumerate(recordings) if r is span.recording)
+        numbers.append(np.full(len(sliced.slices), index))
     table = np.array(rows)
     return (
         np.concatenate(numbers),
@@ -267,8 +267,7 @@ def missing_value(
 
 
 def parity(m: Missing) -> str:
-    """Is the missing value an odd or an even function of what moves it? "odd", "even" or
-    "mixed"."""
+    """Parity of the missing value as a function of its signal: "odd", "even" or "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
     # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in bins of |x| that were visited both ways

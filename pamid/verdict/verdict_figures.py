@@ -1,4 +1,4 @@
-"""A diagnosis as the figures of diagnosis.json."""
+"""Content of diagnosis.json from a diagnosis."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
 
 
 def _how_far(d: Diagnosis, i: int) -> result.Reach:
-    """One channel's errors on windows that had no part in the choice, in the column's unit."""
+    """Errors of one channel on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]
@@ -380,20 +380,24 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
 def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
     """Conditions that no fitted recording had: known values, loop, controller, amplitude."""
     fitted = [s.recording for s in d.evidence.fit]
-    own = span.recording
+    recording = span.recording
     new: dict[str, Any] = {
-        k: v for k, v in own.known.items() if all(r.known.get(k) != v for r in fitted)
+        k: v for k, v in recording.known.items() if all(r.known.get(k) != v for r in fitted)
     }
-    if all(r.loop != own.loop for r in fitted):
-        new["loop"] = own.loop
-    if own.controller and all(r.controller != own.controller for r in fitted):
+    if all(r.loop != recording.loop for r in fitted):
+        new["loop"] = recording.loop
+    if recording.controller and all(r.controller != recording.controller for r in fitted):
         new["controller"] = {
-            k: v for k, v in own.controller.items() if all(r.controller.get(k) != v for r in fitted)
+            k: v
+            for k, v in recording.controller.items()
+            if all(r.controller.get(k) != v for r in fitted)
         }
-    channel = next((c for c in d.evidence.channels if all(r.has(c) for r in (own, *fitted))), None)
+    channel = next(
+        (c for c in d.evidence.channels if all(r.has(c) for r in (recording, *fitted))), None
+    )
     if channel is None:
         return new
-    spread = own.si(channel)[span.start : span.stop].std()
+    spread = recording.si(channel)[span.start : span.stop].std()
     ratios = [
         spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
         for s in d.evidence.fit

@@ -1,6 +1,6 @@
-"""A verdict in words: the sentence that opens terminal, page and JSON, and its parts.
+"""Verdict in words: the first sentence of terminal, page and JSON, and its parts.
 
-It is made of diagnosis.json alone, so that a reader of the file can spell its names in another way.
+It needs only diagnosis.json, so a reader of the file can write names in another way.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from pamid.base.share_words import chance_text, percent_text, percents_text, tim
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
 RECORD_MORE = "Record for longer, or with larger excitation."
-#: where an immaterial remainder is this many noise floors, smaller effects may hide in it
+#: size of an immaterial remainder, in noise floors, from which on smaller effects may be in it
 LEAST_FLOORS = 10.0
-LOOK_FURTHER = "smaller effects may remain: correct the rig by what was found, then diagnose again"
+LOOK_FURTHER = "smaller effects may remain: add the named effects to the rig, then diagnose again"
 NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
 
 
 @dataclass(frozen=True)
 class Spelling:
-    """How names are written."""
+    """Functions that write the names of effects and ports."""
 
     effect: Callable[[str], str] = str
     port: Callable[[str], str] = str
@@ -31,9 +31,11 @@ AS_IN_FILE = Spelling()
 
 
 def sentence(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """The verdict in a few sentences, shares first, and what is doubtful about the recordings; a
-    remark takes the place of the verdict."""
-    doubts = f" First mend the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
+    """Verdict in a few sentences, shares first, then doubts about the recordings; a remark replaces
+    the verdict."""
+    doubts = (
+        f" First correct the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
+    )
     return f"{_verdict_text(diagnosis, spelling)}{doubts}"
 
 
@@ -45,7 +47,7 @@ def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if diagnosis.verdict == "unknown-effect":
         return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
     if diagnosis.verdict == "cannot-tell":
-        return _unsure(diagnosis, spelling)
+        return _undecided(diagnosis, spelling)
     if diagnosis.verdict == "ambiguous":
         return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
     if len(diagnosis.causes) > 1:
@@ -55,7 +57,7 @@ def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> str:
-    """No gap, or none that anything known would close."""
+    """No gap, or a gap that no known effect or curve closes."""
     rest = diagnosis.remainder
     if rest is None or rest.floors is None:
         return "The refitted model is at the noise floor: no structural gap was found."
@@ -67,13 +69,15 @@ def _no_gap(diagnosis: DiagnosisFile) -> str:
 
 
 def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """The curve that takes up what no effect does, with its family, port and share."""
+    """Nonparametric curve for a gap without a named effect, with its family, port and share."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         at = (
-            _entrance(diagnosis.where, spelling) if diagnosis.where and diagnosis.where.port else ""
+            _entry_port(diagnosis.where, spelling)
+            if diagnosis.where and diagnosis.where.port
+            else ""
         )
-        return f"A curve at one of its ports does.{at}"
+        return f"A curve at one of the ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
     elsewhere = f", or equally at the {joined(others, 'or')} port," if others else ""
@@ -88,7 +92,7 @@ Finding: TypeAlias = tuple[Cause, ...]
 
 
 def findings_of(diagnosis: DiagnosisFile) -> list[Finding]:
-    """The causes, those together that are the same effect at several ports."""
+    """Causes, grouped by effect: one effect may act at several ports."""
     effects: dict[str, list[Cause]] = {}
     for c in diagnosis.causes:
         effects.setdefault(_stem(c), []).append(c)
@@ -120,7 +124,7 @@ def finding_label(
 def finding_text(
     diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE
 ) -> str:
-    """ "play at the camera port", with the ports at which it does as well."""
+    """ "play at the camera port", with the ports at which it fits as well."""
     first, label = finding[0], finding_label(diagnosis, finding, spelling)
     if len(finding) > 1:
         return label
@@ -132,7 +136,7 @@ def finding_text(
 
 
 def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
-    """The ports of an effect: "in the joints" where they are all on which a torque acts."""
+    """Ports of an effect: "in the joints" if they are all ports with a torque."""
     ports = {c.port for c in finding}
     mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
     joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
@@ -146,8 +150,8 @@ def _chance_of(c: Cause) -> str:
 
 
 def _next_family(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """How far the next family is behind a single cause; empty where there is none. Begins with a
-    space, as what follows a sentence does."""
+    """Sentence about the best effect of another family than a single cause, or "". It begins with a
+    space."""
     cause = diagnosis.causes[0]
     others = (
         r
@@ -162,9 +166,9 @@ def _next_family(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _together(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """The share that several causes remove together, and those without each of them.
+    """Share that several causes remove together, and the shares without each of them.
 
-    Shares of single causes do not add up: what two remove, each of them may remove alone.
+    Shares of single causes do not add up, because two causes may each remove the same part.
     """
     findings = findings_of(diagnosis)
     names = joined(
@@ -180,7 +184,7 @@ def _together(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     without = {c.effect: total - c.removes.share for c in diagnosis.causes if c.removes}
     if max(without.values(), default=0.0) <= 0.0:
         return f"{text}. None of them removes any of it without the others."
-    # the most important first: without it least is removed
+    # the most important cause first: without it the removed share is smallest
     shares = (
         f"without {spelling.effect(effect)} {percent_text(max(share, 0.0))}"
         for effect, share in sorted(without.items(), key=lambda item: item[1])
@@ -189,7 +193,7 @@ def _together(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """The members of a set: two with their shares, more as the group that they are."""
+    """Members of the confidence set: two with their shares, more as a group."""
     findings = findings_of(diagnosis)
     if len(findings) == 2:
         first, other = findings
@@ -227,20 +231,21 @@ def _floors_text(floors: float) -> str:
 
 
 def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "of the friction family, in a form that is not in the catalogue"; empty where no free form
-    takes it up."""
+    """ "of the friction family, in a form that is not in the catalogue"; "" without a curve."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
-    names = joined((spelling.effect(one) for one in dict.fromkeys(f.family for f in forms)), "or")
+    names = joined(
+        (spelling.effect(family) for family in dict.fromkeys(f.family for f in forms)), "or"
+    )
     return f"of the {names} family, in a form that is not in the catalogue"
 
 
-def size_of(rest: Remainder, *, beside: bool) -> str:
+def size_of(rest: Remainder, *, with_causes: bool) -> str:
     """Size of the remainder: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
-    floor in the worst channel"; beside: causes, without which it is the gap itself."""
+    floor in the worst channel"; with_causes: False for the gap itself."""
     texts = []
-    if beside and rest.share is not None:
+    if with_causes and rest.share is not None:
         text = f"{percent_text(rest.share)} of the gap"
         if rest.low is not None and rest.high is not None and rest.low < rest.high:
             text += f" (95 % interval {percents_text(rest.low, rest.high)})"
@@ -251,8 +256,7 @@ def size_of(rest: Remainder, *, beside: bool) -> str:
 
 
 def amount_of(rest: Remainder) -> str:
-    """Size of the missing value at the port, in its unit, and of all that passes there; "" if
-    unknown."""
+    """Size of the missing and of the total value at the port, in its unit; "" if unknown."""
     if rest.missing_rms is None or not rest.passing_rms:
         return ""
     share = rest.missing_rms / rest.passing_rms
@@ -260,7 +264,7 @@ def amount_of(rest: Remainder) -> str:
     unit = f" {rest.unit}" if rest.unit else ""
     return (
         f"an estimated {rest.missing_rms:.3g}{unit} rms is missing, {size} the "
-        f"{rest.passing_rms:.3g}{unit} that pass there"
+        f"{rest.passing_rms:.3g}{unit} total"
     )
 
 
@@ -270,17 +274,16 @@ def weight_of(rest: Remainder) -> str:
 
 
 def advice_of(rest: Remainder) -> str:
-    """How to see the smaller effects of an immaterial remainder; "" where it is near the floor."""
+    """Advice about smaller effects in an immaterial remainder; "" if it is near the noise floor."""
     return "" if rest.real or (rest.floors or 0.0) < LEAST_FLOORS else LOOK_FURTHER
 
 
-def _entrance(where: Where, spelling: Spelling) -> str:
-    """Where the gap enters: the port that the evidence prefers, and those that take as much of it
-    or more where the sensors cannot separate them."""
+def _entry_port(where: Where, spelling: Spelling) -> str:
+    """Port at which the gap enters, and inseparable ports with the same share or a larger one."""
     shares = {item.port: item.share for item in where.ports}
-    own = shares.get(where.port, 0.0)
-    alike = where.not_told_from(where.port)
-    others = sorted(port for port in alike if shares.get(port, 0.0) >= own > 0.0)
+    port_share = shares.get(where.port, 0.0)
+    alike = where.inseparable_from(where.port)
+    others = sorted(port for port in alike if shares.get(port, 0.0) >= port_share > 0.0)
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
         return f"{first}."
@@ -288,8 +291,8 @@ def _entrance(where: Where, spelling: Spelling) -> str:
     return f"{first}, or at {rest}: these sensors cannot separate them."
 
 
-def _unsure(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """The leader of the ranking, and why it is not named."""
+def _undecided(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+    """First candidate of the ranking, and the reason why it is not named."""
     tied = diagnosis.comparison[0].tied if diagnosis.comparison else ()
     if len(tied) > 1:
         first, *others = (spelling.effect(m.effect) for m in tied)

@@ -272,5 +272,5 @@ def test_a_column_of_another_rig_is_not_sent_to_this_one(
     )
     for other in ("force_n", "reference_psi"):
         assert nexts[other] and nexts[other][1].startswith(
-            "send it to your rig; to simulate it, name one with --rig"
+            "send it to your rig. To simulate it, give a suitable rig with --rig"
         )

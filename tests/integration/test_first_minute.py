@@ -84,4 +84,4 @@ def test_the_demo_says_what_it_begins_with(
 
     monkeypatch.setattr("pamid.replications.demonstration.run_demo", before_all_work)
     frame.run(["demo", "--output", str(tmp_path / "run")])
-    assert "a fault that is withheld" in said[0] and "about a minute" in said[0]
+    assert "a hidden fault" in said[0] and "about a minute" in said[0]

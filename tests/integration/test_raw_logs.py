@@ -648,7 +648,7 @@ def test_an_unanswered_period_is_asked_for_like_a_unit(
     mapping = tmp_path / "map.toml"
     guess = ["ingest", "--guess", str(tmp_path / "dryer.dat"), "--output", str(mapping)]
     assert frame.run(guess) == 0
-    assert "to be answered: time.period_s" in capsys.readouterr().out
+    assert "to be filled in: time.period_s" in capsys.readouterr().out
     tables = tomllib.loads(mapping.read_text())
     assert tables["time"]["period_s"] == "?" and "max_gap_s" not in tables["time"]
     with pytest.raises(FileError, match=r"time\.period_s is \"\?\"") as caught:
@@ -705,7 +705,7 @@ def repeated_lines(form: str) -> bytes:
 
 
 NO_LOGS = {
-    "a pickle": ("log.pkl", pickle.dumps(Bomb()), "runs code when it is loaded", "to_parquet"),
+    "a pickle": ("log.pkl", pickle.dumps(Bomb()), "because it runs code", "to_parquet"),
     "an old pickle": ("log.pickle", pickle.dumps(Bomb(), 0), "runs code", "to_parquet"),
     "gzip": ("log.csv.gz", gzip.compress(b"t,u\n0,1\n", mtime=0), "gzip", "gunzip -k "),
     "bzip2": ("log.csv.bz2", bz2.compress(b"t,u\n0,1\n"), "bzip2", "bunzip2 -k "),
@@ -714,7 +714,7 @@ NO_LOGS = {
     "a workbook": ("log.xlsx", member("[Content_Types].xml"), "a workbook", "Save it as CSV"),
     "npz": ("log.npz", member("u.npy"), "an archive of NumPy", "with names"),
     "Feather": ("log.feather", b"ARROW1\0\0" + b"\1" * 99, "a Feather", "to_parquet"),
-    "a database": ("log.db", b"SQLite format 3\0" + b"\1" * 99, "no ROS bag", "sqlite3 -header"),
+    "a database": ("log.db", b"SQLite format 3\0" + b"\1" * 99, "not a ROS bag", "sqlite3 -header"),
     "ULog": ("log.ulg", b"ULog\x01\x12\x35\x01" + b"\1" * 99, "a ULog", "ulog2csv "),
     "BLF": ("log.blf", b"LOGG" + b"\1" * 99, "CAN frames", "MDF4"),
     "frames of CANalyzer": (
@@ -740,7 +740,7 @@ NO_LOGS = {
     "signals in rows": (
         "rows.csv",
         b"time_s," + b",".join(b"%d" % k for k in range(N)) + b"\nu_v" + N * b",1\n"[:2] + b"\n",
-        "every signal stands in a row: 2 rows",
+        "the signals are rows, not columns: 2 rows",
         ".T.to_csv",
     ),
     "thousands with separators": (
@@ -771,7 +771,7 @@ def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ('{"t": [1, 2, 3', "it is no JSON"),
+        ('{"t": [1, 2, 3', "this is not JSON"),
         ('{"a": 1, "b": "x"}', "there are no signals in it"),
         ("[" * 100_000, "cannot be read as json"),
     ],

@@ -107,7 +107,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         "no-structural-gap": [
             "No structural gap was found. The refitted model leaves 1.1 times the noise floor, of "
             "which no effect and no curve at a port removes a material share.",
-            "Nowhere: no gap is left to place.",
+            "Nowhere: there is no gap.",
         ],
         "cannot-tell": [
             "Coulomb friction may be missing. It removes 24 % of the gap (95 % interval 4 to 44 %, "

@@ -182,7 +182,7 @@ def test_a_lerobot_data_set_becomes_a_fit(
     [
         ([], [], "there are no signals"),
         (["shoulder", "shoulder"], [0.1, 0.2], "name a joint twice"),
-        (["shoulder", "elbow"], [0.1, 0.2, 0.3], "another number of values than names"),
+        (["shoulder", "elbow"], [0.1, 0.2, 0.3], "different numbers of values and names"),
     ],
 )
 def test_damaged_joint_states_are_refused(

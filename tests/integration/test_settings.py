@@ -95,9 +95,9 @@ def test_a_command_takes_them_and_notes_them(
         ("[diagnose]\njobs = 0\n", "[diagnose] jobs: 0 is not in the range"),
         ("[diagnose]\nseeed = 0\n", "Did you mean 'seed'?"),
         ("[diagnose]\noverwrite = 1\n", "neither true nor false"),
-        ("[diagnose]\nseed = [1, 2]\n", "a list, where one value is wanted"),
-        ("[diagnose.seed]\nx = 1\n", "a table, where a value is wanted"),
-        ("jobs = 3\n", "is no command"),
+        ("[diagnose]\nseed = [1, 2]\n", "a list, but must be a single value"),
+        ("[diagnose.seed]\nx = 1\n", "a table, but must be a single value"),
+        ("jobs = 3\n", "there is no command [jobs]"),
         ("[diagnose\n", "is not TOML"),
         ("[diagnose]\njson = true\n", "no such option"),
     ],
@@ -154,7 +154,7 @@ def test_outside_my_home_the_working_folder_gives_harmless_options_only(
     assert frame.run(["check", str(RECORDING)]) == 0
     told = capsys.readouterr().err
     assert (
-        f"{project}: [check] rig is not taken, because the file lies outside your home: say --rig"
+        f"{project}: [check] rig is ignored, because the file lies outside your home. Give --rig"
         in told
     )
     assert not (project.parent / "rig.py.ran").exists()

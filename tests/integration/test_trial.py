@@ -462,7 +462,7 @@ def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(
     Run.create(other, command=["pamid", "fit"], seed=0)
     capsys.readouterr()
     assert trial(other, 2, "--overwrite") == 3
-    assert "it holds no trial" in capsys.readouterr().err and len(examined) == 6
+    assert "it contains no trial" in capsys.readouterr().err and len(examined) == 6
 
 
 @pytest.mark.parametrize("error", [DataError("too short"), ZeroDivisionError("oops")])

@@ -67,7 +67,7 @@ def test_a_rig_that_was_forgotten_is_one_error(
     [
         (None, 1.0, "pamid new-rig"),
         ("pendulum.py", 1.0, "pamid diagnose"),
-        ("pendulum.py", 0.0, "mend it, then pamid check"),
+        ("pendulum.py", 0.0, "repair it, then pamid check"),
     ],
 )
 def test_a_check_ends_with_what_is_next(

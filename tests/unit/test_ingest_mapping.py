@@ -18,7 +18,7 @@ from pamid.ingest.mapping import (
     Mapping,
     load_mapping,
     mapping_of,
-    settle,
+    resolved_signals,
 )
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
@@ -39,7 +39,9 @@ def load(folder: Path, text: str, pressures: str | None = None) -> Mapping:
 
 def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> None:
     def absolute(text: str, pressures: str | None = None) -> bool:
-        return settle(load(tmp_path, text, pressures), ONE_DOF, {}, "map.toml")[0].absolute
+        return resolved_signals(load(tmp_path, text, pressures), ONE_DOF, {}, "map.toml")[
+            0
+        ].absolute
 
     assert absolute(PRESSURE + 'pressure = "absolute"') and not absolute(
         PRESSURE + 'pressure = "gauge"'
@@ -49,7 +51,7 @@ def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> Non
     )
     assert absolute(PRESSURE, "absolute") and absolute(PRESSURE + 'pressure = "?"', "absolute")
     assert not absolute(PRESSURE.replace("bar", "barg"), "absolute")
-    with pytest.raises(FileError, match='but --pressures says "absolute"'):
+    with pytest.raises(FileError, match='but --pressures is "absolute"'):
         absolute(PRESSURE + 'pressure = "gauge"', "absolute")
 
 
@@ -62,14 +64,18 @@ def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path: Path) ->
     }
     text = "".join(f'[signals.{n}]\nsource = "{n}"\nunit = "{u}"\n' for n, u in names.items())
     for rig in (ONE_DOF, None):
-        held = {s.column: s.hold for s in settle(load(tmp_path, text), rig, {}, "map.toml")}
+        held = {
+            s.column: s.hold for s in resolved_signals(load(tmp_path, text), rig, {}, "map.toml")
+        }
         assert held == {
             "reference_deg": True,
             "command": True,
             "angle_deg": False,
             "external_torque_nm": False,
         }
-    told = settle(load(tmp_path, ANGLE + 'interpolation = "hold"'), ONE_DOF, {}, "map.toml")[0]
+    told = resolved_signals(
+        load(tmp_path, ANGLE + 'interpolation = "hold"'), ONE_DOF, {}, "map.toml"
+    )[0]
     assert told.hold and told.events
 
 

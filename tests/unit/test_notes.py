@@ -76,7 +76,7 @@ def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
     )
     d: Any = SimpleNamespace(answer=SimpleNamespace(causes=causes), verdict="explained")
     assert _instead(d) == [
-        "An effect of the family overflow or dead-time does as well in the place of leak@joint."
+        "An effect of the family overflow or dead-time in place of leak@joint fits as well."
     ]
     d.verdict = "ambiguous"
     assert _instead(d) == [], "they are named"
@@ -100,7 +100,7 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
         settings=DEFAULT,
     )
     assert _set_aside(d) == [
-        "saturation@joint removes 90 % of the gap and is set aside: its limit is a bound."
+        "saturation@joint removes 90 % of the gap, but was rejected: its limit is a bound."
     ]
     d.silent = ("angle_deg",)
     assert _set_aside(d) == []
@@ -123,4 +123,4 @@ def test_a_channel_that_no_model_explains_is_always_told(
     good = Reach(mae_data_sheet=5.0, mae_with_cause=0.2, noise_floor=0.1)
     said = unexplained({"current_a": reach, "angle_deg": good})
     assert len(said) == told
-    assert not said or "No model explains current_a" in said[0] and " A, with" in said[0]
+    assert not said or "No model explains current_a" in said[0] and " A with" in said[0]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
+from pamid.ingest.channel_columns import channel_columns
 from pamid.ingest.channels import Channel
 from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
-from pamid.ingest.own_names import own_columns
 from pamid.recording.recording import read_recording
 
 COUNT = 900
@@ -23,7 +23,7 @@ def channel(name: str, unit: str = "") -> Channel:
 
 
 def test_names_and_units_are_spelt_as_a_recording_spells_them() -> None:
-    found = own_columns(
+    found = channel_columns(
         [
             channel("M_soll", "Nm"),
             channel("Winkel Abtrieb", "°"),

@@ -88,7 +88,7 @@ def test_a_step_response_is_judged(tmp_path: Path) -> None:
     evidence = split_recordings(rig_named(RIG), [recording], [])
     assert evidence.spread == [recording] and not evidence.whole_held_out
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})
-    assert remark(found) == "" and any("three tenths spread" in note for note in notes_of(found))
+    assert remark(found) == "" and any("in several parts" in note for note in notes_of(found))
     assert found.ranking[0].label == "coulomb-friction"
     header, rows = residual_table(fit_model(evidence))
     columns = dict(zip(header, rows.T, strict=True))

@@ -152,7 +152,7 @@ def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
     text = text_of(
         make_run(tmp_path / "RUN", "no-structural-gap", diagnosis=diagnosis, without=NO_TRACES)
     )
-    assert "The diagnosis asks for no further experiment." in text
+    assert "The diagnosis recommends no further experiment." in text
     assert "Comparison of the candidates" not in text
 
 

@@ -110,7 +110,7 @@ def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
         "shoulder_angle_rad": "shoulder_pos",
         "elbow_angle_rad": "elbow_pos",
     }
-    assert 'unit = "deg"  # as you say' in found.text
+    assert 'unit = "deg"  # by --angles' in found.text
     assert found.open == ("signals.m1_command.unit", "signals.m2_command.unit")
 
 
@@ -138,4 +138,4 @@ def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> 
     made = sources(found, tmp_path)
     assert made["m2_command"] == "/joint_states/effort/elbow"
     assert "m1_command_rad" not in made
-    assert any(note.startswith("nothing found for m1_command_rad") for note in found.notes)
+    assert any(note.startswith("no channel found for m1_command_rad") for note in found.notes)

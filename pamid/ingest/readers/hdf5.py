@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
@@ -24,18 +24,18 @@ def read_hdf5(path: Path) -> Log:
     compounds one by one."""
     import h5py
 
-    gathering = Gathering(path)
+    builder = ChannelBuilder(path)
     with h5py.File(path, "r") as file:
         datasets: dict[str, Any] = {}
-        _group(gathering, datasets, file, "", frozenset())
+        _group(builder, datasets, file, "", frozenset())
         # the sum of all is known before any is read
         for name, dataset in datasets.items():
-            _read(gathering, dataset, name)
-    return gathering.log(path, "hdf5")
+            _read(builder, dataset, name)
+    return builder.log(path, "hdf5")
 
 
 def _group(
-    gathering: Gathering,
+    builder: ChannelBuilder,
     datasets: dict[str, Any],
     group: Any,
     name: str,
@@ -50,21 +50,21 @@ def _group(
     for key in group:
         inside = f"{name}/{key}" if name else key
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            gathering.leave_out(inside, "a link")
+            builder.leave_out(inside, "a link")
             continue
         item = group[key]
         if isinstance(item, h5py.Dataset):
-            _dataset(gathering, datasets, item, inside)
+            _dataset(builder, datasets, item, inside)
         elif isinstance(item, h5py.Group) and _is_of_octave(item):
             if isinstance(item["value"], h5py.Group):
-                _group(gathering, datasets, item["value"], inside, above | {address})
+                _group(builder, datasets, item["value"], inside, above | {address})
             else:
-                _dataset(gathering, datasets, item["value"], inside)
+                _dataset(builder, datasets, item["value"], inside)
         elif isinstance(item, h5py.Group):
-            _group(gathering, datasets, item, inside, above | {address})
+            _group(builder, datasets, item, inside, above | {address})
 
 
-def charge_hdf5(gathering: Gathering, path: Path) -> None:
+def charge_hdf5(builder: ChannelBuilder, path: Path) -> None:
     """Charge every dataset of a file that another library reads whole, as float64."""
     import h5py
 
@@ -72,7 +72,7 @@ def charge_hdf5(gathering: Gathering, path: Path) -> None:
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             columns = len(item.dtype.names or ("",))
             raw = item.size * item.dtype.itemsize
-            gathering.budget.charge(name, columns * item.size, raw=raw)
+            builder.budget.charge(name, columns * item.size, raw=raw)
 
     with h5py.File(path, "r") as file:
         file.visititems(charge)
@@ -82,36 +82,36 @@ def _is_of_octave(group: Any) -> bool:
     return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
 
 
-def _dataset(gathering: Gathering, datasets: dict[str, Any], dataset: Any, name: str) -> None:
+def _dataset(builder: ChannelBuilder, datasets: dict[str, Any], dataset: Any, name: str) -> None:
     if dataset.external or dataset.is_virtual:
-        gathering.leave_out(name, "kept in another file")
+        builder.leave_out(name, "stored in another file")
         return
     if dataset.dtype.hasobject or dataset.dtype.kind in "OSUV" and dataset.dtype.names is None:
-        gathering.leave_out(name, "not numbers")
+        builder.leave_out(name, "not numbers")
         return
     if dataset.shape is None:
         return
     if not dataset.id.get_storage_size():  # reading it would make its fill value of nothing
-        gathering.leave_out(name, "declared, but never written")
+        builder.leave_out(name, "declared but not written")
         return
     kind = dataset.dtype
-    if not gathering.reserve(name, dataset.shape, kind.itemsize):
+    if not builder.reserve(name, dataset.shape, kind.itemsize):
         return
     for field in kind.names or ():
         inside = math.prod(kind[field].shape)
-        gathering.budget.charge(f"{name}/{field}", dataset.size * inside)
+        builder.budget.charge(f"{name}/{field}", dataset.size * inside)
     datasets[name] = dataset
 
 
-def _read(gathering: Gathering, dataset: Any, name: str) -> None:
+def _read(builder: ChannelBuilder, dataset: Any, name: str) -> None:
     kind, unit = dataset.dtype, _unit(dataset)
-    gathering.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
+    builder.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
     values = dataset[()]
     if kind.names is None:
-        gathering.add(name, values, unit=unit)
+        builder.add(name, values, unit=unit)
         return
     for field in kind.names:
-        gathering.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
+        builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
 def _unit(dataset: Any) -> str:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from pamid.base.errors import FileError
-from pamid.ingest.cells import add_column
+from pamid.ingest.channel_builder import MAX_COLUMNS, ChannelBuilder
 from pamid.ingest.channels import Log
-from pamid.ingest.gathering import MAX_COLUMNS, Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.text import decode
+from pamid.ingest.text_cells import add_column
 
 OBJECT_BYTES = 12  # memory that a byte of the file takes as objects
 _UNIT_KEYS = ("unit", "units", "Unit", "Units")
@@ -24,14 +24,14 @@ def read_json(path: Path) -> Log:
 
     FileError for a file that is no JSON or holds no array of numbers.
     """
-    gathering = Gathering(path)
-    gathering.budget.charge("its objects", 0, raw=OBJECT_BYTES * path.stat().st_size)
-    text, _ = decode(gathering.budget)
-    _enter(gathering, "", _parsed(gathering, text, path))
-    return gathering.log(path, "json")
+    builder = ChannelBuilder(path)
+    builder.budget.charge("its objects", 0, raw=OBJECT_BYTES * path.stat().st_size)
+    text, _ = decode(builder.budget)
+    _enter(builder, "", _parsed(builder, text, path))
+    return builder.log(path, "json")
 
 
-def _parsed(gathering: Gathering, text: str, path: Path) -> Any:
+def _parsed(builder: ChannelBuilder, text: str, path: Path) -> Any:
     """The value in a file, or the list of those in its lines."""
     try:
         return json.loads(text)
@@ -40,78 +40,76 @@ def _parsed(gathering: Gathering, text: str, path: Path) -> Any:
     lines = [line for line in text.split("\n") if line.strip()]
     try:
         values = [json.loads(line) for line in lines[:-1]]
-        values += _last(gathering, lines[-1])
+        values += _last(builder, lines[-1])
     except json.JSONDecodeError:
         values = []
     if len(values) < 2:
         raise FileError(
-            f"{path}, line {whole.lineno}: {whole.msg}: it is no JSON.",
-            "It may be cut or damaged there: export it again.",
+            f"{path}, line {whole.lineno}: {whole.msg}: this is not JSON.",
+            "The file may be truncated or damaged there. Export it again.",
             code="damaged",
         )
     return values
 
 
-def _last(gathering: Gathering, line: str) -> list[Any]:
+def _last(builder: ChannelBuilder, line: str) -> list[Any]:
     try:
         return [json.loads(line)]
     except json.JSONDecodeError:
-        gathering.note("the last line is cut: it is left out")
+        builder.note("the last line is incomplete and is left out")
         return []
 
 
-def _enter(gathering: Gathering, name: str, value: Any) -> None:
+def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
     """Enter a value and all that is in it, under this name."""
     if isinstance(value, dict):
-        _enter_record(gathering, name, value)
+        _enter_record(builder, name, value)
     elif isinstance(value, list):
-        _enter_list(gathering, name, value)
+        _enter_list(builder, name, value)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        gathering.leave_out(f"{name} = {value:.6g}", "one number")
+        builder.leave_out(f"{name} = {value:.6g}", "one number")
     elif value is not None:
-        gathering.leave_out(name, "text" if isinstance(value, str) else "one value")
+        builder.leave_out(name, "text" if isinstance(value, str) else "one value")
 
 
-def _enter_record(gathering: Gathering, name: str, record: dict[str, Any]) -> None:
+def _enter_record(builder: ChannelBuilder, name: str, record: dict[str, Any]) -> None:
     arrays = [key for key, value in record.items() if isinstance(value, list)]
     unit = next((record[k] for k in _UNIT_KEYS if isinstance(record.get(k), str)), "")
     names = record.get("columns")
     if isinstance(names, list) and _is_table(record.get("data"), len(names)):  # as pandas splits it
         for column, key in enumerate(names):
-            _column(gathering, _inside(name, str(key)), [row[column] for row in record["data"]])
+            _column(builder, _inside(name, str(key)), [row[column] for row in record["data"]])
     elif unit and len(arrays) == 1 and _is_plain(record[arrays[0]]):
-        _column(gathering, name or arrays[0], record[arrays[0]], unit)
+        _column(builder, name or arrays[0], record[arrays[0]], unit)
     elif len(record) > 1 and list(record) == [str(i) for i in range(len(record))]:
-        _enter_list(gathering, name, list(record.values()))  # pandas numbers the rows of a column
+        _enter_list(builder, name, list(record.values()))  # pandas numbers the rows of a column
     else:
         for key, inside in record.items():
-            _enter(gathering, _inside(name, key), inside)
+            _enter(builder, _inside(name, key), inside)
 
 
-def _enter_list(gathering: Gathering, name: str, values: list[Any]) -> None:
+def _enter_list(builder: ChannelBuilder, name: str, values: list[Any]) -> None:
     if _is_plain(values):
-        _column(gathering, name, values)
+        _column(builder, name, values)
     elif all(isinstance(value, dict) for value in values) and _are_rows(values):
         keys = dict.fromkeys(key for value in values for key in value)
         for key in keys:
-            _enter_list(gathering, _inside(name, key), [value.get(key) for value in values])
+            _enter_list(builder, _inside(name, key), [value.get(key) for value in values])
     elif _is_record_column(values):  # some records lack it
-        _enter_list(gathering, name, [value if isinstance(value, dict) else {} for value in values])
+        _enter_list(builder, name, [value if isinstance(value, dict) else {} for value in values])
     elif width := _width(values):
         for column in range(width):
             cells = [None if row is None else row[column] for row in values]
-            _column(gathering, _inside(name, str(column + 1)), cells)
+            _column(builder, _inside(name, str(column + 1)), cells)
     else:
         for index, inside in enumerate(values):
-            _enter(gathering, _inside(name, str(index + 1)), inside)
+            _enter(builder, _inside(name, str(index + 1)), inside)
 
 
-def _column(gathering: Gathering, name: str, cells: list[Any], unit: str = "") -> None:
+def _column(builder: ChannelBuilder, name: str, cells: list[Any], unit: str = "") -> None:
     import pandas
 
-    add_column(
-        gathering, name or "value", pandas.Series(cells), unit, ".", str(gathering.budget.path)
-    )
+    add_column(builder, name or "value", pandas.Series(cells), unit, ".", str(builder.budget.path))
 
 
 def _inside(name: str, key: str) -> str:
@@ -139,9 +137,9 @@ def _are_rows(records: list[Any]) -> bool:
         key for record in records if isinstance(record, dict) for key in record
     ):
         inside = [record[key] for record in records if isinstance(record, dict) and key in record]
-        if any(isinstance(one, dict) for one in inside) and not _are_rows(inside):
+        if any(isinstance(item, dict) for item in inside) and not _are_rows(inside):
             return False
-        arrays = [one for one in inside if isinstance(one, list)]
+        arrays = [item for item in inside if isinstance(item, list)]
         if len({len(array) for array in arrays}) > 1:
             return False
         if any(len(array) >= count or not _is_plain(array) for array in arrays):

@@ -16,9 +16,9 @@ from pamid.base.errors import FileError
 from pamid.base.files import LOG, open_data
 from pamid.base.json_file import read_json
 from pamid.base.metrics import FloatArray
-from pamid.ingest.channel_words import says_sent, tokens
+from pamid.ingest.channel_builder import ChannelBuilder
+from pamid.ingest.channel_words import names_command, tokens
 from pamid.ingest.channels import Log, RobotValue
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.parquet import columns_of
 
@@ -38,7 +38,7 @@ _SAID_BY = {
 
 
 def data_set_of(path: Path) -> Path | None:
-    """The folder of the data set that a folder is, or a file lies in; None where it is none."""
+    """The folder of the data set that a folder is, or a file lies in; None if it is none."""
     folders = [path] if path.is_dir() else list(path.absolute().parents)[:3]
     return next((folder for folder in folders if _features(folder)), None)
 
@@ -56,43 +56,43 @@ def _features(root: Path) -> dict[str, Any]:
 
 
 def read_lerobot(path: Path) -> Log:
-    """Channels "observation.state/NAME"; stamps in s, episode after episode. FileError where it is
-    no data set."""
+    """Channels "observation.state/NAME", with stamps in s, episode after episode; FileError if it
+    is not a data set."""
     root = data_set_of(path)
     if root is None:
         raise FileError(
-            f"{path}: there is no {INFO} that says the features of a LeRobot data set.",
+            f"{path}: there is no {INFO} with the features of a LeRobot data set.",
             code="damaged",
         )
     info, features = read_json(root / INFO), _features(root)
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     if not files:
         raise FileError(f"{root / 'data'}: there are no Parquet files.", code="no-signals")
-    gathering = Gathering(path)
-    tables = [_table(gathering, file) for file in files]
+    builder = ChannelBuilder(path)
+    tables = [_table(builder, file) for file in files]
     wanted = [name for name in tables[0] if all(name in table for table in tables)]
     for name in {name for table in tables for name in table}.difference(wanted):
-        gathering.leave_out(name, "not in every file")
-    whole = {name: _joined(gathering, name, [t[name] for t in tables]) for name in wanted}
-    stamps = _stamps(gathering, {n: v for n, v in whole.items() if v is not None}, info, files[0])
+        builder.leave_out(name, "not in every file")
+    whole = {name: _joined(builder, name, [t[name] for t in tables]) for name in wanted}
+    stamps = _stamps(builder, {n: v for n, v in whole.items() if v is not None}, info, files[0])
     for name, values in whole.items():
         if name not in _PLACES and values is not None:
-            _enter(gathering, name, values, stamps, features.get(name))
-    return gathering.log(path, "lerobot")
+            _enter(builder, name, values, stamps, features.get(name))
+    return builder.log(path, "lerobot")
 
 
-def _table(gathering: Gathering, file: Path) -> dict[str, Any]:
+def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:
     """Columns of one file by name."""
     open_data(file, LOG).close()  # a regular file of a size that can be read
-    return {name: values for name, values, _ in columns_of(gathering, file)}
+    return {name: values for name, values, _ in columns_of(builder, file)}
 
 
-def _joined(gathering: Gathering, name: str, parts: list[Any]) -> Any:
+def _joined(builder: ChannelBuilder, name: str, parts: list[Any]) -> Any:
     if len({part.shape[1:] for part in parts}) > 1:
-        gathering.leave_out(name, "another number of values from file to file")
+        builder.leave_out(name, "another number of values from file to file")
         return None
     # the columns of the files, joined; then every channel
-    gathering.budget.charge(name, 2 * sum(part.size for part in parts))
+    builder.budget.charge(name, 2 * sum(part.size for part in parts))
     return np.concatenate(parts)
 
 
@@ -100,7 +100,7 @@ def _joined(gathering: Gathering, name: str, parts: list[Any]) -> Any:
 
 
 def _stamps(
-    gathering: Gathering, columns: dict[str, Any], info: dict[str, Any], file: Path
+    builder: ChannelBuilder, columns: dict[str, Any], info: dict[str, Any], file: Path
 ) -> FloatArray:
     """Stamps (n,) in s of every frame, episode after episode."""
     if "timestamp" not in columns:
@@ -108,7 +108,7 @@ def _stamps(
     stamps = np.asarray(columns["timestamp"], dtype=np.float64)
     if stamps.ndim != 1 or not np.isfinite(stamps).all():
         raise FileError(f"{file}: timestamp is not a number in every row.", code="stamps")
-    stamps = _exact(gathering, stamps, columns.get("frame_index"), info.get("fps"))
+    stamps = _exact(builder, stamps, columns.get("frame_index"), info.get("fps"))
     episode = np.asarray(columns.get("episode_index", np.zeros(len(stamps))))
     begins = [0, *(np.flatnonzero(np.diff(episode) != 0) + 1).tolist(), len(stamps)]
     step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -122,17 +122,17 @@ def _stamps(
         notes.append(f"{float(episode[first]):g} from {end:g} s")
         end = float(np.ceil(shifted[first:last].max() + pause))
     shown = notes if len(notes) <= 8 else [*notes[:6], "...", notes[-1]]
-    gathering.note(f"{len(notes)} episodes, each a recording: {', '.join(shown)}")
+    builder.note(f"{len(notes)} episodes, each a recording: {', '.join(shown)}")
     return shifted
 
 
-def _exact(gathering: Gathering, stamps: FloatArray, frames: Any, fps: Any) -> FloatArray:
+def _exact(builder: ChannelBuilder, stamps: FloatArray, frames: Any, fps: Any) -> FloatArray:
     """The stamps without the rounding of single precision."""
     if frames is None or not isinstance(fps, int | float) or isinstance(fps, bool) or not fps > 0:
         return stamps
     even: FloatArray = np.asarray(frames, dtype=np.float64) / fps
     if even.shape == stamps.shape and np.abs(even - stamps).max() < min(_EXACT, 0.05 / fps):
-        gathering.note(f"stamps: frame_index / {fps:g}, which timestamp agrees with")
+        builder.note(f"stamps: frame_index / {fps:g}, which timestamp agrees with")
         return even
     return stamps
 
@@ -140,7 +140,9 @@ def _exact(gathering: Gathering, stamps: FloatArray, frames: Any, fps: Any) -> F
 # ---- the vectors ---------------------------------------------------------------------------------
 
 
-def _enter(gathering: Gathering, name: str, values: Any, stamps: FloatArray, feature: Any) -> None:
+def _enter(
+    builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray, feature: Any
+) -> None:
     if values.ndim == 1 or values.shape[1] == 1:
         values = values.reshape(len(values), -1)
     size = values.shape[1]
@@ -152,9 +154,9 @@ def _enter(gathering: Gathering, name: str, values: Any, stamps: FloatArray, fea
         own = names[place] if names else ""
         label = f"{name}/{own or place + 1}" if size > 1 or own else name
         robot = _robot(name, own, place, size) if of_robot else None
-        gathering.add(label, values[:, place], stamps, robot=robot)
+        builder.add(label, values[:, place], stamps, robot=robot)
     if of_robot and not names and size > 1:
-        gathering.note(f"{name}: {INFO} does not name its {size} values")
+        builder.note(f"{name}: {INFO} does not name its {size} values")
 
 
 def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
@@ -164,7 +166,7 @@ def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
     if not quantity:
         element = name
         quantity = next((_SAID_BY[w] for w in tokens(group) if w in _SAID_BY), "")
-    return RobotValue(group, element, place, size, quantity, says_sent(group))
+    return RobotValue(group, element, place, size, quantity, names_command(group))
 
 
 def _names(feature: Any, size: int) -> list[str]:

@@ -12,9 +12,9 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.dialect import TextDialect
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.text import add_table, decode
 
@@ -35,19 +35,19 @@ class _Way:
 
 def read_lvm(path: Path) -> Log:
     """Channels by name ("segment 2/name" where there are several segments), stamped by their X
-    column or, where there is none, by X0 and Delta_X."""
-    gathering = Gathering(path)
-    text, encoding = decode(gathering.budget)
+    column or, if there is none, by X0 and Delta_X."""
+    builder = ChannelBuilder(path)
+    text, encoding = decode(builder.budget)
     lines = text.split("\n")
     ends = [index for index, line in enumerate(lines) if line.startswith(END)]
     if not text.startswith(FIRST_TAG) or len(ends) < 2:
         raise FileError(
-            f"{path} is no complete LabVIEW measurement file.",
-            f"It begins with {FIRST_TAG!r} and has {END} twice before its numbers.",
+            f"{path} is not a complete LabVIEW measurement file.",
+            f"Such a file begins with {FIRST_TAG!r} and has {END} twice before its numbers.",
         )
     way = _way(path, lines[: ends[0]])
-    gathering.note(f"encoding: {encoding}; decimal {'comma' if way.decimal == ',' else 'point'}")
-    gathering.note("stamps: " + ("X0 and Delta_X" if way.x_columns == "No" else "X_Value"))
+    builder.note(f"encoding: {encoding}; decimal {'comma' if way.decimal == ',' else 'point'}")
+    builder.note("stamps: " + ("X0 and Delta_X" if way.x_columns == "No" else "X_Value"))
     heads = [
         ends[0] + 1,
         *(_header_above(lines, below, above) for above, below in pairwise(ends[1:])),
@@ -56,8 +56,8 @@ def read_lvm(path: Path) -> Log:
         stop = heads[number + 1] if number + 1 < len(heads) else len(lines)
         prefix = f"segment {number + 1}/" if len(heads) > 1 else ""
         tags = _tags(lines[head:end], way.delimiter)
-        _segment(gathering, prefix, tags, lines[end + 1 : stop], end + 2, way)
-    return gathering.log(path, "lvm")
+        _segment(builder, prefix, tags, lines[end + 1 : stop], end + 2, way)
+    return builder.log(path, "lvm")
 
 
 def _way(path: Path, lines: Sequence[str]) -> _Way:
@@ -90,7 +90,7 @@ def _header_above(lines: Sequence[str], below: int, above: int) -> int:
 
 
 def _segment(
-    gathering: Gathering,
+    builder: ChannelBuilder,
     prefix: str,
     tags: dict[str, list[str]],
     lines: Sequence[str],
@@ -104,12 +104,12 @@ def _segment(
         return
     width = rows[0].count(way.delimiter) + 1
     names = (names + [f"column_{column + 1}" for column in range(len(names), width)])[:width]
-    table = Gathering(way.path, gathering.budget)
+    table = ChannelBuilder(way.path, builder.budget)
     ended = lines[-1] == ""  # else the file was cut
     dialect = TextDialect(way.delimiter, way.decimal, tuple(names), ("",) * width, first, ())
     add_table(table, "\n".join(rows) + ("\n" if ended else ""), dialect, way.path)
     for note in table.notes:
-        gathering.note(prefix + note)
+        builder.note(prefix + note)
     columns = [channel for channel in table.channels if not channel.name.startswith("Comment")]
     units = tags.get("Y_Unit_Label", [])
     x: FloatArray | None = None
@@ -119,7 +119,7 @@ def _segment(
             x = channel.values
             continue
         stamps = _even_stamps(channel, tags, number, way.decimal) if way.x_columns == "No" else x
-        gathering.add(
+        builder.add(
             prefix + channel.name,
             channel.values,
             stamps,

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import FloatArray
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.matlab_sizes import charge_matlab
 from pamid.ingest.readers.hdf5 import charge_hdf5
@@ -34,19 +34,19 @@ def read_matlab(path: Path) -> Log:
     head = _head(path)
     if head.startswith(b"# Created by Octave"):
         return read_octave_text(path)
-    gathering = Gathering(path)
+    builder = ChannelBuilder(path)
     load = _loader(head)
     if _is_hdf5(head):
-        charge_hdf5(gathering, path)
+        charge_hdf5(builder, path)
     else:
-        charge_matlab(gathering.budget)
+        charge_matlab(builder.budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
         variables = dict(load(str(path)))
     for name, value in variables.items():
         if not name.startswith("__") and name != "None":
-            _enter(gathering, name, _plain(value))
-    return gathering.log(path, "mat")
+            _enter(builder, name, _plain(value))
+    return builder.log(path, "mat")
 
 
 def _loader(head: bytes) -> Callable[[str], dict[str, Any]]:
@@ -93,90 +93,90 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _enter(gathering: Gathering, name: str, value: Any) -> None:
+def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
     """Enter one variable or field, whatever it is."""
     if isinstance(value, np.ndarray):
-        gathering.add(name, value)
+        builder.add(name, value)
     elif isinstance(value, dict):
-        _enter_struct(gathering, name, value)
+        _enter_struct(builder, name, value)
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            _enter(gathering, f"{name}/{index + 1}", item)
+            _enter(builder, f"{name}/{index + 1}", item)
     elif type(value).__module__.startswith("pandas"):
-        _enter_table(gathering, name, value)
+        _enter_table(builder, name, value)
     elif isinstance(value, str):
-        gathering.leave_out(name, "text")
+        builder.leave_out(name, "text")
     else:
-        gathering.leave_out(name, OPAQUE)
+        builder.leave_out(name, OPAQUE)
 
 
-def _enter_struct(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
+def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
     folded = {key.casefold(): key for key in value}
     if "X" in value and "Y" in value and all("Data" in struct for struct in _structs(value["Y"])):
-        _enter_controldesk(gathering, name, value)
+        _enter_controldesk(builder, name, value)
     elif {"time", "signals"} <= folded.keys():
-        _enter_simulink(gathering, name, value[folded["time"]], _structs(value[folded["signals"]]))
+        _enter_simulink(builder, name, value[folded["time"]], _structs(value[folded["signals"]]))
     elif {"time", "data"} <= folded.keys() and isinstance(value[folded["time"]], np.ndarray):
         stamps = _stamps(value[folded["time"]])
-        gathering.note(f"{name}: stamps from its field {folded['time']}")
-        _add(gathering, name, value[folded["data"]], stamps, _unit(value))
+        builder.note(f"{name}: stamps from its field {folded['time']}")
+        _add(builder, name, value[folded["data"]], stamps, _unit(value))
     else:
         for key, inside in value.items():
-            _enter(gathering, f"{name}/{key}", inside)
+            _enter(builder, f"{name}/{key}", inside)
 
 
 def _enter_simulink(
-    gathering: Gathering, name: str, time: Any, signals: list[dict[str, Any]]
+    builder: ChannelBuilder, name: str, time: Any, signals: list[dict[str, Any]]
 ) -> None:
     """Structure With Time of Simulink; without time its signals have no stamps."""
     stamps = _stamps(time)
-    gathering.note(
+    builder.note(
         f"{name}: Simulink structure, "
         + ("stamps from its time" if stamps is not None else "without time")
     )
     for index, signal in enumerate(signals):
         label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
         full = f"{name}/{label}" if isinstance(label, str) and label else name
-        _add(gathering, full, signal.get("values"), stamps, _unit(signal))
+        _add(builder, full, signal.get("values"), stamps, _unit(signal))
 
 
-def _enter_controldesk(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
+def _enter_controldesk(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
     """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
     own."""
     rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
-    gathering.note(f"{name}: ControlDesk structure, stamps from X")
+    builder.note(f"{name}: ControlDesk structure, stamps from X")
     for index, struct in enumerate(_structs(value["Y"])):
         which = struct.get("XIndex")
         raster = int(np.ravel(which)[0]) - 1 if isinstance(which, np.ndarray) and which.size else 0
         label = str(struct.get("Name") or index + 1).replace('"', "")
         stamps = rasters[raster] if 0 <= raster < len(rasters) else None
-        _add(gathering, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
+        _add(builder, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
 
 
-def _enter_table(gathering: Gathering, name: str, table: Any) -> None:
+def _enter_table(builder: ChannelBuilder, name: str, table: Any) -> None:
     """A MATLAB table or timetable; row times become the stamps."""
     if not hasattr(table, "columns"):
-        gathering.leave_out(name, "no array of numbers")
+        builder.leave_out(name, "not an array of numbers")
         return
     index = np.asarray(table.index.to_numpy())
     stamps = None
     if index.dtype.kind in "mM" and index.size:
         spans = (index - index[0] if index.dtype.kind == "M" else index).astype("timedelta64[ns]")
         stamps = spans.astype(np.int64) / 1e9
-        gathering.note(f"{name}: timetable, stamps from its row times")
+        builder.note(f"{name}: timetable, stamps from its row times")
     for column in table.columns:
-        _add(gathering, f"{name}/{column}", table[column].to_numpy(), stamps, "")
+        _add(builder, f"{name}/{column}", table[column].to_numpy(), stamps, "")
 
 
 def _add(
-    gathering: Gathering, name: str, values: Any, stamps: FloatArray | None, unit: str
+    builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray | None, unit: str
 ) -> None:
     if isinstance(values, np.ndarray):
         if values.dtype.kind == "O":  # a column of a table: cells, all of one size
             values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
-        gathering.add(name, values, stamps, unit)
+        builder.add(name, values, stamps, unit)
     else:
-        gathering.leave_out(name, "not numbers")
+        builder.leave_out(name, "not numbers")
 
 
 def _stamps(time: Any) -> FloatArray | None:
@@ -189,7 +189,8 @@ def _stamps(time: Any) -> FloatArray | None:
 
 
 def _structs(value: Any) -> list[dict[str, Any]]:
-    return [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, dict)]
+    items = value if isinstance(value, list) else [value]
+    return [item for item in items if isinstance(item, dict)]
 
 
 def _unit(struct: dict[str, Any]) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 
 #: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers
@@ -25,7 +25,7 @@ def read_mdf(path: Path) -> Log:
     measurement began. A value marked invalid is NaN."""
     from asammdf import MDF
 
-    gathering = Gathering(path)
+    builder = ChannelBuilder(path)
     with MDF(path) as file:
         groups: list[Any] = list(file.groups)
         wanted = [
@@ -41,50 +41,48 @@ def read_mdf(path: Path) -> Log:
             name = (
                 channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
             )
-            if _reserve(gathering, groups[number].channel_group, name):
+            if _reserve(builder, groups[number].channel_group, name):
                 reserved.append((number, index, name))
         for number, index, name in reserved:  # the sum of all is known before any is read
-            _add(gathering, file, number, index, name)
-        gathering.note(f"measured from {file.start_time}")
-    return gathering.log(path, "mdf")
+            _add(builder, file, number, index, name)
+        builder.note(f"measured from {file.start_time}")
+    return builder.log(path, "mdf")
 
 
-def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) -> None:
+def _add(builder: ChannelBuilder, file: Any, number: int, index: int, name: str) -> None:
     group = file.groups[number]
     four = file.version >= "4.00"
     conversion = getattr(group.channels[index].conversion, "conversion_type", None)
     if conversion in _FORMULA[four]:
-        gathering.leave_out(name, "its conversion is a formula")
+        builder.leave_out(name, "its conversion is a formula")
         return
     if _clock_conversion(file, number) in _FORMULA[four]:
-        gathering.leave_out(name, "the conversion of its clock is a formula")
+        builder.leave_out(name, "the conversion of its clock is a formula")
         return
     words = conversion in _TEXT[four]
     signal = file.get(group=number, index=index, raw=words, ignore_invalidation_bits=True)
     values = np.asarray(signal.samples)
     if values.ndim != 1 or values.dtype.kind not in "biuf":
-        gathering.leave_out(name, "text" if values.dtype.kind in "SUO" else "no plain number")
+        builder.leave_out(name, "text" if values.dtype.kind in "SUO" else "not plain numbers")
         return
     if words:
-        gathering.note(f"{name}: raw numbers, its conversion makes words of them")
+        builder.note(f"{name}: raw numbers, because its conversion gives words")
     if signal.invalidation_bits is not None:
         invalid = np.asarray(signal.invalidation_bits, dtype=bool)
         if invalid.any():
-            gathering.note(
-                f"{name}: {int(invalid.sum())} values are marked invalid and become empty"
-            )
+            builder.note(f"{name}: {int(invalid.sum())} values are marked invalid and become empty")
             values = np.where(invalid, np.nan, values.astype(np.float64))
-    stamps = _stamps(gathering, file, number, signal, name)
-    gathering.add(name, values, stamps, signal.unit or "")
+    stamps = _stamps(builder, file, number, signal, name)
+    builder.add(name, values, stamps, signal.unit or "")
 
 
-def _reserve(gathering: Gathering, group: Any, name: str) -> bool:
+def _reserve(builder: ChannelBuilder, group: Any, name: str) -> bool:
     """Reserve memory for a channel and its stamps by the records that its group declares."""
     cycles = int(group.cycles_nr)
     record = int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
-    if not gathering.reserve(name, (cycles,), record):
+    if not builder.reserve(name, (cycles,), record):
         return False
-    gathering.budget.charge(name, cycles)
+    builder.budget.charge(name, cycles)
     return True
 
 
@@ -96,14 +94,14 @@ def _clock_conversion(file: Any, number: int) -> Any:
     return getattr(getattr(clock, "conversion", None), "conversion_type", None)
 
 
-def _stamps(gathering: Gathering, file: Any, number: int, signal: Any, name: str) -> Any:
+def _stamps(builder: ChannelBuilder, file: Any, number: int, signal: Any, name: str) -> Any:
     master = file.masters_db.get(number)
     if master is None:
-        gathering.note(f"{name}: its group has no clock")
+        builder.note(f"{name}: its group has no clock")
         return None
     channel = file.groups[number].channels[master]
     if getattr(channel, "sync_type", 1) not in _TIME_MASTER:
-        gathering.note(f"{name}: its group counts in {channel.name!r}, not in time")
+        builder.note(f"{name}: its group counts in {channel.name!r}, not in time")
         return None
     return np.asarray(signal.timestamps, dtype=np.float64)
 

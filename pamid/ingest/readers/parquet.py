@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import FLOAT
 from pamid.ingest.readers.hdf5 import UNIT_NAMES
@@ -20,13 +20,13 @@ from pamid.ingest.readers.hdf5 import UNIT_NAMES
 def read_parquet(path: Path) -> Log:
     """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata
     `unit`."""
-    gathering = Gathering(path)
-    for name, values, unit in columns_of(gathering, path):
-        gathering.add(name, values, unit=unit)
-    return gathering.log(path, "parquet")
+    builder = ChannelBuilder(path)
+    for name, values, unit in columns_of(builder, path):
+        builder.add(name, values, unit=unit)
+    return builder.log(path, "parquet")
 
 
-def columns_of(gathering: Gathering, path: Path) -> Iterator[tuple[str, Any, str]]:
+def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, str]]:
     """(name, values, unit) of every column that can be a channel, or (n, m) lists of m numbers; the
     others are left out by name."""
     import pyarrow
@@ -37,14 +37,14 @@ def columns_of(gathering: Gathering, path: Path) -> Iterator[tuple[str, Any, str
         rows = file.metadata.num_rows
         reserved = [  # the sum of all is known before any is read; a decimal has 16 bytes
             name
-            for name in _columns(gathering, file)
-            if gathering.reserve(name, (max(rows, declared[name]),), 2 * FLOAT)
+            for name in _columns(builder, file)
+            if builder.reserve(name, (max(rows, declared[name]),), 2 * FLOAT)
         ]
         for name in reserved:
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
             if _is_list(field.type):
-                values = _lists(gathering, name, column, file.metadata.num_rows)
+                values = _lists(builder, name, column, file.metadata.num_rows)
                 if values is not None:
                     yield name, values, _unit(field)
             else:
@@ -60,7 +60,7 @@ def _is_list(kind: Any) -> bool:
     )
 
 
-def _lists(gathering: Gathering, name: str, column: Any, rows: int) -> Any:
+def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
     """A column of lists as (n, m), NaN where one is missing; None, and left out, where their
     lengths differ."""
     import pyarrow
@@ -68,9 +68,9 @@ def _lists(gathering: Gathering, name: str, column: Any, rows: int) -> Any:
 
     lengths = pyarrow.compute.list_value_length(column).drop_null().unique().to_pylist()
     if len(lengths) != 1 or not lengths[0]:
-        gathering.leave_out(name, "lists of other lengths from row to row" if lengths else "empty")
+        builder.leave_out(name, "lists of different lengths" if lengths else "empty")
         return None
-    gathering.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
+    builder.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
     flat = (
         pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False).fill_null(np.nan)
     )
@@ -80,7 +80,7 @@ def _lists(gathering: Gathering, name: str, column: Any, rows: int) -> Any:
     return values
 
 
-def _columns(gathering: Gathering, file: Any) -> list[str]:
+def _columns(builder: ChannelBuilder, file: Any) -> list[str]:
     """Names of the columns that can be channels."""
     import pyarrow.types as types
 
@@ -97,7 +97,7 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
         ):
             readable.append(field.name)
         else:
-            gathering.leave_out(field.name, f"of type {kind}")
+            builder.leave_out(field.name, f"of type {kind}")
     return readable
 
 

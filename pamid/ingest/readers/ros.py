@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import FloatArray
-from pamid.ingest.channel_words import says_sent
+from pamid.ingest.channel_builder import MAX_COLUMNS, ChannelBuilder
+from pamid.ingest.channel_words import names_command
 from pamid.ingest.channels import Log, RobotValue
-from pamid.ingest.gathering import MAX_COLUMNS, Gathering
 from pamid.ingest.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
@@ -57,7 +57,7 @@ class _Topic:
     count: int = 0
     values: dict[str, array[float]] = field(default_factory=dict)
     places: dict[str, array[int]] = field(default_factory=dict)
-    # stamps in ns: of the header, fewer than messages where there is none; of the recorder
+    # stamps in ns: of the header, fewer than messages if there is none; of the recorder
     measured: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
     robot: dict[str, RobotValue] = field(default_factory=dict)
@@ -84,7 +84,7 @@ def read_ros(path: Path) -> Log:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    gathering = Gathering(path)
+    builder = ChannelBuilder(path)
     topics: dict[str, _Topic] = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         known = [
@@ -94,15 +94,15 @@ def read_ros(path: Path) -> Log:
         ]
         for connection in reader.connections:
             if connection not in known:
-                gathering.leave_out(
+                builder.leave_out(
                     connection.topic, f"its type {connection.msgtype} is not described in the bag"
                 )
         for connection, received, data in reader.messages(known) if known else ():
             message = reader.deserialize(data, connection.msgtype)
             topic = topics.setdefault(connection.topic, _Topic())
-            flat = _Flat(gathering, connection.topic, topic.robot)
+            flat = _Flat(builder, connection.topic, topic.robot)
             flat.enter(message, connection.topic)
-            gathering.budget.charge_bytes(
+            builder.budget.charge_bytes(
                 connection.topic, MESSAGE_BYTES + NUMBER_BYTES * len(flat.row)
             )
             topic.append(flat.row)
@@ -112,23 +112,21 @@ def read_ros(path: Path) -> Log:
                 topic.measured.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
     if topics:
         zero = min(min(topic.stamps) for topic in topics.values())
-        gathering.note(f"stamps: in s since {np.datetime64(zero, 'ns')}")
+        builder.note(f"stamps: in s since {np.datetime64(zero, 'ns')}")
         for name, topic in topics.items():
-            _enter(gathering, name, topic, zero)
-    return gathering.log(path, "ros")
+            _enter(builder, name, topic, zero)
+    return builder.log(path, "ros")
 
 
-def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
+def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None:
     if topic.stamped:
         difference_s = abs(topic.measured[0] - topic.received[0]) / 1e9
         if difference_s > CLOCKS_APART:
-            gathering.note(
-                f"{name}: its header is {difference_s:.0f} s away from the clock of the recorder"
+            builder.note(
+                f"{name}: its header differs by {difference_s:.0f} s from the clock of the recorder"
             )
     else:
-        gathering.note(
-            f"{name} has no header: its stamps tell when it was recorded, not when it was measured"
-        )
+        builder.note(f"{name} has no header: its stamps are times of recording, not of measurement")
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
     partly: dict[int, list[str]] = {}
     shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
@@ -136,17 +134,17 @@ def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
         places = np.frombuffer(topic.places[path], dtype=np.int64)
         own = shared.setdefault(places.tobytes(), stamps[places])
         partly.setdefault(own.size, []).append(path)
-        gathering.add(path, np.array(numbers), own, robot=topic.robot.get(path))
+        builder.add(path, np.array(numbers), own, robot=topic.robot.get(path))
     for count, paths in partly.items():
         if count < stamps.size:
-            gathering.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
+            builder.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
 
 
 @dataclass
 class _Flat:
     """The numbers of one message by the path of their field, and what they are to a robot."""
 
-    gathering: Gathering
+    builder: ChannelBuilder
     topic: str
     robot: dict[str, RobotValue]
     row: dict[str, float] = field(default_factory=dict)
@@ -165,13 +163,13 @@ class _Flat:
             for word, inside in parts.items():
                 self._field(inside, path, word, names)
         else:
-            self.gathering.leave_out(path, "text")
+            self.builder.leave_out(path, "text")
 
     def _told_apart(self, names: list[Any], path: str) -> list[str] | None:
         if not all(isinstance(name, str) for name in names):
             return None
         if len(set(names)) < len(names):
-            self.gathering.leave_out(path, "messages that name a joint twice")
+            self.builder.leave_out(path, "messages that name a joint twice")
             return []
         return names
 
@@ -180,15 +178,15 @@ class _Flat:
         if count is None:
             self.enter(value, inside, names)
         elif count > MAX_COLUMNS:
-            self.gathering.leave_out(inside, f"more than {MAX_COLUMNS} elements")
+            self.builder.leave_out(inside, f"more than {MAX_COLUMNS} elements")
         elif names is not None and len(names) == count:
             for index, name in enumerate(names):
                 self.enter(value[index], f"{inside}/{name}", names)
                 self._of_robot(f"{inside}/{name}", path, word, name, (index, count))
         elif names and word in _PER_JOINT:
             if count:
-                self.gathering.leave_out(
-                    inside, "messages with another number of values than names"
+                self.builder.leave_out(
+                    inside, "messages with different numbers of values and names"
                 )
         elif names != []:
             for index in range(count):
@@ -201,7 +199,7 @@ class _Flat:
         part = group.removeprefix(self.topic).strip("/")
         if word not in _PER_JOINT or path in self.robot or (part and part not in _CONTROLLER_PARTS):
             return
-        sent = _CONTROLLER_PARTS.get(part, says_sent(self.topic.rpartition("/")[2]))
+        sent = _CONTROLLER_PARTS.get(part, names_command(self.topic.rpartition("/")[2]))
         self.robot[path] = RobotValue(group, name, *where, _PER_JOINT[word], sent, si=True)
 
 

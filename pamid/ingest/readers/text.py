@@ -19,7 +19,7 @@ import numpy as np
 
 from pamid.base.errors import FileError, listed
 from pamid.base.files import TABLE, read_data
-from pamid.ingest.cells import MISSING_WORDS, add_column, classify, moment_kind
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
 from pamid.ingest.dialect import (
     COMMENT,
@@ -30,11 +30,11 @@ from pamid.ingest.dialect import (
     TextDialect,
     find_dialect,
 )
-from pamid.ingest.gathering import Gathering
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import MemoryBudget
 from pamid.ingest.serial_lines import as_table
 from pamid.ingest.stated_period import stated_period
+from pamid.ingest.text_cells import MISSING_WORDS, add_column, classify, moment_kind
 
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
@@ -71,30 +71,30 @@ FOOTER = 20
 
 
 def read_text(path: Path) -> Log:
-    """A table of numbers in a text file. Every column is a channel without stamps; FileError if it
-    is no table or can be read in two ways."""
-    gathering = Gathering(path)
-    text, encoding = decode(gathering.budget)
+    """A table of numbers in a text file, with every column as a channel without stamps; FileError
+    if it is not a table or is ambiguous."""
+    builder = ChannelBuilder(path)
+    text, encoding = decode(builder.budget)
     text, serial = as_table(text)
     head = text.split("\n", SAMPLE)[:SAMPLE]
     _refuse_messages(head, path)
     dialect = find_dialect(path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
-    gathering.note(f"encoding: {encoding}")
+    builder.note(f"encoding: {encoding}")
     for note in (serial, *dialect.notes) if serial else dialect.notes:
-        gathering.note(note)
-    add_table(gathering, text[start:], dialect, path)
+        builder.note(note)
+    add_table(builder, text[start:], dialect, path)
     mark = "," if dialect.delimiter == "," else "\n"  # no decimal mark then
     stated = stated_period(line.replace(mark, mark + " ") for line in head[: dialect.first])
-    return replace(gathering.log(path, "csv"), stated=stated)
+    return replace(builder.log(path, "csv"), stated=stated)
 
 
 def _refuse_messages(head: Sequence[str], path: Path) -> None:
-    """FileError for text that is no table: messages one below the other, or frames of a bus."""
+    """Raise FileError for text that is not a table: lists of messages, or frames of a bus."""
     lines = [line for line in head if line.strip()]
     for pattern, what, hint in _MESSAGES:
         if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
-            raise FileError(f"{path} holds {what}.", hint, code="messages")
+            raise FileError(f"{path} contains {what}.", hint, code="messages")
 
 
 def decode(budget: MemoryBudget) -> tuple[str, str]:
@@ -112,7 +112,7 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
         wide = "utf-16-be" if zeros[0] else "utf-16-le"
     if b"\0" in data and not wide:
         raise FileError(
-            f"{path} is no text: there are zero bytes in it.",
+            f"{path} is not text: it contains zero bytes.",
             "It may be damaged, or of another kind.",
         )
     text, used = "", ""
@@ -123,21 +123,21 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
         except UnicodeDecodeError:
             continue
     else:
-        raise FileError(f"{path} is no text in UTF-16, though it begins so.", "It may be damaged.")
+        raise FileError(f"{path} begins as UTF-16, but is not valid UTF-16.", "It may be damaged.")
     name = "utf-8" if used == "utf-8-sig" else used
     return text.replace("\r\n", "\n").replace("\r", "\n"), name
 
 
 def add_table(
-    gathering: Gathering, text: str, dialect: TextDialect, path: Path, *, stamps: Any = None
+    builder: ChannelBuilder, text: str, dialect: TextDialect, path: Path, *, stamps: Any = None
 ) -> None:
     """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error,
     unless the log was cut there."""
     import pandas
 
-    body, lines = _whole_rows(gathering, text, dialect, path)
+    body, lines = _whole_rows(builder, text, dialect, path)
     copies, cells = TEXT_COPIES * len(body), lines * dialect.width
-    gathering.budget.charge("its table", cells, raw=copies + CELL_BYTES * cells)
+    builder.budget.charge("its table", cells, raw=copies + CELL_BYTES * cells)
     separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
     try:
         frame = pandas.read_csv(
@@ -157,17 +157,17 @@ def add_table(
             f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
             f"{error}."
         ) from error
-    frame, dialect = _signal_per_column(gathering, frame, dialect)
-    dates = _joined_dates(gathering, frame, dialect)
+    frame, dialect = _signal_per_column(builder, frame, dialect)
+    dates = _joined_dates(builder, frame, dialect)
     for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
         series = frame[column]
         if column == dates or name == f"column_{column + 1}" and series.isna().all():
             continue  # what a delimiter at the end of every row makes
-        add_column(gathering, name, series, unit, dialect.decimal, str(path))
+        add_column(builder, name, series, unit, dialect.decimal, str(path))
 
 
-def _joined_dates(gathering: Gathering, frame: Any, dialect: TextDialect) -> int | None:
-    """The column of dates that was put before the times of day in another one; None where there
+def _joined_dates(builder: ChannelBuilder, frame: Any, dialect: TextDialect) -> int | None:
+    """The column of dates that was put before the times of day in another one; None if there
     are not one of each."""
     places: dict[str, list[int]] = {}
     for column in range(dialect.width):
@@ -178,12 +178,12 @@ def _joined_dates(gathering: Gathering, frame: Any, dialect: TextDialect) -> int
     if len(dates) != 1 or len(times) != 1:
         return None
     frame[times[0]] = frame[dates[0]].astype("string") + " " + frame[times[0]].astype("string")
-    gathering.note(f"{dialect.names[dates[0]]} is the date of {dialect.names[times[0]]}")
+    builder.note(f"{dialect.names[dates[0]]} is the date of {dialect.names[times[0]]}")
     return dates[0]
 
 
 def _signal_per_column(
-    gathering: Gathering, frame: Any, dialect: TextDialect
+    builder: ChannelBuilder, frame: Any, dialect: TextDialect
 ) -> tuple[Any, TextDialect]:
     """The table with a column for each signal, where it has a row for each value: an instant, the
     signal in words, and one or two values (a historian, a database, a decoded bus). Rows of signals
@@ -193,7 +193,7 @@ def _signal_per_column(
         return frame, dialect
     words, stamp, values = long
     signals, instants = frame[words].unique(), frame[stamp].nunique()
-    gathering.budget.charge("its signals", instants * len(signals) * len(values))
+    builder.budget.charge("its signals", instants * len(signals) * len(values))
     table = frame.pivot(index=stamp, columns=words, values=values)[
         [(value, signal) for signal in signals for value in values]
     ]
@@ -204,15 +204,15 @@ def _signal_per_column(
     units = (dialect.units[stamp], *("" for _ in names[1:]))
     table = table.reset_index()
     table.columns = range(len(names))
-    gathering.note(
-        f"every row holds the value of the signal in the column {dialect.names[words]!r}: each has "
-        f"a column now: {listed(map(str, signals))}"
+    builder.note(
+        f"every row has the value of the signal that the column {dialect.names[words]!r} names; "
+        f"each signal became a column: {listed(map(str, signals))}"
     )
     return table, replace(dialect, names=names, units=units)
 
 
 def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
-    """(column of words, of stamps, those of values) of a table with one value a row; None where the
+    """(column of words, of stamps, those of values) of a table with one value a row; None if the
     words name no signals."""
     column = frame[words]
     if column.dtype.kind in "biuf" or not column.notna().all():
@@ -252,20 +252,20 @@ def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
 
 
 def _whole_rows(
-    gathering: Gathering, text: str, dialect: TextDialect, path: Path
+    builder: ChannelBuilder, text: str, dialect: TextDialect, path: Path
 ) -> tuple[bytes, int]:
     """The rows that have all their cells, and how many; a row cut short and lines of text at the
     end are dropped and said."""
     if any("\n" + mark in text for mark in COMMENT):
         lines = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
-        gathering.note(f"{text.count(chr(10)) + 1 - len(lines)} lines of comment are left out")
+        builder.note(f"{text.count(chr(10)) + 1 - len(lines)} lines of comment are left out")
         text = "\n".join(lines)
     ended = text.endswith("\n")
     body = (text if ended else text + "\n").encode()
     widths, ends = _widths(body, dialect.delimiter)
     rows = np.flatnonzero(widths)
     if not ended and rows.size > RUN:
-        gathering.note("the last line has no line end, so it may be cut: it is left out")
+        builder.note("the last line has no line end and may be incomplete: it is left out")
         rows = rows[:-1]
     if '"' in text:  # delimiters in quotes: pandas counts
         return body[: ends[rows[-1]] + 1], rows.size
@@ -274,14 +274,14 @@ def _whole_rows(
     last = good[-1] if good.size else 0
     footer = wrong[wrong > last]
     if footer.size and footer.size <= FOOTER:
-        gathering.note(f"{footer.size} lines below the rows of numbers are left out")
+        builder.note(f"{footer.size} lines below the rows of numbers are left out")
         wrong = wrong[wrong < last]
     if wrong.size:
         line = dialect.first + 1 + int(wrong[0])
         raise FileError(
             f"{path}, line {line}: {widths[wrong[0]]} cells, the others have {dialect.width} "
             f"({DELIMITERS[dialect.delimiter]}).",
-            "The log may be damaged there; mend or cut the line.",
+            "The log may be damaged there. Correct or delete the line.",
             code="ragged",
         )
     return body[: ends[last] + 1], good.size

@@ -38,7 +38,7 @@ class BarrelSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """Force of the drive; the speed is that of the way just made."""
+    """Force of the drive at the speed of the last step."""
     piston, barrel = f
     z = np.zeros(FORCE_MEMORY)
     before, reading = u[0, 0], u[0, 1]

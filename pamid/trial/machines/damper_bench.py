@@ -39,7 +39,7 @@ class FluidSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """Force of the machine; the speed is that of the way just made."""
+    """Force of the machine at the speed of the last step."""
     rod, fluid = f
     z = np.zeros(FORCE_MEMORY)
     pressed = since = 0.0

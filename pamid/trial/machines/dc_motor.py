@@ -44,7 +44,8 @@ class GearSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """Angle and current; trapezoidal in what damps, so that the step's error is of second order."""
+    """Angle and current; damping by the trapezoidal rule, so that the error of a step is of second
+    order."""
     shaft, gear = f
     z = np.zeros(FORCE_MEMORY)
     angle = speed = heat = 0.0

@@ -46,7 +46,7 @@ class HornSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """The angle of the gear; trapezoidal in what damps."""
+    """Angle of the gear; damping by the trapezoidal rule."""
     gear, horn = f
     z = np.zeros(FORCE_MEMORY)
     angle = speed = load_angle = load_speed = spent = 0.0

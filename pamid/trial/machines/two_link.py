@@ -61,8 +61,8 @@ class TwoLinkMachine:
         return Excitation(
             reference_deg=np.stack(
                 [
-                    aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(own))
-                    for amplitude, own in zip(
+                    aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(stream))
+                    for amplitude, stream in zip(
                         (c.amplitude_1_deg, c.amplitude_2_deg), seeds, strict=True
                     )
                 ],

@@ -1,5 +1,5 @@
-"""Columns for the channels of a log that no rig has names for yet: their own names and units, as a
-recording spells them."""
+"""Column names for the channels of a log without a rig: names and units of the channels, in the
+spelling of recordings."""
 
 from __future__ import annotations
 
@@ -19,18 +19,22 @@ from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit
 
-#: of units alike the ones that recordings mostly have
+#: preferred units among those of equal size
 FIRST = ("N m", "deg", "rpm", "kPa", "mm", "N", "A", "V", "W", "s", "degC")
-TURNS = "U/min"  # what a speed in 1/min is
+TURNS = "U/min"  # meaning of 1/min for a speed
 _SI_BASES = ("kg", "m", "s", "A", "K", "rad")
 _PER_TIME = (0, 0, -1, 0, 0, 0)
 _LATIN = str.maketrans({"а": "a", "е": "e", "о": "o", "с": "c", "р": "p", "х": "x"})
 
 
-def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tuple[Channel, str]]:
-    """Column -> (channel, unit in which the log has it, "" where it does not say); of two that
-    would be called alike the second is numbered. angles: unit of those whose unit the log does not
-    say."""
+def channel_columns(
+    channels: Sequence[Channel], angles: str = ""
+) -> dict[str, tuple[Channel, str]]:
+    """Column -> (channel, its unit in the log, "" if not stated); a second column of the same name
+    is numbered.
+
+    angles: unit of angles for which the log states none.
+    """
     columns: dict[str, tuple[Channel, str]] = {}
     for channel in channels:
         text = logged_unit(channel)
@@ -47,7 +51,7 @@ def own_columns(channels: Sequence[Channel], angles: str = "") -> dict[str, tupl
 
 
 def logged_unit(channel: Channel) -> str:
-    """The unit of a channel, by the log or by its name; a speed per minute is one of turns."""
+    """Unit of a channel, by the log or by its name; a speed in 1/min is one in turns per minute."""
     name, text = channel.name.rpartition("/")[2], channel.unit.strip()
     if not text or not is_readable(text):
         return _named_unit(name)[1]
@@ -56,8 +60,10 @@ def logged_unit(channel: Channel) -> str:
 
 
 def _named_unit(name: str) -> tuple[str, str]:
-    """A name without the unit at its end, and the unit: of a column ("angle_deg") or as logs write
-    it ("angle_degrees"); "" where it has none."""
+    """A name without the unit at its end, and the unit, "" if it has none.
+
+    The unit is that of a column ("angle_deg") or in a log's spelling ("angle_degrees").
+    """
     stem, symbol = split_column(name)
     if symbol != NONE:
         return stem, symbol
@@ -66,14 +72,14 @@ def _named_unit(name: str) -> tuple[str, str]:
 
 
 def is_foreign_unit(tail: str) -> bool:
-    """Is the last word of a name a unit that logs write and columns do not have?"""
+    """Whether the last word of a name is a unit of logs that columns do not support."""
     readable = len(tail) > 2 and not is_unit(tail) and is_readable(tail)
     return readable and any(read_unit(tail).dimension)
 
 
 def _apart(stem: str, symbol: str) -> str:
-    """The stem, its last words joined until the column's unit is read as it was meant: "channel_a"
-    in V is "channela_v", since "channel_a_v" would be in A V."""
+    """Stem with its last words joined until the unit is unambiguous: "channel_a" in V becomes
+    "channela_v", because "channel_a_v" would be in A V."""
     while "_" in stem:
         foreign = symbol == NONE and is_foreign_unit(stem.rpartition("_")[2])
         if split_column(with_unit(stem, symbol)) == (stem, symbol) and not foreign:
@@ -84,14 +90,15 @@ def _apart(stem: str, symbol: str) -> str:
 
 
 def column_unit(text: str) -> str:
-    """The unit of a column for what a log has in this unit: of the same size, else that of SI."""
+    """Unit of a column for a channel in this unit: one of the same size, else that of SI."""
     wanted = read_unit(text)
     for same_size in (True, False):
         for symbol in (*FIRST, *known_symbols()):
-            one = unit(symbol)
-            near = abs(one.factor - (wanted.factor if same_size else 1.0)) <= 1e-9 * one.factor
-            near = near and abs(one.offset - wanted.offset) <= 1e-9 * one.offset
-            if one.dimension == wanted.dimension and near:
+            target = unit(symbol)
+            factor = wanted.factor if same_size else 1.0
+            near = abs(target.factor - factor) <= 1e-9 * target.factor
+            near = near and abs(target.offset - wanted.offset) <= 1e-9 * target.offset
+            if target.dimension == wanted.dimension and near:
                 return symbol
     try:
         return unit(text).symbol
@@ -100,7 +107,7 @@ def column_unit(text: str) -> str:
 
 
 def _of_bases(dimension: Dimension) -> str:
-    """The unit of SI as a product of its bases: "m3/s"."""
+    """SI unit as a product of base units: "m3/s"."""
     powers = list(zip(_SI_BASES, dimension, strict=True))
     above = [f"{base}{n if n > 1 else ''}" for base, n in powers if n > 0]
     below = [f"{base}{-n if n < -1 else ''}" for base, n in powers if n < 0]
@@ -111,8 +118,8 @@ def _of_bases(dimension: Dimension) -> str:
 
 
 def _stem(channel: Channel) -> str:
-    """ "Winkel Abtrieb" -> "winkel_abtrieb", "data/1" -> "data_1"; what only stands for the unit
-    goes."""
+    """Stem of a column name, without the unit: "Winkel Abtrieb" -> "winkel_abtrieb", "data/1" ->
+    "data_1"."""
     group, _, name = channel.name.rpartition("/")
     if name.isdigit():
         name = f"{group.rpartition('/')[2].strip(ANY)}_{name}"

@@ -1,4 +1,4 @@
-"""Cells of a text log: which are numbers, dates or words, and columns of them as numbers."""
+"""Cells of a text log: classification as number, date or word, and columns as numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.ingest.gathering import Gathering
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.source_units import is_readable
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$")
@@ -61,8 +61,8 @@ MISSING_WORDS = (
 )
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
-TEXT_CELL = 300  # bytes that a date or a word takes until it is a number
-#: rows whose dates are taken apart at a time
+TEXT_CELL = 300  # bytes of a date or a word until it is a number
+#: rows whose dates are parsed at a time
 PARTED_ROWS = 1 << 16
 #: a column of text with fewer numbers than this is a column of words
 SHARE_OF_NUMBERS = 0.5
@@ -91,8 +91,10 @@ def moment_kind(cell: str) -> str:
 
 
 def decimal_mark(cells: list[str], place: str) -> str:
-    """Which of . and , these cells of numbers use; the one that is used more if both are. FileError
-    if every one of the commas may as well part thousands."""
+    """Decimal mark, point or comma, of cells with numbers; the more frequent one if both occur.
+
+    Raises FileError if each comma may also separate thousands.
+    """
     commas = [cell for cell in cells if "," in cell]
     points = sum("." in cell for cell in cells)
     if not commas or points > len(commas):
@@ -103,33 +105,35 @@ def decimal_mark(cells: list[str], place: str) -> str:
 
 
 def add_column(
-    gathering: Gathering, name: str, series: Any, unit: str, decimal: str, place: str
+    builder: ChannelBuilder, name: str, series: Any, unit: str, decimal: str, place: str
 ) -> None:
-    """Enter one column of a table that pandas has read with this decimal mark. FileError, beginning
-    with `place`, where its cells can be read in two ways."""
+    """Enter one column of a table that pandas has read with this decimal mark.
+
+    Raises FileError, beginning with `place`, if its cells are ambiguous.
+    """
     if series.dtype.kind in "biuf":
         if series.isna().all():
-            gathering.leave_out(name, "empty")
+            builder.leave_out(name, "empty")
         else:
-            gathering.add(name, series.to_numpy(), unit=unit)
+            builder.add(name, series.to_numpy(), unit=unit)
         return
-    gathering.budget.charge(name, 0, raw=TEXT_CELL * len(series))
+    builder.budget.charge(name, 0, raw=TEXT_CELL * len(series))
     text = series.astype("string").str.strip()
     there = text[text.notna()]
     if len(there) and classify(str(there.iloc[0])) == "d":
-        seconds = _moments(gathering, name, text, f"{place}, column {name!r}")
-        gathering.add(name, seconds, unit="s")
+        seconds = _moments(builder, name, text, f"{place}, column {name!r}")
+        builder.add(name, seconds, unit="s")
         return
     text, unit = _unit_in_cells(text, unit)
-    numbers = _numbers(gathering, name, text, decimal, f"{place}, column {name!r}")
+    numbers = _numbers(builder, name, text, decimal, f"{place}, column {name!r}")
     if numbers is None:
-        gathering.leave_out(name, "text")
+        builder.leave_out(name, "text")
     else:
-        gathering.add(name, numbers, unit=unit)
+        builder.add(name, numbers, unit=unit)
 
 
 def _unit_in_cells(text: Any, unit: str) -> tuple[Any, str]:
-    """Numbers with one unit behind each ("1.25 V"), without it, and the unit."""
+    """Numbers without the unit behind each ("1.25 V"), and that unit."""
     parts = text.str.extract(_WITH_UNIT)
     units = parts["unit"].dropna().unique()
     if unit or len(units) != 1 or not is_readable(units[0]):
@@ -140,10 +144,12 @@ def _unit_in_cells(text: Any, unit: str) -> tuple[Any, str]:
 
 
 def _numbers(
-    gathering: Gathering, name: str, text: Any, decimal: str, place: str
+    builder: ChannelBuilder, name: str, text: Any, decimal: str, place: str
 ) -> FloatArray | None:
-    """A column in which pandas found words; None if it is mostly words. Words among numbers become
-    NaN, and are said."""
+    """Numbers of a column that contains words; None if it is mostly words.
+
+    Words among numbers become NaN, with a note.
+    """
     kinds = text.map(classify, na_action="ignore").fillna("e")
     thousands = text[kinds == "k"]
     if len(thousands):
@@ -163,18 +169,16 @@ def _numbers(
         raise _unclear(place, other.iloc[0])
     if len(marks["."]) and len(marks[","]):
         raise FileError(
-            f"{place}: both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r} stand in it.",
+            f"{place}: it contains both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r}.",
             "Use one decimal mark in a column.",
             code="decimal-mark",
         )
     if len(other):
-        gathering.note(
-            f"{name}: decimal {'comma' if decimal == '.' else 'point'}, unlike the others"
-        )
+        builder.note(f"{name}: decimal {'comma' if decimal == '.' else 'point'}, unlike the others")
     words = text[(kinds == "t") | (kinds == "d")]
     if len(words):
-        gathering.note(
-            f"{name}: {len(words)} cells are no numbers and become empty, the first is "
+        builder.note(
+            f"{name}: {len(words)} cells are not numbers and become empty, the first is "
             f"{words.iloc[0]!r} in data row {int(words.index[0]) + 1}"
         )
     clean = (
@@ -187,14 +191,16 @@ def _numbers(
     return _floats(clean)
 
 
-def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArray:
-    """Dates, times of day or both as s since the first; NaN where there are none. Time goes on past
-    midnight."""
+def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> FloatArray:
+    """Dates, times of day or both as s since the first; NaN for other cells.
+
+    Times of day continue past midnight.
+    """
     parts = _parts(text)
     lost = text.notna() & parts.isna().all(axis=1)
     if lost.any():
-        gathering.note(
-            f"{name}: {int(lost.sum())} cells are no times and become empty, the first is "
+        builder.note(
+            f"{name}: {int(lost.sum())} cells are not times and become empty, the first is "
             f"{text[lost].iloc[0]!r}"
         )
 
@@ -224,11 +230,11 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
         days = np.zeros(len(text))
         nights = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
         if nights[-1]:
-            gathering.note(f"{name}: {int(nights[-1])} midnights are counted on")
+            builder.note(f"{name}: the time continues past {int(nights[-1])} midnights")
         days += nights
     valid = np.flatnonzero(parts.notna().any(axis=1).to_numpy())
     first = valid[0]
-    gathering.note(f"{name}: dates or times, in s since {text.iloc[first]}")
+    builder.note(f"{name}: dates or times, in s since {text.iloc[first]}")
     result = (
         (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
     )
@@ -236,8 +242,10 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
 
 
 def _parts(text: Any) -> Any:
-    """The named parts of dates and times, one column each, as categories: single texts would take a
-    kilobyte a row."""
+    """Named parts of dates and times, one column each.
+
+    The columns are categories, because separate texts would need a kilobyte per row.
+    """
     import pandas
 
     pieces = [
@@ -252,27 +260,26 @@ def _parts(text: Any) -> Any:
 
 
 def _days(parts: Any, part: Any, place: str) -> FloatArray:
-    """Days since 1970; NaN where there is no date. FileError if it cannot be told which number is
-    the month."""
+    """Days since 1970; NaN without a date. Raises FileError if the month is ambiguous."""
     nan = float("nan")
-    one, two = part("one", missing=nan), part("two", missing=nan)
+    first, second = part("one", missing=nan), part("two", missing=nan)
     year = part("late_year", missing=nan)
     year = np.where(year < 100, year + 2000, year)
-    if np.isnan(one).all():
+    if np.isnan(first).all():
         return _counted_days(*(part(name, missing=nan) for name in ("year", "month", "day")))
-    day_first, month_first = _counted_days(year, two, one), _counted_days(year, one, two)
-    if (parts["other_mark"] == ".").any() or np.nanmax(one) > 12:
+    day_first, month_first = _counted_days(year, second, first), _counted_days(year, first, second)
+    if (parts["other_mark"] == ".").any() or np.nanmax(first) > 12:
         return day_first
-    if np.nanmax(two) > 12:
+    if np.nanmax(second) > 12:
         return month_first
-    # a log runs from day to day: the other order leaps by months
+    # dates of a log rise by a day at most; in the wrong order they jump by months
     steps = (np.diff(days[np.isfinite(days)]) for days in (day_first, month_first))
     leaps = [bool(((step < 0.0) | (step > 1.0)).any()) for step in steps]
     if leaps == [True, False]:
         return month_first
     if leaps == [True, True]:
         raise FileError(
-            f"{place}: it cannot be told which number of the dates is the month.",
+            f"{place}: the dates do not show which number is the month.",
             "Write dates as 2024-12-31.",
             code="date-order",
         )
@@ -280,7 +287,7 @@ def _days(parts: Any, part: Any, place: str) -> FloatArray:
 
 
 def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
-    """Days since 1970; NaN where there is no date."""
+    """Days since 1970 of year, month and day; NaN without a date."""
     there = ~np.isnan(year)
     months = (
         np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")
@@ -290,7 +297,7 @@ def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> Float
 
 
 def _zones(zones: Any) -> FloatArray:
-    """Seconds by which the clock of a zone is ahead of UTC; 0 where none is written."""
+    """Offset of a time zone from UTC, s; 0 if none is written."""
     seconds = {zone: 0.0 for zone in zones.dropna().unique()}
     for zone in seconds:
         if zone[0] in "+-":
@@ -301,7 +308,7 @@ def _zones(zones: Any) -> FloatArray:
 
 
 def _floats(cells: Any) -> FloatArray:
-    """A column of texts of numbers; NaN where there is none."""
+    """Numbers of a column of texts; NaN for an empty cell."""
     return np.asarray(cells.astype(object).fillna("nan").to_numpy().astype(np.float64))
 
 

@@ -1,5 +1,5 @@
-"""Channels as a reader meets them: numbers become float64, times seconds, and what is neither is
-named as left out."""
+"""Channels from the arrays of a reader: numbers become float64, times become seconds, and notes
+list everything else."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log, RobotValue
 from pamid.ingest.memory_budget import FLOAT, MemoryBudget
 
-#: whole numbers above it have no exact float64
+#: larger integers have no exact float64
 EXACT_INTEGERS = 2**53
-#: an array with more columns than this is no group of signals (an image, a Jacobian)
+#: most columns of a group of signals; a wider array is an image or a Jacobian
 MAX_COLUMNS = 64
-EXAMINED = 24  # bytes of a value while its channel is examined: differences, a sorted copy
-#: whole numbers in it count ns since 1970, from 2001 to 2100
+EXAMINED = 24  # temporary bytes per value while its channel is examined: differences, a sorted copy
+#: integers in this span count ns since 1970, from 2001 to 2100
 SINCE_1970_NS = (10**18, 41 * 10**17)
 #: names that one note lists
 MOST_NAMED = 100
 
 
-class Gathering:
-    """Collects what the file at `path` holds; `log` closes it.
+class ChannelBuilder:
+    """Collector for the channels of the file at `path`; `log` builds the result.
 
-    budget: memory that its channels may take, charged by readers before they allocate."""
+    budget: memory for the channels, which readers charge before they allocate.
+    """
 
     def __init__(self, path: Path, budget: MemoryBudget | None = None) -> None:
         self.budget = budget or MemoryBudget(path)
@@ -49,9 +50,12 @@ class Gathering:
         unit: str = "",
         robot: RobotValue | None = None,
     ) -> None:
-        """Enter an array of numbers, truth values, dates or durations. (n,) is one channel; (n, m)
-        or (m, n), n samples along the longer axis (the one of the stamps), becomes name/1 ...
-        name/m; anything else is left out by name. robot: what one channel is to a robot."""
+        """Add an array of numbers, booleans, dates or durations.
+
+        An array (n,) is one channel. An array (n, m) or (m, n), with n samples along the longer
+        axis (that of the stamps), becomes name/1 ... name/m. Other arrays are listed as left out.
+        robot: role of the channel in a robot's log.
+        """
         array = np.asarray(values)
         if array.ndim > 1:
             array = array.squeeze()
@@ -74,7 +78,7 @@ class Gathering:
             self.leave_out(name, "fewer than two values")
             return
         if stamps is not None and stamps.size != array.size:
-            self.leave_out(name, "its values and its stamps differ in number")
+            self.leave_out(name, "different numbers of values and stamps")
             return
         parsed = as_numbers(array)
         if parsed is None:
@@ -96,7 +100,7 @@ class Gathering:
 
         Returns False, and leaves the array out, if it is too wide for a group of signals (an image
         then costs no memory) or exceeds the whole budget alone. item_bytes: of one value in the
-        file. FileError where the sum of all arrays exceeds the budget.
+        file. FileError if the sum of all arrays exceeds the budget.
         """
         lengths = [int(length) for length in shape if length != 1]
         if len(lengths) > 2 or len(lengths) == 2 and min(lengths) > MAX_COLUMNS:
@@ -112,12 +116,12 @@ class Gathering:
         return True
 
     def note(self, text: str) -> None:
-        """Say something once."""
+        """Add a note, unless it exists."""
         if text not in self.notes:
             self.notes.append(text)
 
     def leave_out(self, name: str, why: str) -> None:
-        """Say that `name` is in the file and not in the log."""
+        """Record that `name` is in the file but not in the log."""
         names = self.left_out.setdefault(why, [])
         if name not in names:
             names.append(name)
@@ -134,11 +138,12 @@ class Gathering:
 
 
 def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
-    """(n,) values as float64; whether they are seconds now; what there is to say. None if they are
-    not numbers.
+    """(n,) values as float64, whether they are now seconds, and a note; None unless they are
+    numbers.
 
-    Dates count in s from the first one, durations are in s. Whole numbers that float64 cannot hold
-    (counters of ns) count from the first one too, so that their differences stay exact."""
+    Dates become s since the first one, durations become s. Integers that float64 cannot represent
+    (counters of ns) are counted from the first one, so that their differences stay exact.
+    """
     if array.dtype.kind == "M":
         ticks = array.astype("datetime64[ns]")
         missing = np.isnat(ticks)
@@ -166,11 +171,11 @@ def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
 
 
 def _unique(channels: list[Channel]) -> list[Channel]:
-    """The same channels; one whose name was there before is called "name (2)"."""
+    """The same channels with unique names; a second one of a name is called "name (2)"."""
     seen: Counter[str] = Counter()
     result = []
     for channel in channels:
         seen[channel.name] += 1
-        again = seen[channel.name]
-        result.append(channel if again == 1 else replace(channel, name=f"{channel.name} ({again})"))
+        count = seen[channel.name]
+        result.append(channel if count == 1 else replace(channel, name=f"{channel.name} ({count})"))
     return result

@@ -25,14 +25,12 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
-from pamid.ingest.conversion import ColumnPieces, Conversion, MadeRecording
+from pamid.ingest.conversion import ColumnPieces, Conversion, ConvertedRecording
 from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
 from pamid.schemas import ingest_file as result
 
-STAGE = (
-    "ingest-unfinished"  # the folder in which files are made before they take their places together
-)
+STAGE = "ingest-unfinished"  # temporary folder, so that all files replace their targets together
 # samples in a row at the highest or lowest value of a channel: it may be clipped there
 AT_LIMIT = 3
 
@@ -42,8 +40,11 @@ _READ_IN_FOLDERS = (".parquet", ".json", ".yaml", ".mcap", ".db3")  # of a log t
 def outputs_for(
     conversions: Sequence[Conversion], output: Path, as_folder: bool
 ) -> list[list[Path]]:
-    """The CSV files to write for each log: `output` itself for one recording, else numbered; a
-    folder takes the logs' own names. FileError if two would be the same file."""
+    """CSV files to write for each log.
+
+    That is `output` for one recording, and numbered files for several. In a folder the files have
+    the names of the logs. Raises FileError if two would be the same file.
+    """
     counts = [len(conversion.recordings) for conversion in conversions]
     if as_folder:
         stems = [
@@ -58,8 +59,8 @@ def outputs_for(
     for path in named:
         if named.count(path) > 1:
             raise FileError(
-                f"{path} would be written for two logs of the same name.",
-                "Give one --output file, or ingest them into two folders.",
+                f"Two logs have the same name, so both would be written to {path}.",
+                "Give one --output file, or ingest the logs into two folders.",
                 code="exists",
             )
     return paths
@@ -71,10 +72,9 @@ def write_conversions(
     mapping_file: Path,
     overwrite: bool,
 ) -> list[result.IngestFile]:
-    """Write every recording with its TOML and account, or nothing; the accounts.
+    """Write every recording with its TOML and conversion record, or nothing; return the records.
 
-    FileError if a file is there already (and not `overwrite`), or would replace a log or the
-    mapping.
+    Raises FileError if a file exists (without `overwrite`), or would replace a log or the mapping.
     """
     targets = [
         path.with_suffix(suffix)
@@ -89,12 +89,12 @@ def write_conversions(
     for target in targets:
         if target.resolve() in sources:
             raise FileError(
-                f"{target} is read here: it would be lost.",
+                f"{target} is an input of this command and would be overwritten.",
                 "Choose another --output.",
                 code="exists",
             )
     require_new(targets, overwrite)
-    accounts = accounts_of(conversions, outputs, mapping_file)
+    accounts = conversion_records(conversions, outputs, mapping_file)
     folder = targets[0].parent
     make_folder(folder)
     try:
@@ -120,7 +120,7 @@ def write_conversions(
     return accounts
 
 
-def accounts_of(
+def conversion_records(
     conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
@@ -139,7 +139,7 @@ def _numbered(stem: Path, count: int) -> list[Path]:
 
 
 def tables_of(conversion: Conversion) -> dict[str, Any]:
-    """The tables of a recording's TOML."""
+    """Tables of a recording's TOML."""
     mapping = conversion.mapping
     about = {"rig": mapping.rig, "loop": mapping.loop, "sampling_period_s": conversion.period}
     tables = {
@@ -152,8 +152,7 @@ def tables_of(conversion: Conversion) -> dict[str, Any]:
 
 
 def _digest(path: Path) -> str:
-    """The sha256 of a log; of a folder that of the names and sums of the files that are
-    read."""
+    """SHA-256 of a log; of a folder that of the names and checksums of the files that are read."""
     if not path.is_dir():
         return sha256_of(path)
     files = sorted(part for part in path.rglob("*") if part.suffix in _READ_IN_FOLDERS)
@@ -180,17 +179,17 @@ def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
 
 
 def plain(mapping: Mapping) -> dict[str, Any]:
-    """A mapping as plain tables, without what it leaves out."""
+    """A mapping as plain tables, without unset keys."""
     return mapping.model_dump(exclude_none=True)
 
 
 def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
     about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
-    if clock.found is not None:
+    if clock.diagnosis is not None:
         about = {
-            "state": clock.found.state,
-            "why": clock.found.why,
-            "numbers": clock.found.numbers,
+            "state": clock.diagnosis.state,
+            "why": clock.diagnosis.why,
+            "numbers": clock.diagnosis.numbers,
             "signals": tuple(
                 result.ClockWitness(
                     signal=w.signal,
@@ -198,7 +197,7 @@ def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
                     error=w.error,
                     roughness_ratio=w.ratio,
                 )
-                for w in clock.found.witnesses
+                for w in clock.diagnosis.witnesses
             ),
         }
     return result.ClockUsed(
@@ -235,7 +234,7 @@ def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
 
 
 def _of_recording(
-    recording: MadeRecording, path: Path, conversion: Conversion
+    recording: ConvertedRecording, path: Path, conversion: Conversion
 ) -> result.RecordingMade:
     return result.RecordingMade(
         path=str(path),
@@ -249,8 +248,8 @@ def _of_recording(
 
 
 def at_limit(values: FloatArray) -> int:
-    """How many samples stand in runs of three and more at the highest or lowest value, where values
-    vary at all."""
+    """Number of samples in runs of three and more at the highest or lowest value; 0 for a constant
+    signal."""
     if values.size < AT_LIMIT or np.ptp(values) == 0.0:
         return 0
     return sum(
@@ -266,6 +265,6 @@ def _longest(mask: NDArray[np.bool_]) -> int:
 
 
 def _lengths(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Lengths of the stretches where the mask holds."""
+    """Lengths of the stretches where the mask is true."""
     starts, stops = runs_of(mask)
     return stops - starts
