@@ -349,9 +349,9 @@ def _commented(schema: dict[str, Any], root: dict[str, Any], place: str) -> dict
 
 
 _PARTS = {
-    "Verbs": "Each does what the command of its name does.",
-    "Results": "Frozen and typed, and read from their run folder.",
-    "What rig and effect files are made of": "",
+    "Functions": "Each corresponds to the command of its name.",
+    "Results": "Frozen and typed, read from the run folder.",
+    "Parts of rig and effect files": "",
 }
 
 
@@ -366,9 +366,9 @@ def _face_page() -> str:
         part = list(_PARTS)[0 if name[0].islower() else 1 if results else 2]
         parts[part].append(f"::: {home}.{name}")
     lines = [
-        "# The Python face",
+        "# Python functions",
         "",
-        "`import pamid` gives these names; each is loaded when it is first asked for.",
+        "`import pamid` offers these names; each is loaded on first use.",
         "`pamid.report(run, output=None, pdf=None)` writes the page of a run.",
     ]
     for part, what in _PARTS.items():
