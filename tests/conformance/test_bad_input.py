@@ -183,7 +183,7 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("fit rec.csv --rig mass.py", 3, "", ""),
     ("fit rec.csv --no-check --effect coulomb-fricton", 3, "", "coulomb-friction"),
     ("fit rec.csv --no-check --effect coulomb-friction@wrist", 3, "", "wrist|joint"),
-    ("fit rec.csv --no-check --effect overflow", 3, "", "overflow|no place"),
+    ("fit rec.csv --no-check --effect overflow", 3, "", "overflow|fits no port"),
     ("fit rec.csv --no-check --held-out bad.csv", 3, "cell", "line 62"),
     ("fit evil.csv", 3, "", "evil.py|--rig"),
     ("diagnose evil.csv", 3, "", "evil.py|--rig"),
