@@ -42,7 +42,7 @@ def command(
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
         lines = [f"{row.name:<20} {row.title}" for row in rows]
-        lines += ["", f"Next: pamid rigs {rows[0].name}   (explains a rig, also a rig file)"]
+        lines += ["", f"Explain one, or a rig file: pamid rigs {rows[0].name}"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
     story = catalogue.rig_story(rig, library.effects().values(), library.rigs())

@@ -146,5 +146,5 @@ def test_a_checkpoint_counts_in_finite_numbers(tmp_path: Path) -> None:
         "why_0": np.array(""),
     }
     np.savez(path, **arrays)  # type: ignore[arg-type]
-    with pytest.raises(FileError, match="no number"):
+    with pytest.raises(FileError, match="not finite numbers"):
         load_checkpoint(path, "p", 2)
