@@ -231,7 +231,7 @@ def test_an_effect_that_hides_another_unit_is_set_aside(
     first = said["ranking"][0]
     assert first["effect"] == "dead-zone" and first["removes"]["share"] > 0.5
     assert "recorded inputs" in first["set_aside"][0]
-    assert any("dead-zone" in note and "set aside" in note for note in said["notes"])
+    assert any("dead-zone" in note and "rejected" in note for note in said["notes"])
 
 
 # ---- what may rest --------------------
