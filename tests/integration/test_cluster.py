@@ -185,7 +185,7 @@ def test_workers_have_to_be_alike(threads: Any, monkeypatch: pytest.MonkeyPatch)
     asked."""
     said = iter(["another"])
     monkeypatch.setattr("pamid.parallel.dask_backend.code_sha256", lambda: next(said, "this"))
-    with pytest.raises(FileError, match="2 of 2 workers .* another pamid"), cluster(threads(2)):
+    with pytest.raises(FileError, match="2 of 2 workers .* another version"), cluster(threads(2)):
         pass
     with cluster(threads(2)):
         pass

@@ -14,7 +14,7 @@ import pytest
 from pamid_cli import frame
 
 from pamid.base.metrics import FloatArray
-from pamid.ingest import account
+from pamid.ingest import conversion_record
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import Conversion, convert
 from pamid.ingest.mapping import mapping_of
@@ -341,7 +341,7 @@ def test_a_stated_period_decimates_with_the_filter() -> None:
     )
     columns, base = made.recordings[0].columns, made.recordings[0].time
     assert columns["angle_deg"][50:-50] == pytest.approx(plant(base)["angle_deg"][50:-50], abs=5e-5)
-    assert account.at_limit(np.array([0.0, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])) == 3
+    assert conversion_record.at_limit(np.array([0.0, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])) == 3
 
 
 # ---- files --------------------
@@ -358,7 +358,7 @@ def test_nothing_is_replaced_without_being_told(
     assert ran(capsys, *words, "rec.csv", "--overwrite")[0] == 0
     for output in ("log.csv", "map.csv"):  # the log itself; map.toml beside map.csv
         code, error = ran(capsys, *words, output, "--overwrite")
-        assert code == 3 and "it would be lost" in error["message"]
+        assert code == 3 and "would be overwritten" in error["message"]
     code, error = ran(capsys, *words, "rec.txt")
     assert code == 3 and "neither a .csv file nor a folder" in error["message"]
 
