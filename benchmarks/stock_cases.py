@@ -375,7 +375,8 @@ def servo_text(text: str, nominal: Robot, pose: Array) -> str:
     def replaced(tag: re.Match[str]) -> str:
         joint = re.search(r'joint="([^"]*)"', tag[0])
         name = re.search(r'name="([^"]*)"', tag[0])
-        assert joint and name
+        if not (joint and name):  # of a <default>
+            return tag[0]
         inertia = max(inertias[joint[1]], 1e-3)
         force = f'forcerange="{-strength[joint[1]]:g} {strength[joint[1]]:g}"'
         return (
