@@ -82,8 +82,8 @@ def steps(folder: Path) -> list[dict[str, Any]]:
 
 def test_the_first_papers_network(run: Copy) -> None:
     """The gain is judged on the fitted part. Ten seconds determine few of 171 weights, so that the
-    held-out error hangs on the last bit: from one seed it was 53 % or 99 %. With 200 s it is that of
-    docs/measured/papers.md."""
+    held-out error hangs on the last bit: from one seed it was 53 % or 99 %. What 200 s give stands
+    in docs/measured/papers.md."""
     folder = run()
     words = ["train-residual", str(folder), "--iterations", "40", "--seed", "2", "--json"]
     command = [sys.executable, "-m", "pamid_cli", *words]
