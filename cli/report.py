@@ -30,8 +30,8 @@ _NEXT_TO_PAGE = "-"  # --pdf without a file
     is_flag=False,
     flag_value=_NEXT_TO_PAGE,
     type=click.Path(dir_okay=False),
-    help="Also print the page as a PDF, by an installed Chromium, Chrome or Edge. [default: beside "
-    "the page]",
+    help="Also print the page as a PDF, by an installed Chromium, Chrome or Edge. [default: next "
+    "to the page]",
     metavar="[FILE]",
 )
 @click.option(

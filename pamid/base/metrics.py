@@ -121,11 +121,6 @@ def autocorrelation(values: FloatArray) -> FloatArray | None:
     return np.asarray(sums / sums[0]) if sums[0] > 0.0 else None
 
 
-def relative(part: float, whole: float, least: float = 1e-9) -> float:
-    """part / whole, taking the whole as at least `least`: finite also where there is no whole."""
-    return float(part) / max(float(whole), least)
-
-
 PROBABILITY_BINS = 10
 
 

@@ -38,7 +38,7 @@ class OverflowIntoStore(Effect):
     parameters = (
         *Overflow.parameters,
         Parameter("share", 0.7, 0.0, 3.0, spread=0.5).with_source(
-            "estimate: a part falls beside; times the ratio of the areas"
+            "estimate: a part misses the other store; times the ratio of the areas"
         ),
     )
     symptoms = ("saturates", "level")

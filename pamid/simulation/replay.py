@@ -237,11 +237,3 @@ def channel_mae(replays: list[Replay]) -> Array:
     """Mean absolute error per channel (SI) over all scored samples that have it."""
     errors = [np.where(r.seen, np.abs(r.residual[r.scored]), np.nan) for r in replays]
     return seen_mean(np.concatenate(errors))
-
-
-def spread_of(replays: Sequence[Replay]) -> Array:
-    """Standard deviation of every measured channel over all scored samples that have it (SI), at
-    least its noise: a channel that rests in what is held out has none to divide by."""
-    y = np.concatenate([r.track.y[r.scored] for r in replays])
-    spread = np.array([np.std(column[~np.isnan(column)]) for column in y.T])
-    return np.maximum(spread, replays[0].noise)

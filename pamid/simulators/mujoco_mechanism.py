@@ -74,8 +74,9 @@ def mechanism_of(file: MujocoFile) -> Mechanism:
     names = _Names(file)
     joints = _joints(file, names)
     tendons = _tendons(file, names, joints)
-    actuators = _actuators(file, names, joints, tendons)
     couplings = _couplings(file, names)
+    followers = {c.first for c in couplings if c.kind == "joint" and c.second >= 0}
+    actuators = _actuators(file, names, joints, tendons, followers)
     used_names = {a.column for a in actuators}
     sensors = _sensors(file, names, joints, tendons, actuators, used_names)
     share, met = contact_share(file)
@@ -300,6 +301,7 @@ def _actuators(
     names: _Names,
     joints: tuple[MechanismJoint, ...],
     tendons: tuple[MechanismTendon, ...],
+    followers: set[int],
 ) -> tuple[Actuator, ...]:
     m, actuators = file.model, []
     for i in range(m.nactuator):
@@ -363,7 +365,7 @@ def _actuators(
             )
         )
     # motors for passive forces leave the joints without commands
-    bare = () if any(a.column for a in actuators) else _bare(joints, _followers(file))
+    bare = () if any(a.column for a in actuators) else _bare(joints, followers)
     return (*actuators, *bare)
 
 
@@ -402,19 +404,9 @@ def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[
         yield f"{name}_current", "A"
 
 
-def _followers(file: MujocoFile) -> set[int]:
-    """Joints that follow another one through a constraint, as a URDF's mimic joints do."""
-    m, joint = file.model, int(file.mujoco.mjtEq.mjEQ_JOINT)
-    return {
-        int(m.eq_obj1id[i])
-        for i in range(m.neq)
-        if m.eq_active0[i] and m.eq_type[i] == joint and m.eq_obj2id[i] >= 0
-    }
-
-
 def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
     """Force or torque at every joint without a drive, for a file without actuators, such as any
-    URDF."""
+    URDF. Followers: joints that a coupling leads, such as a URDF's mimic joints."""
     for j, joint in enumerate(joints):
         if joint.kind not in ("hinge", "slide") or joint.is_base or j in followers:
             continue

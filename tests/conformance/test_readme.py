@@ -170,6 +170,25 @@ def shape(line: str) -> str:
     return " ".join(re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", line).split())
 
 
+def output_of(arguments: list[str], folder: Path) -> str:
+    """Standard output of this Python with these arguments, run in a folder to a good end."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def missing_lines(shown: list[str], printed: str) -> list[str]:
+    """Lines of a page that no printed line begins with, numbers aside."""
+    given = [shape(line) for line in printed.splitlines()]
+    return [line for line in shown if not any(one.startswith(shape(line)) for one in given)]
+
+
 def answer_of(page: Path) -> list[str]:
     """Lines of the answer that a page shows."""
     shown = next(b for b in blocks(page, "text") if " % of the gap (P " in b)
@@ -191,20 +210,8 @@ def test_the_answer_shown_is_the_answer_given(page: Path, lines: list[str], tmp_
     for words in command_lines(page):
         if words[0] != "pamid" or not set(words) & {"excitation.csv", *lines}:
             continue
-        done = subprocess.run(
-            [sys.executable, "-m", "pamid_cli", *words[1:]],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-        )
-        assert done.returncode == 0, done.stderr
-        printed += done.stdout
-    given = [shape(line) for line in printed.splitlines()]
-    missing = [
-        line for line in answer_of(page) if not any(one.startswith(shape(line)) for one in given)
-    ]
-    assert missing == [], printed
+        printed += output_of(["-m", "pamid_cli", *words[1:]], tmp_path)
+    assert missing_lines(answer_of(page), printed) == [], printed
 
 
 @pytest.mark.slow
@@ -219,20 +226,10 @@ def test_the_stock_robot_answers_as_shown(tmp_path: Path) -> None:
             (tmp_path / step.name).write_text(step.text, encoding="utf-8")
             continue
         program, *words = shlex.split(step.text)
-        start = [sys.executable, *(["-m", "pamid_cli"] if program == "pamid" else [])]
-        done = subprocess.run(
-            [*start, *words],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-        )
-        assert done.returncode == 0, done.stderr
-        printed += done.stdout
-    given = [shape(line) for line in printed.splitlines()]
+        start = ["-m", "pamid_cli"] if program == "pamid" else []
+        printed += output_of([*start, *words], tmp_path)
     shown = [line for block in blocks(page, "text") for line in block.splitlines() if line]
-    missing = [x for x in shown if not any(one.startswith(shape(x)) for one in given)]
-    assert shown and missing == [], printed
+    assert shown and missing_lines(shown, printed) == [], printed
 
 
 def test_a_page_without_its_package_is_skipped(
