@@ -199,8 +199,10 @@ def magnitude_sensor_signs(y: Array, model: Array) -> Array:
     """
     both = np.minimum((model > 0.0).mean(axis=0), (model < 0.0).mean(axis=0)) >= BLIND_SHARE
     crosses = np.minimum(-y.min(axis=0), y.max(axis=0)) > CROSSES * np.ptp(y, axis=0)
-    if not (both & ~crosses).any():
-        return np.zeros(y.shape[1])
+    signs, possible = np.zeros(y.shape[1]), both & ~crosses
+    if not possible.any():
+        return signs
+    y, model = y[:, possible], model[:, possible]
     edge = BLIND_NOISE * noise_level(y)
     way = np.where((y > -edge).all(axis=0), 1.0, np.where((y < edge).all(axis=0), -1.0, 0.0))
     sides = [np.mean(way * side * model > edge, axis=0) for side in (1.0, -1.0)]
@@ -209,4 +211,6 @@ def magnitude_sensor_signs(y: Array, model: Array) -> Array:
         np.array([correlation(a, b) for a, b in zip(ours, other, strict=True)])
         for other in (theirs, sizes)
     )
-    return np.where((np.minimum(*sides) >= BLIND_SHARE) & (way * sized > np.abs(like)), way, 0.0)
+    one_sided = (np.minimum(*sides) >= BLIND_SHARE) & (way * sized > np.abs(like))
+    signs[possible] = np.where(one_sided, way, 0.0)
+    return signs

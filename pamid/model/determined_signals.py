@@ -50,11 +50,12 @@ def determined(
     """
     plain = trace(rig, lambda port, place: [], {})
     loose = undetermined_states(plain, outputs)
+    integrals = _integrals([*plain.rates.values(), *plain.outputs.values()])
     usable, reasons = list[Attachment](), dict[str, str]()
     for candidate in candidates:
         reason = _still(plain, candidate, frozenset(still))
         if not reason and not isinstance(rig, StepRig):  # its equations are not known
-            reason = _undetermined(rig, candidate, outputs, plain, loose)
+            reason = _undetermined(rig, candidate, outputs, integrals, loose)
         if reason:
             reasons[candidate.label] = reason
         else:
@@ -123,7 +124,7 @@ def _undetermined(
     rig: Rig,
     candidate: Attachment,
     outputs: Collection[str],
-    plain: Traced,
+    integrals_before: set[Expr],
     loose: frozenset[str],
 ) -> str:
     """The signal on whose zero the effect's action rests and that nothing determines; empty where
@@ -146,7 +147,7 @@ def _undetermined(
     for name in sorted(loose & reached):
         if _is_absolute(roots, symbol("state", name)):
             return f"no measured output determines {name}"
-    integrals = _integrals(roots) - _integrals([*plain.rates.values(), *plain.outputs.values()])
+    integrals = _integrals(roots) - integrals_before
     if any(_is_absolute(roots, node) for node in integrals):
         return f"nothing determines the position at {candidate.ports[0]}"
     return ""
@@ -164,8 +165,13 @@ def _integrals(roots: list[Expr]) -> set[Expr]:
 def _is_absolute(roots: list[Expr], shifted: Expr) -> bool:
     """Whether one of these depends on the value of a node, not on its changes alone."""
     by: dict[Expr, Expr | None] = {}
-    for node in walk(roots):
-        by[node] = ONE if node is shifted else _shift(node, [by[a] for a in node.args])
+
+    def reaching(node: Expr) -> tuple[Expr, ...]:
+        return node.args if node.reach & shifted.reach == shifted.reach else ()
+
+    for node in walk(roots, reaching):
+        shifts = [by[a] for a in reaching(node)]
+        by[node] = ONE if node is shifted else _shift(node, shifts) if shifts else ZERO
     return any(by[root] is not ZERO for root in roots)
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, TypeAlias
 
 from pamid.base.units import with_unit
@@ -38,6 +38,7 @@ from pamid.simulators.soft_constraints import (
     SoftFriction,
     impedance,
 )
+from pamid.simulators.spatial import Mat, Vec
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
     ZERO,
@@ -54,6 +55,7 @@ from pamid.symbolic.vocabulary import (
 
 DELAY_ROOM = 5.0  # times the delay that the file states
 RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest one
+MODELS_ALIKE = 64  # trees that are kept: models with effects at drives and sensors share one
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
 #: an angle (or length) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
@@ -518,8 +520,10 @@ class MechanismEquations:
         masses = [
             value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
         ]
-        shapes = {s.number: (s.centre(self.p), s.second_moment(self.p)) for s in self.rig.shapes}
-        return Tree(self.m, q, qd, masses, armature, shapes)
+        shapes = [(s.number, s.centre(self.p), s.second_moment(self.p)) for s in self.rig.shapes]
+        return _shared_tree(
+            self.m, tuple(q), tuple(qd), tuple(masses), tuple(armature), tuple(shapes)
+        )
 
     def rates(self) -> dict[str, Number]:
         """Rates of all states."""
@@ -527,7 +531,7 @@ class MechanismEquations:
         tree, passed = self.flexible_loads(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         couplings = [self.coupling(c) for c in self.m.couplings]
-        qdd = accelerations(tree, applied, passed, rubbing, couplings)
+        qdd = accelerations(tree, tuple(applied), tuple(passed), tuple(rubbing), tuple(couplings))
         rates: dict[str, Number] = {}
         for joint, qd, a in zip(self.m.joints, self.qd, qdd, strict=True):
             rates[joint.name] = qd
@@ -616,7 +620,8 @@ class MechanismEquations:
     @staticmethod
     def frictionless_accelerations(tree: Tree, applied: list[Expr]) -> list[Expr]:
         """Accelerations of all joints without friction, with every load at its motor."""
-        return accelerations(tree, applied, [None] * tree.n, [None] * tree.n)
+        nothing = (None,) * tree.n
+        return accelerations(tree, tuple(applied), nothing, nothing)
 
     def load(self, tree: Tree, applied: list[Expr], j: int, moving: list[Expr]) -> Load:
         """Load of joint j while all other joints give way.
@@ -671,3 +676,16 @@ class MechanismEquations:
 
 def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:
     return law[0] + law[1] * length + law[2] * rate
+
+
+@lru_cache(maxsize=MODELS_ALIKE)
+def _shared_tree(
+    mechanism: Mechanism,
+    q: tuple[Expr, ...],
+    qd: tuple[Expr, ...],
+    masses: tuple[Expr, ...],
+    armature: tuple[Expr, ...],
+    shapes: tuple[tuple[int, Vec, Mat], ...],
+) -> Tree:
+    """One tree for all models in which it is the same, so that each of its parts is built once."""
+    return Tree(mechanism, q, qd, masses, armature, {number: tuple(of) for number, *of in shapes})  # type: ignore[misc]

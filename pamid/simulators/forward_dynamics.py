@@ -13,6 +13,7 @@ the force on that body per mass.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from pamid.simulators.soft_constraints import (
     CoupledSystem,
@@ -23,15 +24,20 @@ from pamid.simulators.soft_constraints import (
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
+MODELS_ALIKE = 64  # accelerations that are kept
 
+
+@lru_cache(maxsize=MODELS_ALIKE)
 def accelerations(
     tree: Tree,
-    force: Sequence[Expr],
-    passed: Sequence[Expr | None],
-    friction: Sequence[SoftFriction | None],
-    couplings: Sequence[SoftCoupling] = (),
+    force: tuple[Expr, ...],
+    passed: tuple[Expr | None, ...],
+    friction: tuple[SoftFriction | None, ...],
+    couplings: tuple[SoftCoupling, ...] = (),
 ) -> list[Expr]:
     """q'' (n,) under these forces, with its exact derivatives.
+
+    Models that differ in their readings alone share it, so that it is built once.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class SoftFriction:
     velocity: Expr
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SoftCoupling:
     """slopes: J by joint; aim: the J q'' without a force; softness."""
 

@@ -8,6 +8,7 @@ builds.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterable
 from typing import Any, Union
 
@@ -27,15 +28,16 @@ class EquationError(PamidError):
 
 class Expr:
     """A node: `op` with `args`; leaves are constants (`value`) and symbols (`value` = (space,
-    name))."""
+    name)). reach: the symbols at or below it, a bit each."""
 
-    __slots__ = ("args", "op", "value")
+    __slots__ = ("args", "op", "reach", "value")
     _table: dict[tuple[Any, ...], Expr] = {}
     __array_priority__ = 1000.0
 
     op: str
     args: tuple[Expr, ...]
     value: Any
+    reach: int
 
     def __new__(cls, op: str, args: tuple[Expr, ...] = (), value: Any = None) -> Expr:
         key = (op, tuple(map(id, args)), value)
@@ -43,6 +45,7 @@ class Expr:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value = op, args, value
+            node.reach = _bit_of(value) if op == "symbol" else _united(args)
             node = cls._table.setdefault(key, node)  # another thread may have been first
         return node
 
@@ -111,6 +114,31 @@ class Expr:
 
     def __ge__(self, other: Number) -> Expr:
         return apply("le", other, self)
+
+
+#: (space, name) of every symbol, in the order of their bits
+_symbols: list[tuple[str, str]] = []
+_bits: dict[tuple[str, str], int] = {}
+_naming = threading.Lock()
+
+
+def _bit_of(name: tuple[str, str]) -> int:
+    with _naming:  # two threads may meet a new symbol at once
+        if name not in _bits:
+            _bits[name] = 1 << len(_symbols)
+            _symbols.append(name)
+        return _bits[name]
+
+
+def _united(nodes: Iterable[Expr]) -> int:
+    """The symbols below any of these nodes; the same object where one has all of them, which
+    saves most of the memory."""
+    reach = 0
+    for node in nodes:
+        other = node.reach
+        if other is not reach and other | reach != reach:
+            reach = other if other | reach == other else other | reach
+    return reach
 
 
 def const(value: float) -> Expr:
@@ -357,7 +385,11 @@ def plain(roots: Iterable[Expr]) -> list[Expr]:
 
 def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
     """(space, name) of every symbol below the roots."""
-    return {n.value for n in walk(roots) if n.op == "symbol"}
+    reach, names = _united(roots), set()
+    while reach:
+        names.add(_symbols[reach.bit_length() - 1])
+        reach ^= 1 << (reach.bit_length() - 1)
+    return names
 
 
 # ---- printing ----------------------------------------------------------------------------------
