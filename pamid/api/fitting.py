@@ -25,6 +25,7 @@ from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.estimation.whole_runs import OVER_RECORDINGS, free_run_csv, free_runs
+from pamid.estimation.window_length import with_linear_windows
 from pamid.model.registry import RigLike
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.virtual_rig import attach_specs
@@ -107,7 +108,7 @@ def fit(
 
     def work(run: Run, pool: WorkerPool, show: Progress) -> None:
         model = fit_model(
-            given.evidence,
+            with_linear_windows(given.evidence),
             attached,
             seed=seed,
             draws=bootstrap,

@@ -60,12 +60,14 @@ def silent_channels(
     inputs in them.
 
     All of them where the model explains none, unless one clearly responds: then the machine is
-    there, and its model is wrong. Of several, those that are not at their noise floor.
+    there, and its model is wrong. None where the recordings are too short for that regression. Of
+    several, those that are not at their noise floor.
     """
     names = np.array(budget.model.evidence.channels)
     if not explained.any():
         wrong_model = response is not None and response.is_clear and not response.is_reversed
-        return () if wrong_model else tuple(names)
+        undecided = response is not None and not response.decisive
+        return () if wrong_model or undecided else tuple(names)
     if response is None:
         return ()
     far = seen_mean(model.absolutes) > budget.settings.naive_near_floor * seen_mean(budget.floor)

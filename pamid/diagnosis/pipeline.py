@@ -24,6 +24,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.lagged_linear import LaggedResponse, lagged_response
 from pamid.estimation.port_evidence import PortEvidence, locate
+from pamid.estimation.window_length import with_linear_windows
 from pamid.model.attachment import Addition, additions_of, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
@@ -150,7 +151,7 @@ def diagnose(
     settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
     # Cost grows with the length, certainty only with its root.
-    evidence = evidence.excerpt(settings.fitted_most, settings.held_out_most)
+    evidence = with_linear_windows(evidence.excerpt(settings.fitted_most, settings.held_out_most))
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     evidence = budget.evidence  # with the horizon of the comparison
     base, comparison = budget.baseline, Comparison(budget, seed)

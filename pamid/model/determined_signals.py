@@ -14,6 +14,8 @@ proportion to s are `ABSOLUTE`.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from functools import cached_property
+from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.model.attachment import Attachment
@@ -24,6 +26,7 @@ from pamid.model.trace import Passage, Traced, trace
 from pamid.symbolic.expression import ONE, ZERO, symbol, symbols, walk
 from pamid.symbolic.vocabulary import Expr
 
+NOT_MEASURED = "it changes nothing that was measured"
 ABSOLUTE = None  # an expression that depends on the shifted value itself
 SHIFTED_ALONG = frozenset({"play", "lag", "delay"})  # memories that follow a constant shift
 
@@ -49,13 +52,13 @@ def determined(
     list of Attachment, dict of label to reason
     """
     plain = trace(rig, lambda port, place: [], {})
-    loose = undetermined_states(plain, outputs)
-    integrals = _integrals([*plain.rates.values(), *plain.outputs.values()])
+    stepped = isinstance(rig, StepRig)  # its equations are not known
+    check = None if stepped else _Determination(rig, tuple(outputs), plain)
     usable, reasons = list[Attachment](), dict[str, str]()
     for candidate in candidates:
         reason = _still(plain, candidate, frozenset(still))
-        if not reason and not isinstance(rig, StepRig):  # its equations are not known
-            reason = _undetermined(rig, candidate, outputs, integrals, loose)
+        if not reason and check:
+            reason = check.objection(candidate)
         if reason:
             reasons[candidate.label] = reason
         else:
@@ -120,37 +123,80 @@ def _inputs_alone(root: Expr) -> frozenset[str]:
     return frozenset(name for space, name in leaves if space == "input")
 
 
-def _undetermined(
-    rig: Rig,
-    candidate: Attachment,
-    outputs: Collection[str],
-    integrals_before: set[Expr],
-    loose: frozenset[str],
-) -> str:
-    """The signal on whose zero the effect's action rests and that nothing determines; empty where
-    there is none."""
+class _Mark(Effect):
+    """Anything that an effect may add to a value."""
 
-    def effects_at(port: str, place: str) -> list[tuple[str, Effect]]:
-        acting = candidate.acts_at(port, place)
-        return [(candidate.label, candidate.effect)] if acting else []
+    name = "mark"
 
-    keys = [f"{candidate.label}:{p.name}" for p in candidate.effect.parameters]
-    try:
-        traced = trace(rig, effects_at, {}, dict.fromkeys(keys, 1.0))
-    except FileError:  # the diagnosis reports it where it screens the candidate
+    def __init__(self, at: str) -> None:
+        self.at = at
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Expr:
+        return value + symbol("mark", self.at)
+
+
+class _Determination:
+    """Signals of a rig that its measured outputs determine.
+
+    Tracing a robot with each of its candidates would cost more than screening them. Whether an
+    effect integrates a signal is the same at all ports of a kind; whether a port reaches the
+    outputs is seen for all ports at once.
+    """
+
+    def __init__(self, rig: Rig, outputs: tuple[str, ...], plain: Traced) -> None:
+        self.rig, self.outputs = rig, outputs
+        self.loose = undetermined_states(plain, outputs)
+        self.integrals = _integrals([*plain.rates.values(), *plain.outputs.values()])
+        self.plainly_acting: set[tuple[str, str, str]] = set()
+
+    @cached_property
+    def reaching(self) -> set[str]:
+        """Ports, with their places, on which an output depends."""
+        marked = trace(self.rig, lambda port, place: [("mark", _Mark(f"{port} {place}"))], {})
+        return {name for space, name in symbols(self.roots(marked)[0]) if space == "mark"}
+
+    def roots(self, traced: Traced) -> tuple[list[Expr], set[str]]:
+        """Outputs and the rates of the determined states that they depend on; all such states."""
+        roots = [traced.outputs[name] for name in self.outputs]
+        reached = _reached(traced, roots)
+        rates = sorted(name for name in reached - self.loose if name in traced.rates)
+        return roots + [traced.rates[name] for name in rates], reached
+
+    def objection(self, candidate: Attachment) -> str:
+        """The signal on whose zero the effect's action rests and that nothing determines; empty
+        where there is none."""
+        port = self.rig.ports[candidate.ports[0]]
+        kind = candidate.effect.name, port.kind, port.unit
+        if kind in self.plainly_acting:
+            places = [
+                f"{name} {place}"
+                for name in candidate.ports
+                for place in self.rig.ports[name].places or ("",)
+                if candidate.acts_at(name, place)
+            ]
+            return "" if self.reaching.intersection(places) else NOT_MEASURED
+
+        def effects_at(port: str, place: str) -> list[tuple[str, Effect]]:
+            acting = candidate.acts_at(port, place)
+            return [(candidate.label, candidate.effect)] if acting else []
+
+        keys = [f"{candidate.label}:{p.name}" for p in candidate.effect.parameters]
+        try:
+            traced = trace(self.rig, effects_at, {}, dict.fromkeys(keys, 1.0))
+        except FileError:  # the diagnosis reports it where it screens the candidate
+            return ""
+        roots, reached = self.roots(traced)
+        if not {name for space, name in symbols(roots) if space == "parameter"} & set(keys):
+            return NOT_MEASURED
+        for name in sorted(self.loose & reached):
+            if _is_absolute(roots, symbol("state", name)):
+                return f"no measured output determines {name}"
+        integrals = _integrals(roots) - self.integrals
+        if any(_is_absolute(roots, node) for node in integrals):
+            return f"nothing determines the position at {candidate.ports[0]}"
+        if not integrals and not self.loose:
+            self.plainly_acting.add(kind)
         return ""
-    roots = [traced.outputs[name] for name in outputs]
-    reached = _reached(traced, roots)
-    roots += [traced.rates[name] for name in sorted(reached - loose) if name in traced.rates]
-    if not {name for space, name in symbols(roots) if space == "parameter"} & set(keys):
-        return "it changes nothing that was measured"
-    for name in sorted(loose & reached):
-        if _is_absolute(roots, symbol("state", name)):
-            return f"no measured output determines {name}"
-    integrals = _integrals(roots) - integrals_before
-    if any(_is_absolute(roots, node) for node in integrals):
-        return f"nothing determines the position at {candidate.ports[0]}"
-    return ""
 
 
 def _integrals(roots: list[Expr]) -> set[Expr]:
