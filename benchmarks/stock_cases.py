@@ -11,7 +11,7 @@ the machine is up to 10 % off the file, and something is planted (`mujoco_truth.
 planted cases two things. A computed-torque controller that knows the file's masses and the friction
 leads a robot of motors. In four of ten MJCF cases, and where kp is planted, position servos take
 the place of the motors. The machine has no contacts: geoms that touch in three of four random poses
-are a fault of the file.
+are a fault of the file, which its user leaves out of an MJCF as pamid advises.
 
 `pamid diagnose` and `pamid export` get the file and the logs, with nothing planted said. What was
 planted stands in FOLDER/labels, scores in FOLDER/scores: a case that has one is not run again.
@@ -212,7 +212,8 @@ def model_copy(case: Case, models: Path, output: Path) -> Path:
         shutil.copytree(top, draft)
         draft.rename(folder)
     stock = folder / at.relative_to(top)
-    return stock.with_name(f"{stock.stem}-{case.number:03d}{stock.suffix}") if case.servo else stock
+    mjcf = stock.suffix == ".xml"
+    return stock.with_name(f"{stock.stem}-{case.number:03d}.xml") if mjcf else stock
 
 
 # ---- making --------------------------------------------------------------------------------------
@@ -388,9 +389,9 @@ def servo_text(text: str, nominal: Robot, pose: Array) -> str:
 
 
 def make_case(case: Case, file: Path, output: Path, seed: int) -> None:
-    """The logs of a case and its label; of a robot with servos also its model file."""
+    """The logs of a case and its label; also the model file, if it is MJCF."""
     random = np.random.default_rng([seed, case.number, 11])
-    stock = file.with_name(file.name.replace(f"-{case.number:03d}", "")) if case.servo else file
+    stock = file.with_name(file.name.replace(f"-{case.number:03d}.xml", ".xml"))
     text = stock.read_text()
     bare = Robot(text, stock)
     often = permanent(bare, random)
@@ -413,8 +414,8 @@ def make_case(case: Case, file: Path, output: Path, seed: int) -> None:
             break
     else:
         raise SystemExit(f"case {case.number}: no pose of {case.model} is away from contact")
-    if case.servo:
-        file.write_text(model)
+    if file != stock:
+        file.write_text(without_contacts(model, bare, often))
     folder = output / "cases" / f"{case.number:03d}"
     folder.mkdir(parents=True, exist_ok=True)
     step = 2.0 * math.pi / 2 ** int(random.integers(13, 17))
@@ -469,6 +470,17 @@ def permanent(robot: Robot, random: np.random.Generator) -> set[tuple[int, int]]
         for pair in robot.touching(random.uniform(robot.low, robot.high)):
             counts[pair] = counts.get(pair, 0) + 1
     return {pair for pair, count in counts.items() if count >= 45}
+
+
+def without_contacts(text: str, robot: Robot, pairs: Iterable[tuple[int, int]]) -> str:
+    """The model without contacts between the bodies of these pairs of geoms."""
+    m = robot.model
+    names = {tuple(m.body(int(m.geom_bodyid[g])).name for g in pair) for pair in pairs}
+    excluded = "".join(
+        f'<exclude body1="{first}" body2="{second}"/>' for first, second in sorted(names)
+    )
+    head, tail = text.rsplit("</mujoco>", 1)
+    return f"{head}<contact>{excluded}</contact></mujoco>{tail}" if excluded else text
 
 
 def drawn_pose(
