@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import (
@@ -47,6 +48,7 @@ from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
+CHANCE = 0.05  # probability of a gain by chance, which is distributed as chi square
 FEWEST_SCREENED = 3  # windows of every recording
 # typical sizes: an effect is also started as a trace of itself, next to the baseline, where the
 # cost falls wherever the effect helps
@@ -82,6 +84,15 @@ class ScreenedCandidate:
     def prospect(self) -> float:
         """Gain that further steps may reach, by the linear model."""
         return max(self.gain, self.rival.promised if self.rival else -np.inf)
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether as many parameters gain as much in one of twenty cases by chance."""
+        count = sum(
+            b.fitted and b.owner in self.added.labels
+            for b in (self.assembly.parameters if self.assembly else ())
+        )
+        return self.usable and self.prospect < chdtri(count, CHANCE)
 
     @property
     def usable(self) -> bool:

@@ -39,7 +39,7 @@ from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Addition, Attachment
+from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
@@ -237,14 +237,23 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) 
 def screened_candidates(
     search: Search, reference: ScreeningBaseline, candidates: list[Addition]
 ) -> tuple[list[ScreenedCandidate], list[ScreenedCandidate]]:
-    """All candidates screened, and those of them to refit."""
+    """The candidates screened, and those of them to refit.
+
+    At many ports of a kind an effect is screened at all of them together first. Every member is a
+    special case of it: where the whole gains no more than chance, so does each.
+    """
     evidence, run, progress = search.evidence, search.pool.run, search.progress
     work = _ScreeningWork(evidence, reference, search.budget.sizes, search.hints)
-    tried = run(work, candidates, progress)
-    screened = {
-        a.label: ScreenedCandidate(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-        for a, s in zip(candidates, tried, strict=True)
-    }
+
+    def screened_by_label(several: list[Addition]) -> dict[str, ScreenedCandidate]:
+        return {
+            a.label: ScreenedCandidate(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
+            for a, s in zip(several, run(work, several, progress), strict=True)
+        }
+
+    wholes = screened_by_label(wholes_of(evidence.rig, candidates))
+    idle = {label for s in wholes.values() if s.by_chance for label in s.added.labels}
+    screened = screened_by_label([a for a in candidates if a.label not in idle])
     # Families, not labels: a family with many laws would otherwise take all places of the next
     # steps.
     families = {a.label: search.family(a) for a in candidates}

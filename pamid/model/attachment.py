@@ -74,6 +74,19 @@ class Addition:
 JOINT_KINDS = ("motion",)
 
 
+FEWEST_ALIKE = 3  # ports of a kind at which an effect is first tried together
+
+
+def wholes_of(rig: Rig, additions: Iterable[Addition]) -> list[Addition]:
+    """The same effect at all ports of a kind and unit, where several additions act at one each."""
+    groups: dict[tuple[str, str, str], list[Attachment]] = {}
+    for added in additions:
+        port = rig.ports[added.ports[0]]
+        if len(added.ports) == 1 and not port.kin:
+            groups.setdefault((added.effect.name, port.kind, port.unit), []).extend(added.members)
+    return [Addition(tuple(g)) for g in groups.values() if len(g) >= FEWEST_ALIKE]
+
+
 def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
     """Attachments as candidates add them: the same effect at joints of one unit is one addition.
     Ports that are kin are tried by themselves and, with one set of parameters, together.
