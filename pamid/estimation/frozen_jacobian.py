@@ -30,6 +30,7 @@ from pamid.estimation.multiple_shooting import (
     TOLERANCE,
     MultipleShooting,
     ShootingPoint,
+    reduced,
 )
 from pamid.estimation.problem import Problem
 from pamid.estimation.shooting_windows import WindowSums, assembled
@@ -148,6 +149,16 @@ class ChordShooting(MultipleShooting):
         """The point with its normal equations, which cost nothing beyond the run."""
         sums = [self._window_sums(i, s, entered) for i, entered in enumerate(starts)]
         return ShootingPoint(s, starts, assembled(self, s, sums, True), True)
+
+    def predicted_cost(self, at: ShootingPoint) -> float:
+        """The cost that the linearised model expects behind one undamped step."""
+        step = self.step(at, 0.0)
+        H, g, _, parts = reduced(at.normal, at.s, self.scale, 0.0)
+        by_starts = sum(
+            float(x.ravel() @ block[3].ravel())
+            for (_, x, _, _), block in zip(parts, at.normal.blocks, strict=True)
+        )
+        return float(at.cost - by_starts + 2.0 * g @ step.s + step.s @ H @ step.s)
 
     # a model that runs away overflows in its sums: these are looked at afterwards
     @np.errstate(over="ignore", invalid="ignore")

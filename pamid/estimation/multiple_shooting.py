@@ -174,16 +174,6 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
         return _ShootingStep(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
 
-    def predicted_cost(self, at: ShootingPoint) -> float:
-        """The cost that the linearised model expects behind one undamped step."""
-        step = self.step(at, 0.0)
-        H, g, _, parts = reduced(at.normal, at.s, self.scale, 0.0)
-        by_starts = sum(
-            float(x.ravel() @ block[3].ravel())
-            for (_, x, _, _), block in zip(parts, at.normal.blocks, strict=True)
-        )
-        return float(at.cost - by_starts + 2.0 * g @ step.s + step.s @ H @ step.s)
-
     def moved(self, at: ShootingPoint, step: _ShootingStep, last: bool) -> ShootingPoint:
         prior, scale = self.problem.prior, self.scale
         s = np.clip(prior.moved(at.s, step.s), scale.low, scale.high) if prior else at.s + step.s

@@ -74,15 +74,18 @@ class Addition:
 JOINT_KINDS = ("motion",)
 
 
-FEWEST_ALIKE = 3  # ports of a kind at which an effect is first tried together
+# Kinds at which an effect only changes a value that passes: at several of them it costs little more
+# than at one. Behind flexible transmissions the equations of all joints change.
+VALUE_KINDS = ("command", "reading")
+FEWEST_ALIKE = 3  # ports of such a kind at which an effect is first tried together
 
 
 def wholes_of(rig: Rig, additions: Iterable[Addition]) -> list[Addition]:
-    """The same effect at all ports of a kind and unit, where several additions act at one each."""
+    """The same effect at all commands, or all readings, of a unit, where each is an addition."""
     groups: dict[tuple[str, str, str], list[Attachment]] = {}
     for added in additions:
         port = rig.ports[added.ports[0]]
-        if len(added.ports) == 1 and not port.kin:
+        if len(added.ports) == 1 and port.kind in VALUE_KINDS and not port.kin:
             groups.setdefault((added.effect.name, port.kind, port.unit), []).extend(added.members)
     return [Addition(tuple(g)) for g in groups.values() if len(g) >= FEWEST_ALIKE]
 

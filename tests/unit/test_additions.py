@@ -12,11 +12,11 @@ import pytest
 from made_models import comparison, effect, model
 
 import pamid.diagnosis.selection as selection_module
-from pamid.diagnosis.screening import starting_points
+from pamid.diagnosis.screening import ScreenedCandidate, starting_points
 from pamid.diagnosis.selection import compared, with_needed_ports, with_plainer_effects
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Addition, additions_of, attachments
+from pamid.model.attachment import Addition, additions_of, attachments, wholes_of
 from pamid.model.effect import State
 from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
@@ -186,3 +186,28 @@ def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(
     assert seen == ["plain", "as plain"]
     nothing = Round([leaving(1.0, RUBS[0])], [], None, tried)  # type: ignore[arg-type]
     assert with_plainer_effects(search, found, nothing) is nothing
+
+
+class ThreeSensors(Gantry):
+    """Three like readings of the angle."""
+
+    name = "three-sensors"
+    ports: ClassVar[dict[str, Port]] = {
+        **Gantry.ports,
+        **{f"reading_{k}": Port("reading", "rad", ("rate",)) for k in range(3)},
+    }
+
+
+def test_readings_of_a_unit_are_screened_together_first() -> None:
+    rig = ThreeSensors()
+    offered = additions(rig, "offset", "coulomb-friction", "coupling-play")
+    wholes = wholes_of(rig, offered)
+    assert [a.labels for a in wholes] == [tuple(f"offset@reading_{k}" for k in range(3))]
+
+
+@pytest.mark.parametrize(("gain", "by_chance"), [(2.0, True), (30.0, False), (-np.inf, False)])
+def test_members_are_left_out_where_the_whole_gains_by_chance(gain: float, by_chance: bool) -> None:
+    rig = ThreeSensors()
+    whole = wholes_of(rig, additions(rig, "offset"))[0]
+    assembly = Assembly(rig, whole.members)
+    assert ScreenedCandidate(whole, assembly, {}, gain).by_chance == by_chance
