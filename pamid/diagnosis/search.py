@@ -246,9 +246,10 @@ def screened_candidates(
     work = _ScreeningWork(evidence, reference, search.budget.sizes, search.hints)
 
     def screened_by_label(several: list[Addition]) -> dict[str, ScreenedCandidate]:
+        tried = run(work, several, progress)
         return {
             a.label: ScreenedCandidate(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-            for a, s in zip(several, run(work, several, progress), strict=True)
+            for a, s in zip(several, tried, strict=True)
         }
 
     wholes = screened_by_label(wholes_of(evidence.rig, candidates))
