@@ -32,7 +32,9 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from .names import OPTIONS, suggest
+from pamid.base.errors import nearest
+
+from .generated import Catalogued
 from .table import COMMANDS, every_command
 
 SETTINGS_FILE = "pamid.toml"
@@ -169,7 +171,7 @@ def is_risky(option: click.Option, value: Any) -> bool:
     """Would this value run a file, send work to an address, or replace files?"""
     if option.name in _RISKY:
         return bool(value)
-    if option.name not in OPTIONS:
+    if not isinstance(option.type, Catalogued):
         return False
     from pamid.base.trust import is_code
 
@@ -270,4 +272,4 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
 
 
 def _nearest(name: str, names: Sequence[str] | Mapping[str, Any] | set[str]) -> str:
-    return suggest(name, names) or f"There are: {', '.join(sorted(names))}."
+    return nearest(name, names) or f"There are: {', '.join(sorted(names))}."

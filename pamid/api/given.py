@@ -45,7 +45,7 @@ RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that cam
 
 def warn_in_python(text: str) -> None:
     """Raise a UserWarning at the line that called pamid."""
-    warnings.warn(text, stacklevel=4)
+    warnings.warn(text, stacklevel=5)  # below: evidence_of, fit, its form with a record
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def evidence_of(
     held_out: RecordingLike | Sequence[RecordingLike] = (),
     *,
     check: bool = True,
-    warn: Warn = warn_in_python,
+    warn: Warn | None = None,
 ) -> Given:
     """Read the recordings, refuse those that are wrong for the rig (default: the one of the
     catalogue that they name), and divide them for it. Errors as of `read_recording`,
@@ -114,6 +114,7 @@ def evidence_of(
 
     check: refuse recordings with which any fit is nonsense.
     """
+    warn = warn or warn_in_python
     named = resolved_rig(rig)
     model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)

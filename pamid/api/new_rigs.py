@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pamid.api.given import RecordingLike, recording_given
+from pamid.api.given import recording_given
+from pamid.api.options.preparing import NewRigArguments
+from pamid.api.options.record import verb
 from pamid.authoring.column_match import Match, best_match
 from pamid.authoring.rig_source import RigSource, class_name
 from pamid.base.card import card, html_table
@@ -112,26 +112,11 @@ class NewRig:
         return card(repr(self)[1:-1], html_table((("column", "role", "stands for"), rows)))
 
 
-def new_rig(
-    recording: RecordingLike,
-    *,
-    like: str | None = None,
-    columns: Mapping[str, str] | None = None,
-    output: str | os.PathLike[str] = "my_rig.py",
-    overwrite: bool = False,
-) -> NewRig:
+@verb(NewRigArguments)
+def new_rig(arguments: NewRigArguments) -> NewRig:
     """Write a rig file for a recording: the best matching shipped rig, with the given columns.
 
     No file is run.
-
-    Parameters
-    ----------
-    like
-        Name of the rig to start from. Default: the best match.
-    columns
-        Column of that rig -> recorded column, where the names do not show it.
-    output
-        File to write; its name becomes the rig's.
 
     Raises
     ------
@@ -141,21 +126,21 @@ def new_rig(
         No rig fits, a column's name cannot be a name in Python, or the file exists (without
         overwrite).
     """
-    path = Path(output)
+    path = Path(arguments.output)
     if path.suffix != ".py":
         raise FileError(
             f"{path}: a rig file is Python.", f"Write --output {path.with_suffix('.py')}."
         )
-    if path.exists() and not overwrite:
+    if path.exists() and not arguments.overwrite:
         raise FileError(
             f"{path} exists already.",
             "Choose another --output, or --overwrite to replace it.",
             code="exists",
         )
     name = class_name(path.stem)
-    given = recording_given(recording)
+    given = recording_given(arguments.recording)
     held = [name for name, values in given.columns.items() if held_by_jumps(values)]
-    match, others = best_match(given.columns, like, columns, held)
+    match, others = best_match(given.columns, arguments.like, arguments.columns, held)
     source = RigSource(match, given, name, given.path.name)
     text = source.text()
     make_folder(path.parent)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import EffectLike, RecordingLike, effects_given, recording_given
-from pamid.api.modelled import recorded
+from pamid.api.given import effects_given, recording_given
+from pamid.api.options.record import verb
+from pamid.api.options.simulating import PowerArguments
+from pamid.api.simulating import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
-from pamid.base.progress import ShowProgress, progress_steps
-from pamid.model.registry import RigLike, effects_with, resolved_rig, rig_named, rig_of
+from pamid.base.progress import progress_steps
+from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
 from pamid.planning.detectable_effects import EffectPower, Power, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 from pamid.schemas import power_file as said
@@ -152,50 +153,27 @@ class PowerResult:
         return card(self.title, html_table((HEAD, [self._row(e) for e in self.effects])))
 
 
-def power(
-    excitation: RecordingLike,
-    rig: RigLike | None = None,
-    *,
-    effects: EffectLike | Iterable[EffectLike] = (),
-    known: Mapping[str, float] | None = None,
-    noise: float = 1.0,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: ShowProgress = None,
-) -> PowerResult:
+@verb(PowerArguments)
+def power(arguments: PowerArguments) -> PowerResult:
     """Detectability of effects in an experiment: smallest size, sensor, and confusions.
 
     The rig of the data sheet is linearised and compared with noise, parameters and tolerances. A
     real machine has further deviations, which an effect must exceed as well.
-
-    Parameters
-    ----------
-    excitation
-        Excitation to be sent, as for `pamid.simulate`.
-    rig
-        As in `pamid.fit`. Default: the one that the excitation names, else one-dof.
-    effects
-        Effect files or Effects, in addition to the catalogue.
-    known
-        Known parameters by name, in their unit.
-    noise
-        Factor on the sensors' noise.
-    progress
-        As in `pamid.fit`.
 
     Raises
     ------
     PamidError
         Files, data or arguments are wrong.
     """
-    source = recording_given(excitation, "excitation")
-    virtual = resolved_rig(rig) or rig_of([source])
-    simulated = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
-    recording = recorded(source, simulated, SIGNIFICANT_DIGITS, None)
-    split = split_recordings(rig_named(virtual), [recording], [])
+    a = arguments
+    source = recording_given(a.excitation, "excitation")
+    rig = resolved_rig(a.rig) or rig_of([source])
+    simulated = simulate_virtual_rig(rig, source, (), dict(a.known or {}), {}, a.noise, a.seed)
+    recording = recorded(source, simulated, SIGNIFICANT_DIGITS)
+    split = split_recordings(rig_named(rig), [recording], [])
     # nothing is chosen here: all of it counts as fitted
     split = replace(split, fit=(Span(recording, 0, len(recording)),))
-    catalogue, _ = effects_with(effects_given(effects))
-    with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
+    catalogue, _ = effects_with(effects_given(a.effects))
+    with progress_steps(a.progress, "power") as (show, _), worker_pool(a.jobs) as pool:
         detectability = experiment_power(split, catalogue, pool=pool, progress=show)
-    return PowerResult(split.rig.name, str(source.path), noise, seed, detectability)
+    return PowerResult(split.rig.name, str(source.path), a.noise, a.seed, detectability)

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import RecordingLike, recording_given
-from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
+from pamid.api.given import RecordingLike
 from pamid.api.saving import save_run
-from pamid.api.workers import RunHome
+from pamid.api.simulating import simulate
+from pamid.api.workers import OpenedRun, RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
@@ -42,9 +42,6 @@ from pamid.verdict.verdict_words import size_of, weight_of
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
     from pamid.report.writing import Report
-
-#: a rig and effects, as `load_identified` takes them
-RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
 
 MOST_CARD_ROWS = 8  # rows of a card
 CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
@@ -143,8 +140,8 @@ class IdentifiedCause:
         )
 
 
-@dataclass(frozen=True)
-class FitResult:
+@dataclass(frozen=True, kw_only=True)
+class FitResult(OpenedRun):
     """A fitted model and how well it does on what was held out.
 
     folder: of the run; rig: its name; effects: what was fitted with it; converged, why: of the
@@ -153,7 +150,6 @@ class FitResult:
     code: rig and effects as they were given, which `simulate` needs where they are no names.
     """
 
-    folder: Path
     rig: str
     effects: tuple[str, ...]
     recordings: tuple[RecordingUsed, ...]
@@ -163,8 +159,6 @@ class FitResult:
     parameters: ParameterTable
     combinations: ParameterTable
     failed_jobs: tuple[tuple[str, str], ...]
-    code: RunCode
-    _home: RunHome
 
     @cached_property
     def data(self) -> RunData:
@@ -201,19 +195,15 @@ class FitResult:
         effect file, or in Python, and it was opened without it; DataError where the excitation has
         another period, or the model becomes unstable.
         """
-        source = recording_given(excitation, "excitation")
-        simulated = modelled(
-            self.folder,
-            source,
+        return simulate(
+            excitation,
+            model=self,
             which=which,
-            rig=self.code[0],
-            effects=self.code[1],
-            known=known or {},
-            parameters=parameters or {},
+            known=known,
+            parameters=parameters,
             noise=noise,
             seed=seed,
         )
-        return recorded(source, simulated, MODEL_DIGITS)
 
     def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
         """Measured and modelled over the held-out window in which the refitted model errs most;
@@ -272,7 +262,7 @@ class FitResult:
         return ("channel", *(m.replace("_", " ") for m in shown), "unit"), rows
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DiagnosisResult(FitResult):
     """Where a model departs from its recordings, which effect causes it, how far the gap shrinks;
     beside that all that a fit holds, of the refitted model (`refitted`: its parameters) and of the

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pamid.api.given import (
-    EffectLike,
-    RecordingLike,
-    Warn,
     effects_given,
     recording_given,
     recordings_given,
     unknown_columns,
     warn_in_python,
 )
-from pamid.api.results import FitResult
+from pamid.api.options.record import verb
+from pamid.api.options.simulating import ScoreArguments
+from pamid.api.workers import OpenedRun
 from pamid.base.errors import UsageError
-from pamid.base.files import PathLike
 from pamid.correction.run_score import RunScore, score_run
-from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, resolved_rig
+from pamid.model.registry import catalogue_rig, in_catalogue, resolved_rig
 from pamid.report.recording_errors import recording_errors_text
 from pamid.schemas.score_file import RecordingError, ScoreFile
 
@@ -68,44 +65,31 @@ class ScoreResult:
         return f"<ScoreResult of {self.rig}>\n{self.summary()}"
 
 
-def score(
-    run: FitResult | PathLike,
-    recordings: RecordingLike | Sequence[RecordingLike],
-    *,
-    rig: RigLike | None = None,
-    effects: EffectLike | Iterable[EffectLike] = (),
-    warn: Warn = warn_in_python,
-) -> ScoreResult:
+@verb(ScoreArguments)
+def score(arguments: ScoreArguments) -> ScoreResult:
     """Score the models of a run on new recordings: data sheet, refitted, with causes, with network.
 
     Errors are mean absolute and root mean square, per recording and channel; in replay of the
     recorded command, and under the controller where one ran.
-
-    Parameters
-    ----------
-    run
-        Result, or run folder.
-    rig, effects
-        Rig and effects of the run, where these are files (they are run) or Python objects.
 
     Raises
     ------
     PamidError
         A recording was used in the run, or does not fit its rig.
     """
-    given = recordings_given(recordings)
+    given = recordings_given(arguments.recordings)
     if not given:
         raise UsageError("There is no recording to judge by.", "Give at least one.")
-    named, own = resolved_rig(rig), effects_given(effects)
-    if isinstance(run, FitResult):
-        named, own = named or run.code[0], own or run.code[1]
-    folder = run.folder if isinstance(run, FitResult) else Path(run)
+    run = OpenedRun.of(arguments.run)
+    rig = resolved_rig(arguments.rig) or run.code[0]
+    effects = effects_given(arguments.effects) or run.code[1]
     read = [recording_given(item, f"recording-{k + 1}") for k, item in enumerate(given)]
-    scores = score_run(folder, read, rig=named, effects=own)
+    scores = score_run(run.folder, read, rig=rig, effects=effects)
+    warn = arguments.warn or warn_in_python
     for recording in read:
         texts = list(recording.warnings)
         if in_catalogue(scores.rig):
             texts += unknown_columns(catalogue_rig(scores.rig), recording)
         for text in texts:
             warn(f"{recording.path}: {text}")
-    return ScoreResult(folder, scores)
+    return ScoreResult(run.folder, scores)

@@ -7,9 +7,14 @@ import tempfile
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeAlias
 
+from pamid.base.files import PathLike
 from pamid.base.run_folder import JOBS, Run
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store
 
@@ -24,6 +29,26 @@ class RunHome:
             folder = Path(tempfile.mkdtemp(prefix="pamid-"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.folder = folder
+
+
+#: a rig and effects, as `load_identified` takes them
+RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenedRun:
+    """A run folder, with the rig and effects of the run where they are files or Python objects."""
+
+    folder: Path
+    code: RunCode = (None, ())
+    _home: RunHome = field(repr=False)
+
+    @classmethod
+    def of(cls, run: OpenedRun | PathLike) -> OpenedRun:
+        """The run, opened where it is a folder."""
+        if isinstance(run, OpenedRun):
+            return run
+        return OpenedRun(folder=Path(run), _home=RunHome(Path(run)))
 
 
 @contextmanager

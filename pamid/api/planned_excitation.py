@@ -1,40 +1,45 @@
-"""Columns, notes and text of `pamid generate-aprbs`, from its options."""
+"""Columns, notes and text of `pamid generate-aprbs`, from its arguments."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-import click
-from click.core import ParameterSource
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from pamid.excitation.aprbs import Coverage
-    from pamid.model.rig import Rig
+from pamid.api.exciting import within_limits
+from pamid.api.options.exciting import SEEDED, ExcitationArguments
+from pamid.base.errors import FileError, PamidError, UsageError, nearest
+from pamid.base.units import NONE, split_column
+from pamid.excitation.aprbs import Coverage, coverage
+from pamid.excitation.experiments import (
+    at_rest,
+    bounds_of,
+    excitable,
+    external_columns,
+    held_level,
+    nothing_sent,
+    rest_level,
+    usual_centre,
+    usual_half,
+)
+from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
+from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
+from pamid.rigs.muscle_experiments import (
+    PULSES_S,
+    RELEASE_DEG,
+    RELEASE_S,
+    gravity_test,
+    held_pressure,
+    muscle_pulses,
+)
+from pamid.simulators.safe_excitation import SafeExcitation
 
 DUTY = 0.3  # default largest duty of a staircase, whose purpose is small commands
-# on references and commands
-_SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")
-#: options that only some signals and experiments accept; valve pulses and gravity tests accept a
-#: seed, without using it, for old command lines
-_TAKEN_BY: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("loop", "column", "offset", "limits", "speed_limit"), _SIGNALS),
-    **dict.fromkeys(("amplitude", "rate_limit", "figure"), (*_SIGNALS, "torque-loops")),
-    "duration": ("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops", "gravity-test"),
-    "hold": ("aprbs", "prbs", "steps", "staircase"),
-    "levels": ("aprbs", "staircase"),
-    "band": ("multisine", "chirp"),
-    "sweep": ("chirp",),
-    "periods": ("multisine",),
-    "pressure": ("torque-loops",),
-    "seed": ("aprbs", "prbs", "multisine", "steps", "staircase", "valve-pulses", "gravity-test"),
-    **dict.fromkeys(("release", "clamped", "payload"), ("gravity-test",)),
-    **dict.fromkeys(("muscle", "level"), ("valve-pulses",)),
-}
 
 
 @dataclass(frozen=True)
@@ -54,104 +59,71 @@ class PlannedExcitation:
     shown: list[dict[str, Any]] = field(default_factory=list)
 
 
-def refuse_other_options(experiment: str, signal: str) -> None:
-    """Raise UsageError for an option that this experiment or signal does not accept."""
-    from pamid.base.errors import UsageError
-
-    context = click.get_current_context()
-
-    def given(name: str) -> bool:
-        return context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-
-    kind = signal if experiment == "aprbs" else experiment
-    sort = "signal" if given("signal") else "experiment"
-    if experiment != "aprbs" and given("signal"):
-        raise UsageError(
-            f"--signal does not apply to --experiment {experiment}.", "Leave out one of the two."
-        )
-    for name, takers in _TAKEN_BY.items():
-        if kind not in takers and given(name):
-            raise UsageError(
-                f"--{name.replace('_', '-')} does not apply to --{sort} {kind}.",
-                f"It belongs to {' and '.join(takers)}.",
-            )
-
-
-def with_rig_defaults(request: dict[str, Any]) -> dict[str, Any]:
+def with_rig_defaults(request: ExcitationArguments) -> ExcitationArguments:
     """Options with the rig's defaults for period, hold times and length.
 
     The three go together: a slower rig has longer hold times, and needs a longer excitation.
     """
-    from pamid.base.errors import PamidError
-    from pamid.excitation.waveforms import SIGNAL_SETTINGS
-    from pamid.model.registry import rig_named
-    from pamid.model.rig import Rig
-
     try:
-        rig = rig_named(request["rig"])
+        rig = rig_named(request.rig)
     except PamidError:
         # columns named by hand need no rig
-        if request["column"] is None:
+        if request.column is None:
             raise
         rig = Rig()
     slower = rig.hold_s[1] / Rig.hold_s[1]
     usual: dict[str, Any] = {"period": rig.period_s}
-    if request["experiment"] == "aprbs" and slower != 1.0:
-        settings = SIGNAL_SETTINGS[request["signal"]]
+    if request.experiment == "aprbs" and slower != 1.0:
+        settings = SIGNAL_SETTINGS[request.signal]
         if "hold_s" in settings:
             usual["hold"] = (
                 rig.hold_s
-                if request["signal"] == "aprbs"
+                if request.signal == "aprbs"
                 else tuple(slower * hold for hold in settings["hold_s"])
             )
         usual["duration"] = slower * settings.get("duration_s", 0.0) or None
-    return request | {name: value for name, value in usual.items() if request[name] is None}
+    missing = {name: value for name, value in usual.items() if getattr(request, name) is None}
+    return replace(request, **missing)
 
 
-def make(request: dict[str, Any]) -> PlannedExcitation:
-    """Build the excitation that the options describe."""
-    return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[
-        request["experiment"]
-    ](request)
+def planned_excitation(request: ExcitationArguments) -> PlannedExcitation:
+    """Build the excitation that arguments with the defaults of their rig describe."""
+    plan = {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}
+    return plan[request.experiment](request)
 
 
 # ---- signals -----------------------------------------------------------------------------------
 
 
-def _signals(request: dict[str, Any]) -> PlannedExcitation:
-    import numpy as np
-
-    from pamid.base.units import split_column
-    from pamid.excitation.aprbs import coverage
-    from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
-
-    from .model_limits import within
-
-    signal, period, limit = (request[name] for name in ("signal", "period", "rate_limit"))
-    options = {
-        "duration_s": request["duration"],
-        "hold_s": request["hold"],
-        "levels": request["levels"],
-        "band_hz": request["band"],
-        "sweep": request["sweep"],
-        "periods": request["periods"],
+def _signals(request: ExcitationArguments) -> PlannedExcitation:
+    signal, period, limit = request.signal, request.period_s, request.rate_limit
+    options: dict[str, Any] = {
+        "duration_s": request.duration,
+        "hold_s": request.hold,
+        "levels": request.levels,
+        "band_hz": request.band,
+        "sweep": request.sweep,
+        "periods": request.periods,
     }
     plan = plan_for(
         signal,
         period,
         rate_limit=limit,
-        seed=request["seed"],
+        seed=request.seed,
         **{name: value for name, value in options.items() if name in SIGNAL_SETTINGS[signal]},
     )
     sending = _sending(request)
     amplitudes, offsets = sending.amplitudes, sending.offsets
     sent = draw(plan, amplitudes, offsets, sending.ramped, sending.rests)
-    safe = within(request, sent, offsets)
+    columns = {column: item.samples for column, item in sent.items()}
+    safe = _within_limits(request, columns, offsets)
+    if safe is not None:
+        columns = safe.columns
     each, lines, shown = [], [], []
     for column, item in sent.items():
         unit = split_column(column)[1]
-        reach = safe.reach(column, offsets[column], amplitudes[column])
-        excited = safe.samples(column, item)[item.turn]
+        reach = _reach(safe, column, offsets[column], amplitudes[column])
+        excited = columns[column][item.turn]
         covers = coverage(excited, period, span=reach)
         each.append(
             {
@@ -176,8 +148,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         lines += [f"  {sentence}" for sentence in covers.sentences()]
         if column in sending.ramped:
             lines += [f"  {column} is imposed: ramps connect its levels."]
-    lines += [f"  {sentence}" for sentence in (*sending.notes, *safe.sentences)]
-    columns = {column: safe.samples(column, item) for column, item in sent.items()}
+    lines += [f"  {sentence}" for sentence in (*sending.notes, *(safe.sentences() if safe else ()))]
     samples = len(next(iter(columns.values())))
     held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
     meta: dict[str, Any] = {}
@@ -186,15 +157,54 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
     return PlannedExcitation(
         {**held, **columns},
-        _about_signals(request, settings, each, columns, meta) | safe.entry,
+        _about_signals(request, settings, each, columns, meta) | _limits_entry(safe),
         lines,
         meta,
         shown,
     )
 
 
+def _within_limits(
+    request: ExcitationArguments, columns: dict[str, NDArray[Any]], offsets: Mapping[str, float]
+) -> SafeExcitation | None:
+    """Excitation within the limits of the rig, if it is a model that states limits."""
+    safe, speeds = None, request.speed_limit
+    if request.limits:
+        try:
+            safe = within_limits(
+                request.rig, columns, request.period_s, centres=offsets, speed_limits=speeds
+            )
+        except FileError:
+            if request.column is None:
+                raise  # a column named by hand needs no rig
+    if speeds and safe is None:
+        raise UsageError("--speed-limit needs a MuJoCo or URDF model, and excludes --no-limits.")
+    return safe
+
+
+def _reach(
+    safe: SafeExcitation | None, column: str, centre: float, amplitude: float
+) -> tuple[float, float]:
+    """Lowest and highest value of a column after the limits were applied."""
+    for command in safe.commands if safe else ():
+        if command.column == column:
+            centre, amplitude = centre + command.shift, command.factor * amplitude
+    return centre - amplitude, centre + amplitude
+
+
+def _limits_entry(safe: SafeExcitation | None) -> dict[str, Any]:
+    """JSON entry about the limits."""
+    if safe is None:
+        return {}
+    commands = [
+        {"column": c.column, "factor": c.factor, "shift": c.shift, "why": c.why}
+        for c in safe.commands
+    ]
+    return {"limits": {"checked": safe.limits, "commands": commands, "reached": safe.reached}}
+
+
 def _about_signals(
-    request: dict[str, Any],
+    request: ExcitationArguments,
     settings: dict[str, Any],
     each: list[dict[str, Any]],
     columns: dict[str, NDArray[Any]],
@@ -203,14 +213,14 @@ def _about_signals(
     """JSON entries of the signals: of one column at the top level, of several in a list."""
     alone = each[0] if len(each) == 1 else {}
     return {
-        "signal": request["signal"],
-        "loop": "open" if meta else request["loop"],
+        "signal": request.signal,
+        "loop": "open" if meta else request.loop,
         **(
             {key: alone[key] for key in ("column", "unit", "range")} if alone else {"columns": each}
         ),
         **settings,
-        "rate_limit_per_s": request["rate_limit"],
-        **({"seed": request["seed"]} if request["signal"] in _TAKEN_BY["seed"] else {}),
+        "rate_limit_per_s": request.rate_limit,
+        **({"seed": request.seed} if request.signal in SEEDED else {}),
         **({"known": meta["known"]} if "known" in meta else {}),
         **_clock(request, columns),
         **({"coverage": alone["coverage"]} if alone else {}),
@@ -248,14 +258,10 @@ def _coverage_entry(covers: Coverage) -> dict[str, Any]:
 
 
 def _valves_shut(
-    request: dict[str, Any], columns: dict[str, NDArray[Any]]
+    request: ExcitationArguments, columns: dict[str, NDArray[Any]]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Commands at rest, and the TOML of a recording with shut valves at the requested pressure."""
-    from pamid.excitation.experiments import at_rest
-    from pamid.model.registry import rig_named
-    from pamid.rigs.muscle_experiments import held_pressure
-
-    rig, pressure = rig_named(request["rig"]), request["pressure"]
+    rig, pressure = rig_named(request.rig), request.pressure
     samples = len(next(iter(columns.values())))
     return at_rest(rig, samples), _meta(
         request, {} if pressure is None else held_pressure(rig, pressure)
@@ -280,39 +286,30 @@ class _Sending:
     notes: tuple[str, ...] = ()
 
 
-def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | None]:
+def _columns(request: ExcitationArguments) -> tuple[dict[str, float | None], Rig | None]:
     """Columns to excite with their default amplitudes, and the rig if the columns belong to it."""
-    from pamid.base.errors import PamidError
-    from pamid.base.units import NONE, split_column
-    from pamid.excitation.experiments import excitable, external_columns, usual_half
-    from pamid.model.registry import rig_named
-
-    named = request["column"]
+    named = request.column
     try:
-        rig = rig_named(request["rig"])
+        rig = rig_named(request.rig)
     except PamidError:
         if named is None:
             raise
         return {named: None}, None
-    if request["signal"] == "torque-loops":
+    if request.signal == "torque-loops":
         return dict(external_columns(rig)), None
     if named is not None and named not in (*rig.inputs, *(q.reference for q in rig.loops)):
         return {named: None}, None
-    excited = excitable(rig, request["loop"]) if named is None else (named,)
+    excited = excitable(rig, request.loop) if named is None else (named,)
     usual = {name: usual_half(rig, name) for name in excited}
-    if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops:
+    if request.signal == "staircase" and request.loop == "open" and rig.loops:
         duties = [name for name in usual if split_column(name)[1] == NONE]
         usual |= {name: min(usual[name] or DUTY, DUTY) for name in duties}
     return usual, rig
 
 
-def _sending(request: dict[str, Any]) -> _Sending:
+def _sending(request: ExcitationArguments) -> _Sending:
     """Columns to drive and their ranges."""
-    from pamid.base.errors import UsageError, nearest
-    from pamid.excitation.experiments import bounds_of, rest_level, usual_centre
-    from pamid.model.rig import Rig
-
-    given, offset = _given(request["amplitude"]), request["offset"]
+    given, offset = request.amplitude, request.offset
     columns, rig = _columns(request)
     for name in given:
         if name and name not in columns:
@@ -346,14 +343,12 @@ def _sending(request: dict[str, Any]) -> _Sending:
             )
         amplitudes[name], centres[name] = amplitude, centre
     rests = {name: rest_level(limits, name, centres[name], amplitudes[name]) for name in amplitudes}
-    held, remarks = _held(limits, amplitudes) if request["signal"] != "torque-loops" else ({}, [])
+    held, remarks = _held(limits, amplitudes) if request.signal != "torque-loops" else ({}, [])
     return _Sending(amplitudes, centres, rests, held, limits.ramped, (*notes, *remarks))
 
 
 def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[str]]:
     """Required inputs of the rig that are not excited, with their constant value, and notes."""
-    from pamid.excitation.experiments import held_level
-
     held, notes = dict[str, float](), list[str]()
     for name in rig.inputs:
         if name in {*rig.optional, *(q.command for q in rig.loops), *excited}:
@@ -370,69 +365,44 @@ def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[st
     return held, notes
 
 
-def _given(texts: tuple[str, ...]) -> dict[str, float]:
-    """("20", "reference_2_deg=30") as a table; "" stands for every column."""
-    from pamid.base.errors import UsageError
-
-    values = {}
-    for text in texts:
-        name, _, number = text.rpartition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            raise UsageError(
-                f"--amplitude {text!r} is not a number.", "Write 20, or reference_2_deg=30."
-            ) from None
-    return values
-
-
 # ---- tests of the muscles and of the links -----------------------------------------------------
 
 
-def _pulses(request: dict[str, Any]) -> PlannedExcitation:
-    from pamid.base.errors import UsageError
-    from pamid.model.registry import rig_named
-    from pamid.rigs.muscle_experiments import PULSES_S, muscle_pulses
+def _pulses(request: ExcitationArguments) -> PlannedExcitation:
 
-    rig = rig_named(request["rig"])
-    if not 0.0 < request["period"] <= PULSES_S[0]:
+    rig = rig_named(request.rig)
+    if not 0.0 < request.period_s <= PULSES_S[0]:
         raise UsageError(
-            f"The period is {request['period']:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
+            f"The period is {request.period_s:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
         )
-    columns = muscle_pulses(rig, request["muscle"], request["level"], request["period"])
-    pulsed = list(request["muscle"] or rig.actuators)
+    columns = muscle_pulses(rig, request.muscle, request.level, request.period_s)
+    pulsed = list(request.muscle or rig.actuators)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
     lines = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
-        f"{request['level']:g}.",
+        f"{request.level:g}.",
         f"  A fit would hold out the last 30 %, the pulses of muscle {pulsed[-1]}. Record another "
         "order for --held-out.",
     ]
     return PlannedExcitation(
         columns,
-        _about(request, columns, {"muscles": pulsed, "level": request["level"]}),
+        _about(request, columns, {"muscles": pulsed, "level": request.level}),
         lines,
         _meta(request, {}),
     )
 
 
-def _gravity(request: dict[str, Any]) -> PlannedExcitation:
-    from pamid.base.errors import UsageError
-    from pamid.excitation.experiments import nothing_sent
-    from pamid.model.registry import rig_named
-    from pamid.rigs.muscle_experiments import RELEASE_DEG, RELEASE_S, gravity_test
+def _gravity(request: ExcitationArguments) -> PlannedExcitation:
 
-    rig = rig_named(request["rig"])
-    known = gravity_test(
-        rig, request["release"] or RELEASE_DEG, request["clamped"], request["payload"]
-    )
-    seconds = RELEASE_S if request["duration"] is None else request["duration"]
-    if not 0.0 < request["period"] < seconds < math.inf:
+    rig = rig_named(request.rig)
+    known = gravity_test(rig, request.release or RELEASE_DEG, request.clamped, request.payload)
+    seconds = RELEASE_S if request.duration is None else request.duration
+    if not 0.0 < request.period_s < seconds < math.inf:
         raise UsageError(
-            f"A period of {request['period']:g} s in {seconds:g} s gives no recording.",
+            f"A period of {request.period_s:g} s in {seconds:g} s gives no recording.",
             "Give a period above 0 and a longer duration.",
         )
-    columns = nothing_sent(rig, round(seconds / request["period"]))
+    columns = nothing_sent(rig, round(seconds / request.period_s))
     lines = [
         "  Nothing is sent: "
         + ", ".join(f"{name} = {value:g}" for name, value in known.items())
@@ -447,16 +417,15 @@ def _gravity(request: dict[str, Any]) -> PlannedExcitation:
 
 
 def _about(
-    request: dict[str, Any], columns: dict[str, NDArray[Any]], details: dict[str, Any]
+    request: ExcitationArguments, columns: dict[str, NDArray[Any]], details: dict[str, Any]
 ) -> dict[str, Any]:
-    from pamid.base.units import split_column
 
     ranges = [
         {"column": name, "unit": split_column(name)[1], "range": [float(v.min()), float(v.max())]}
         for name, v in columns.items()
     ]
     return {
-        "experiment": request["experiment"],
+        "experiment": request.experiment,
         "loop": "open",
         "columns": ranges,
         **details,
@@ -464,16 +433,16 @@ def _about(
     }
 
 
-def _meta(request: dict[str, Any], known: dict[str, float]) -> dict[str, Any]:
+def _meta(request: ExcitationArguments, known: dict[str, float]) -> dict[str, Any]:
     return {
         "recording": {
-            "rig": request["rig"],
+            "rig": request.rig,
             "loop": "open",
-            "sampling_period_s": request["period"],
+            "sampling_period_s": request.period_s,
         },
         **({"known": known} if known else {}),
     }
 
 
-def _clock(request: dict[str, Any], columns: dict[str, NDArray[Any]]) -> dict[str, Any]:
-    return {"sampling_period_s": request["period"], "samples": len(next(iter(columns.values())))}
+def _clock(request: ExcitationArguments, columns: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    return {"sampling_period_s": request.period_s, "samples": len(next(iter(columns.values())))}
