@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.api.exciting import within_limits
+from pamid.api.exciting import pulse_excitation, release_excitation, within_limits
 from pamid.api.options.exciting import SEEDED, ExcitationArguments
 from pamid.base.errors import FileError, PamidError, UsageError, nearest
 from pamid.base.units import NONE, split_column
@@ -21,7 +20,6 @@ from pamid.excitation.experiments import (
     excitable,
     external_columns,
     held_level,
-    nothing_sent,
     rest_level,
     usual_centre,
     usual_half,
@@ -29,13 +27,12 @@ from pamid.excitation.experiments import (
 from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
 from pamid.rigs.muscle_experiments import (
     PULSES_S,
     RELEASE_DEG,
     RELEASE_S,
-    gravity_test,
     held_pressure,
-    muscle_pulses,
 )
 from pamid.simulators.safe_excitation import SafeExcitation
 
@@ -369,14 +366,10 @@ def _held(rig: Rig, excited: Collection[str]) -> tuple[dict[str, float], list[st
 
 
 def _pulses(request: ExcitationArguments) -> PlannedExcitation:
-
-    rig = rig_named(request.rig)
-    if not 0.0 < request.period_s <= PULSES_S[0]:
-        raise UsageError(
-            f"The period is {request.period_s:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
-        )
-    columns = muscle_pulses(rig, request.muscle, request.level, request.period_s)
-    pulsed = list(request.muscle or rig.actuators)
+    sent = pulse_excitation(
+        request.rig, muscles=request.muscle, level=request.level, period_s=request.period
+    )
+    pulsed = list(request.muscle or rig_named(request.rig).actuators)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
     lines = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
@@ -384,64 +377,50 @@ def _pulses(request: ExcitationArguments) -> PlannedExcitation:
         f"  A fit would hold out the last 30 %, the pulses of muscle {pulsed[-1]}. Record another "
         "order for --held-out.",
     ]
-    return PlannedExcitation(
-        columns,
-        _about(request, columns, {"muscles": pulsed, "level": request.level}),
-        lines,
-        _meta(request, {}),
-    )
+    return _experiment(request, sent, {"muscles": pulsed, "level": request.level}, lines)
 
 
 def _gravity(request: ExcitationArguments) -> PlannedExcitation:
-
-    rig = rig_named(request.rig)
-    known = gravity_test(rig, request.release or RELEASE_DEG, request.clamped, request.payload)
-    seconds = RELEASE_S if request.duration is None else request.duration
-    if not 0.0 < request.period_s < seconds < math.inf:
-        raise UsageError(
-            f"A period of {request.period_s:g} s in {seconds:g} s gives no recording.",
-            "Give a period above 0 and a longer duration.",
-        )
-    columns = nothing_sent(rig, round(seconds / request.period_s))
+    sent = release_excitation(
+        request.rig,
+        request.release or RELEASE_DEG,
+        payload_kg=request.payload,
+        clamped=request.clamped,
+        duration_s=RELEASE_S if request.duration is None else request.duration,
+        period_s=request.period,
+    )
     lines = [
         "  Nothing is sent: "
-        + ", ".join(f"{name} = {value:g}" for name, value in known.items())
+        + ", ".join(f"{name} = {value:g}" for name, value in sent.known.items())
         + ".",
         "  Cannot show: valves, and the properties of the muscles that depend on pressure.",
         "  A fit would hold out the last 30 %, the end of the swing. Record another release for "
         "--held-out.",
     ]
-    return PlannedExcitation(
-        columns, _about(request, columns, {"known": known}), lines, _meta(request, known)
-    )
+    return _experiment(request, sent, {"known": sent.known}, lines)
 
 
-def _about(
-    request: ExcitationArguments, columns: dict[str, NDArray[Any]], details: dict[str, Any]
-) -> dict[str, Any]:
-
+def _experiment(
+    request: ExcitationArguments, sent: Recording, details: dict[str, Any], lines: list[str]
+) -> PlannedExcitation:
+    """Excitation of an experiment, with its JSON entries."""
     ranges = [
         {"column": name, "unit": split_column(name)[1], "range": [float(v.min()), float(v.max())]}
-        for name, v in columns.items()
+        for name, v in sent.columns.items()
     ]
-    return {
+    about = {
         "experiment": request.experiment,
         "loop": "open",
         "columns": ranges,
         **details,
-        **_clock(request, columns),
+        **_clock(request, sent.columns),
     }
+    return PlannedExcitation(sent.columns, about, lines, _meta(request, sent.known))
 
 
 def _meta(request: ExcitationArguments, known: dict[str, float]) -> dict[str, Any]:
-    return {
-        "recording": {
-            "rig": request.rig,
-            "loop": "open",
-            "sampling_period_s": request.period_s,
-        },
-        **({"known": known} if known else {}),
-    }
+    about = {"rig": request.rig, "loop": "open", "sampling_period_s": request.period_s}
+    return {"recording": about, **({"known": known} if known else {})}
 
 
 def _clock(request: ExcitationArguments, columns: dict[str, NDArray[Any]]) -> dict[str, Any]:

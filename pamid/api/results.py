@@ -25,7 +25,7 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.captions import reason_text
 from pamid.report.channel_errors import ChannelErrors, errors_of
-from pamid.report.load import RunData, load_run, read_diagnosis
+from pamid.report.load import load_run, read_diagnosis
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,
@@ -44,6 +44,13 @@ if TYPE_CHECKING:
     from pamid.report.writing import Report
 
 MOST_CARD_ROWS = 8  # rows of a card
+# attributes that a result has from its files as they are
+_OF_FIT = ("rig", "effects", "recordings", "channels", "converged", "why")
+_OF_CAUSE = ("effect", "family", "port", "share", "probability", "removes")
+_OF_DIAGNOSIS = (
+    *("verdict", "sentence", "remark", "remainder", "ranking", "tied"),
+    *("unknown", "next_experiment"),
+)
 CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
 
 
@@ -161,11 +168,6 @@ class FitResult(OpenedRun):
     failed_jobs: tuple[tuple[str, str], ...]
 
     @cached_property
-    def data(self) -> RunData:
-        """All that the files of the run hold."""
-        return load_run(self.folder)
-
-    @cached_property
     def errors(self) -> dict[str, ChannelErrors]:
         """Mean absolute errors on what was held out, by channel, in the channel's unit."""
         return {row.channel: row for row in errors_of(self.data)}
@@ -205,18 +207,9 @@ class FitResult(OpenedRun):
             seed=seed,
         )
 
-    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
-        """Measured and modelled over the held-out window in which the refitted model errs most;
-        channel [default: the one that tells most]."""
-        from pamid.api.plots import worst_window_figure
-
-        return worst_window_figure(self.data, channel)
-
     def plot_errors(self) -> NotebookFigure:
         """Held-out mean absolute errors of every model, channel by channel."""
-        from pamid.api.plots import errors_figure
-
-        return errors_figure(self.data)
+        return self._figure("held-out errors")
 
     def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
         """Write the run folder, as the command writes it; FileError where something else lies
@@ -298,15 +291,13 @@ class DiagnosisResult(FitResult):
     def plot_rig(self) -> NotebookFigure:
         """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an
         earlier version, which does not hold its rig's ports."""
-        from pamid.api.plots import rig_map_figure
-
-        return rig_map_figure(self.data)
+        return self._figure("ports of its rig")
 
     def rig_png(self) -> bytes:
         """The same as a PNG file."""
-        from pamid.api.plots import rig_map_png
+        from pamid.api.plots import png
 
-        return rig_map_png(self.data)
+        return png(self.data, "ports of its rig")
 
     def overview_png(self) -> bytes:
         """The rig's diagram with the added-variable plots below it, as a PNG file."""
@@ -324,15 +315,11 @@ class DiagnosisResult(FitResult):
 
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
-        from pamid.api.plots import ports_figure
-
-        return ports_figure(self.data)
+        return self._figure("shares of ports")
 
     def plot_ranking(self) -> NotebookFigure:
         """The share of the held-out error that every candidate removes."""
-        from pamid.api.plots import ranking_figure
-
-        return ranking_figure(self.data)
+        return self._figure("candidates that were refitted")
 
     def __repr__(self) -> str:
         causes = "".join(f"\n  {c!r}" for c in self.causes)
@@ -414,14 +401,9 @@ def result_of(
             code="damaged",
         )
     failed = diagnosis.failed_jobs if diagnosis is not None else fit.failed_jobs
-    common: dict[str, Any] = {
+    common: dict[str, Any] = {name: getattr(fit, name) for name in _OF_FIT}
+    common |= {
         "folder": folder,
-        "rig": fit.rig,
-        "effects": tuple(fit.effects),
-        "recordings": tuple(fit.recordings),
-        "channels": tuple(fit.channels),
-        "converged": fit.converged,
-        "why": fit.why,
         "combinations": _parameters(fit.combinations),
         "failed_jobs": tuple((one.job, one.why) for one in failed or ()),
         "code": (rig, effects),
@@ -435,29 +417,17 @@ def result_of(
     return DiagnosisResult(
         parameters=_parameters(diagnosis.parameters),
         refitted=parameters,
-        **common,
-        verdict=diagnosis.verdict,
-        sentence=diagnosis.sentence,
-        remark=diagnosis.remark,
         ports=tuple(sorted(shares, key=lambda item: -item[1])),
         causes=tuple(
             IdentifiedCause(
-                cause.effect,
-                cause.family,
-                cause.port,
-                _parameters(cause.parameters),
-                cause.share,
-                cause.probability,
-                cause.removes,
+                parameters=_parameters(cause.parameters),
+                **{name: getattr(cause, name) for name in _OF_CAUSE},
             )
             for cause in diagnosis.causes
         ),
-        remainder=diagnosis.remainder,
-        ranking=tuple(diagnosis.ranking),
         regimes=tuple(where.regimes) if where is not None else (),
-        tied=diagnosis.tied,
-        unknown=diagnosis.unknown,
-        next_experiment=diagnosis.next_experiment,
+        **{name: getattr(diagnosis, name) for name in _OF_DIAGNOSIS},
+        **common,
     )
 
 

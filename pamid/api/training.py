@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.options.record import verb
@@ -38,7 +37,6 @@ from pamid.correction.residual_data import (
 from pamid.model.registry import resolved_rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
-from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -73,11 +71,6 @@ class NetworkResult(OpenedRun):
     stuck: bool
     errors: dict[str, dict[str, float]]
 
-    @cached_property
-    def data(self) -> RunData:
-        """All that the files of the run hold."""
-        return load_run(self.folder)
-
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command: network.json."""
         content: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
@@ -85,16 +78,7 @@ class NetworkResult(OpenedRun):
 
     def plot_training(self) -> NotebookFigure:
         """Error, effective number of parameters and damping over the iterations."""
-        from pamid.api.plots import training_figure
-
-        return training_figure(self.data)
-
-    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
-        """Measured, refitted and corrected over the held-out window in which the refitted model
-        errs most."""
-        from pamid.api.plots import worst_window_figure
-
-        return worst_window_figure(self.data, channel)
+        return self._figure("course of a training")
 
     def __repr__(self) -> str:
         return f"<NetworkResult {self._headline()}>\n{text_table(self._rows())}"

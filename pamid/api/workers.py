@@ -8,8 +8,9 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from pamid.base.files import PathLike
 from pamid.base.run_folder import JOBS, Run
@@ -17,6 +18,10 @@ from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store
+from pamid.report.load import RunData, load_run
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
 
 
 class RunHome:
@@ -49,6 +54,24 @@ class OpenedRun:
         if isinstance(run, OpenedRun):
             return run
         return OpenedRun(folder=Path(run), _home=RunHome(Path(run)))
+
+    @cached_property
+    def data(self) -> RunData:
+        """All that the files of the run hold."""
+        return load_run(self.folder)
+
+    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
+        """Measured and modelled over the held-out window in which the refitted model errs most;
+        channel [default: the one that tells most]."""
+        from pamid.api.plots import worst_window_figure
+
+        return worst_window_figure(self.data, channel)
+
+    def _figure(self, content: str) -> NotebookFigure:
+        # with matplotlib, which no run needs
+        from pamid.api.plots import figure
+
+        return figure(self.data, content)
 
 
 @contextmanager

@@ -110,6 +110,8 @@ def about_fields(record: Any) -> Iterator[tuple[Field[Any], About]]:
 class Verb(Protocol[Parameters, RecordTaken, Returned]):
     """Function whose arguments are the fields of a record."""
 
+    record: Any
+
     def __call__(self, *args: Parameters.args, **kwargs: Parameters.kwargs) -> Returned: ...
 
     def of(self, record: RecordTaken) -> Returned:
@@ -130,7 +132,7 @@ def verb(
             return function(record(*args, **kwargs))
 
         of_record: Any = called
-        of_record.of = function
+        of_record.record, of_record.of = record, function
         of_record.__signature__ = inspect.signature(record).replace(
             return_annotation=function.__annotations__["return"]
         )
