@@ -15,6 +15,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 Arguments = TypeVar("Arguments", bound="DataclassInstance")
 PACKAGES = "pamid.packages"  # of a context: the values of --package
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-_JSON_TEXT = "Print exactly one JSON object."
-_DEBUG_TEXT = "Show the traceback of an error."
 _HELP = """Find where a grey-box model departs from its rig, which effect causes it, and how far the
 gap shrinks.
 
@@ -79,7 +78,7 @@ def command(
             parameters.append(_package_option())
         wrapped = _Command(
             name,
-            params=[*parameters, _flag("--json", _JSON_TEXT), _flag("--debug", _DEBUG_TEXT)],
+            params=[*parameters, *_standard_flags()],
             callback=lambda **values: function(record_from(record, values)),
             help=inspect.getdoc(record),
         )
@@ -118,8 +117,14 @@ def was_given(name: str) -> bool:
     return source is ParameterSource.COMMANDLINE
 
 
-def _flag(word: str, text: str) -> click.Option:
-    return click.Option([word], is_flag=True, expose_value=False, help=text)
+def _standard_flags() -> list[click.Parameter]:
+    return [
+        click.Option([word], is_flag=True, expose_value=False, help=text)
+        for word, text in (
+            ("--json", "Print exactly one JSON object."),
+            ("--debug", "Show the traceback of an error."),
+        )
+    ]
 
 
 def _package_option() -> click.Option:
@@ -150,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     _keep_streams_apart()
     words = sys.argv[1:] if arguments is None else arguments
-    watch_signals(_last_words("--json" in _flags(words)))
+    watch_signals(partial(_print_last_words, "--json" in _flags(words)))
     code = run(words)
     # Python flushes both at exit, and would fail there without a message of ours
     for stream in (sys.stdout, sys.stderr):
@@ -162,17 +167,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(code)
 
 
-def _last_words(as_json: bool) -> Callable[[], None]:
-    """Function that prints, unbuffered, that the command was interrupted."""
-
-    def print_them() -> None:
-        described, _ = _explain(KeyboardInterrupt())
-        if as_json:
-            os.write(1, f"{_json(described)}\n".encode())
-        else:
-            os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
-
-    return print_them
+def _print_last_words(as_json: bool) -> None:
+    """Print, unbuffered, that the command was interrupted."""
+    described, _ = _explain(KeyboardInterrupt())
+    if as_json:
+        os.write(1, f"{_json(described)}\n".encode())
+    else:
+        os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
 
 
 def _keep_streams_apart() -> None:
@@ -324,31 +325,16 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-def _version_option() -> click.Option:
-    def show(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-        if wanted:
-            from importlib.metadata import version
-
-            click.echo(f"pamid {version('pamid')}")
-            ctx.exit()
-
-    return click.Option(
-        ["--version"],
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=show,
-        help="Print the version.",
-    )
-
-
 _GROUP = _LazyGroup(
     help=_HELP,
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
-    params=[_version_option(), _flag("--json", _JSON_TEXT), _flag("--debug", _DEBUG_TEXT)],
 )
+click.version_option(
+    package_name="pamid", message="%(prog)s %(version)s", help="Print the version."
+)(_GROUP)
+_GROUP.params += _standard_flags()
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:

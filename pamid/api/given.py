@@ -137,8 +137,9 @@ def evidence_of(
     for recording in evidence.recordings:
         if check:
             doubts |= dict.fromkeys(require_sound(recording, model))
-        for text in _between_remarks(model, recording) if check else ():
-            warn(text)
+            # inputs of which nobody says what they do between samples, and which are not held
+            for hold in misstated_holds(recording, model, unstated_inputs(model)):
+                warn(f"{recording.path}: {hold.text(recording)}.")
         if lacks := evidence.lacking(recording):
             warn(
                 f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
@@ -155,7 +156,10 @@ def evidence_of(
     evidence = replace(evidence, doubts=tuple(doubts))
     contents = {name: content for _, files in resolved for name, content in files.items()}
     in_files = [recording.path for recording, files in resolved if not files]
-    inputs = tuple(file for path in in_files for file in _with_toml(path))
+    tomls = [path.with_suffix(".toml") for path in in_files]
+    inputs = tuple(
+        file for pair in zip(in_files, tomls, strict=True) for file in pair if file.exists()
+    )
     return Given(evidence, named, inputs, contents)
 
 
@@ -201,13 +205,6 @@ def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
     return [f"{fault.text}. {CURE}" for fault in plain.known_objections(recording.known)]
 
 
-def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
-    """A sentence per input of which nobody says what it does between samples, and which fits
-    clearly better otherwise than held."""
-    wrong = misstated_holds(recording, rig, unstated_inputs(rig))
-    return [f"{recording.path}: {one.text(recording)}." for one in wrong]
-
-
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:
     """The recording, and the files that hold it where no file of the user's does: a table, a
     simulation, a part of a recording. Then it is what these files hold, to the last bit."""
@@ -248,9 +245,3 @@ def _is_its_file(recording: Recording) -> bool:
         and reread.columns.keys() == recording.columns.keys()
         and all(np.array_equal(x, recording.columns[name]) for name, x in reread.columns.items())
     )
-
-
-def _with_toml(path: Path) -> list[Path]:
-    """A recording and the TOML beside it, if there is one."""
-    toml = path.with_suffix(".toml")
-    return [path, toml] if toml.exists() else [path]

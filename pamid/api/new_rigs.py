@@ -17,6 +17,7 @@ from pamid.base.files import make_folder, write_atomically
 from pamid.base.units import NONE, split_column
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import effects, rigs
+from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps
 from pamid.schemas import new_rig_file as said
 
@@ -145,17 +146,8 @@ def new_rig(arguments: NewRigArguments) -> NewRig:
     text = source.text()
     make_folder(path.parent)
     write_atomically(path, text.encode())
-    return NewRig(
-        path, _rig_name(name), match.rig.name, text, source.unobserved, match, tuple(others)
-    )
-
-
-def _rig_name(name: str) -> str:
-    """Name that `Rig` gives a class of this name."""
-    from pamid.model.rig import Rig
-
-    kind: type[Rig] = type(name, (Rig,), {})
-    return kind.name
+    kind: type[Rig] = type(name, (Rig,), {})  # its name is that of the class in the file
+    return NewRig(path, kind.name, match.rig.name, text, source.unobserved, match, tuple(others))
 
 
 def _unit(column: str) -> str:

@@ -432,10 +432,9 @@ def result_of(
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
-    return ParameterTable(tuple(_estimate(name, one) for name, one in estimates.items()))
-
-
-def _estimate(name: str, one: Estimate) -> ParameterEstimate:
-    stated = {field: getattr(one, field) for field in Estimate.model_fields}
-    stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
-    return ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""})
+    table = []
+    for name, one in estimates.items():
+        stated = {field: getattr(one, field) for field in Estimate.model_fields}
+        stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
+        table.append(ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""}))
+    return ParameterTable(tuple(table))
