@@ -115,7 +115,7 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
     columns = {column: item.samples for column, item in sent.items()}
     safe = _within_limits(request, columns, offsets)
     if safe is not None:
-        columns = safe.columns
+        columns = {column: safe.columns[column] for column in sent}
     each, lines, shown = [], [], []
     for column, item in sent.items():
         unit = split_column(column)[1]
