@@ -39,7 +39,7 @@ def command(arguments: Arguments) -> frame.Result:
     content = result.to_dict()
     return frame.Result(
         content,
-        f"{result.summary()}\nNext: pamid report {quoted(result.folder)}",
+        f"{result.summary()}\nNext: pamid report {quoted(result.run)}",
         exit_code_of(arguments.conditions, _largest_errors(content)),
     )
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.given import RecordingLike
-from pamid.api.saving import save_run
 from pamid.api.simulating import simulate
 from pamid.api.workers import OpenedRun, RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
@@ -210,11 +209,6 @@ class FitResult(OpenedRun):
     def plot_errors(self) -> NotebookFigure:
         """Held-out mean absolute errors of every model, channel by channel."""
         return self._figure("held-out errors")
-
-    def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
-        """Write the run folder, as the command writes it; FileError where something else lies
-        there. `pamid.open_run` opens it again."""
-        return save_run(self.folder, Path(folder), overwrite=overwrite)
 
     def report(self, output: PathLike, *, pdf: PathLike | None = None) -> Report:
         """Write the page of this run to `output`, on request as a PDF as well."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pamid.api.given import (
@@ -17,14 +15,13 @@ from pamid.api.options.record import verb
 from pamid.api.options.simulating import ScoreArguments
 from pamid.api.workers import OpenedRun
 from pamid.base.errors import UsageError
-from pamid.correction.run_score import RunScore, score_run
+from pamid.correction.run_score import score_run
 from pamid.model.registry import catalogue_rig, in_catalogue, resolved_rig
 from pamid.report.recording_errors import recording_errors_text
-from pamid.schemas.score_file import RecordingError, ScoreFile
+from pamid.schemas.score_file import ScoreFile
 
 
-@dataclass(frozen=True)
-class ScoreResult:
+class ScoreResult(ScoreFile):
     """Errors of a run's models on recordings that were not used before.
 
     rig: its name; models: "data_sheet", "refitted", "with_cause", "with_network", those that the
@@ -32,34 +29,13 @@ class ScoreResult:
     and `rms` by model in the channel's unit, and what the recording states as `known`.
     """
 
-    folder: Path
-    _found: RunScore
-
-    @property
-    def rig(self) -> str:
-        return self._found.rig
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        return self._found.models
-
-    @property
-    def recordings(self) -> tuple[RecordingError, ...]:
-        return self._found.rows
-
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        return ScoreFile(
-            run=str(self.folder),
-            rig=self.rig,
-            models=self.models,
-            recordings=self.recordings,
-            notes=self._found.notes,
-        ).as_json()
+        return self.as_json()
 
     def summary(self) -> str:
         """The table, as lines of text."""
-        return "\n".join([recording_errors_text(self.recordings), *self._found.notes])
+        return "\n".join([recording_errors_text(self.recordings), *self.notes])
 
     def __repr__(self) -> str:
         return f"<ScoreResult of {self.rig}>\n{self.summary()}"
@@ -92,4 +68,10 @@ def score(arguments: ScoreArguments) -> ScoreResult:
             texts += unknown_columns(catalogue_rig(scores.rig), recording)
         for text in texts:
             warn(f"{recording.path}: {text}")
-    return ScoreResult(run.folder, scores)
+    return ScoreResult(
+        run=str(run.folder),
+        rig=scores.rig,
+        models=scores.models,
+        recordings=scores.rows,
+        notes=scores.notes,
+    )

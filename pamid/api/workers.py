@@ -1,4 +1,4 @@
-"""Who does the jobs of a run, in which folder it lies, and how it is closed."""
+"""Run folders that results refer to, and the jobs of a run."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, TypeAlias
 
-from pamid.base.files import PathLike
+from pamid.base.errors import FileError
+from pamid.base.files import TABLE, PathLike, is_inside, read_data, write_atomically
+from pamid.base.json_file import write_json
 from pamid.base.run_folder import JOBS, Run
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -67,11 +69,47 @@ class OpenedRun:
 
         return worst_window_figure(self.data, channel)
 
+    def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
+        """Copy the run folder: its record (run.json) and every file that the record lists, byte by
+        byte. `pamid.open_run` opens it again.
+
+        FileError where something else is in `folder`, or a file would lead out of the run.
+        """
+        source, target = self.folder, Path(folder)
+        if target.resolve() == source.resolve():
+            return target
+        record = Run.open(source).record
+        listed = record.get("files")
+        names = [n for n in listed if isinstance(n, str)] if isinstance(listed, list) else []
+        content = {name: _content(source, name) for name in names if (source / name).exists()}
+        copy = Run.create(
+            target,
+            command=record.get("command") or "pamid",
+            seed=record.get("seed"),
+            options=record["options"],
+            overwrite=overwrite,
+        )
+        for name, path in zip(content, copy.claim(*content), strict=True):
+            write_atomically(path, content[name])
+        write_json(target / "run.json", {**record, "files": list(content)})
+        return target
+
     def _figure(self, content: str) -> NotebookFigure:
         # with matplotlib, which no run needs
         from pamid.api.plots import figure
 
         return figure(self.data, content)
+
+
+def _content(folder: Path, name: str) -> bytes:
+    path = folder / name
+    if PurePath(name).is_absolute() or not is_inside(folder, PurePath(name)) or path.is_symlink():
+        raise FileError(
+            f"{folder / 'run.json'} lists {name!r}, which is not a file of that folder.",
+            "Take it out of the list, or copy the folder by hand.",
+            code="run-folder",
+        )
+    return read_data(path, TABLE)
 
 
 @contextmanager
