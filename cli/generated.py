@@ -109,9 +109,10 @@ def _parameter(item: Field[Any], about: About, hint: Any) -> click.Parameter:
     default: Any = item.default if about.command_default is None else about.command_default
     if several:
         settings["multiple"] = True
-    elif default not in (None, "", ()) and not required:
+    elif default not in (None, ()) and not required:
         is_path = isinstance(settings["type"], click.Path)
-        settings |= {"default": Path(default) if is_path else default, "show_default": True}
+        settings["default"] = Path(default) if is_path else default
+        settings["show_default"] = default != ""
     return click.Option([*(about.words or (word,)), item.name], **settings)
 
 

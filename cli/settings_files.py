@@ -214,7 +214,7 @@ def implied_words(context: click.Context) -> list[str]:
         if option.is_flag:
             words += [f"--{name}"] if value else []
             continue
-        for item in value if option.multiple else [value]:
+        for item in (value or ()) if option.multiple else [value]:
             parts = item if isinstance(item, tuple | list) else (item,)
             words += [f"--{name}", *map(str, parts)]
     return words
