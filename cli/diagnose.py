@@ -249,16 +249,14 @@ def _scoring(diagnosis: dict[str, Any]) -> list[str]:
 
 def _how_far(diagnosis: dict[str, Any]) -> list[str]:
     """Held-out errors of every channel; those over single windows where the horizon is longer."""
-    return [
-        ("How far   " if i == 0 else "          ")
-        + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
-        + _over_windows(h)
-        + (f", {h['mae_with_cause']:.4g} with the cause" if diagnosis["causes"] else "")
-        + f" (noise floor {h['noise_floor']:.4g})"
-        for i, (c, h) in enumerate(diagnosis["how_far"].items())
-    ]
-
-
-def _over_windows(reach: dict[str, Any]) -> str:
-    short = reach.get("mae_refitted_short")
-    return "" if short is None else f" ({short:.4g} over single windows)"
+    lines: list[str] = []
+    for c, h in diagnosis["how_far"].items():
+        short = h.get("mae_refitted_short")
+        over_windows = "" if short is None else f" ({short:.4g} over single windows)"
+        cause = f", {h['mae_with_cause']:.4g} with the cause" if diagnosis["causes"] else ""
+        lines.append(
+            ("          " if lines else "How far   ")
+            + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
+            f"{over_windows}{cause} (noise floor {h['noise_floor']:.4g})"
+        )
+    return lines

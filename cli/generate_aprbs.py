@@ -69,7 +69,14 @@ def _write(
     from pamid.excitation.writers import FORMATS, write_excitation
 
     period, samples = arguments.period_s, planned.about["samples"]
-    follow = _simulated(output, planned, arguments.rig) if form == "csv" else FORMATS[form].heed
+    follow = FORMATS[form].heed
+    if form == "csv" and (why := why_not_driven(arguments.rig, output, planned.columns)):
+        follow = f"send it to your rig. To simulate it, give a suitable rig with --rig: {why}."
+    elif form == "csv":
+        follow = (
+            f"pamid simulate {rig_words(arguments.rig)} --excitation {quoted(output)} "
+            f"--output {quoted(unused('rec.csv', [output]))}"
+        )
     pictures = {}
     if figure is not None:
         from pamid.report.excitation_figure import ExcitedColumn, richness_picture
@@ -98,13 +105,3 @@ def _write(
         *(left if sidecar.exists() and not planned.meta else []),
     ]
     return frame.Result(about, "\n".join([*lines, f"Next: {follow}"]))
-
-
-def _simulated(output: Path, planned: PlannedExcitation, rig: str) -> str:
-    why = why_not_driven(rig, output, planned.columns)
-    if why:
-        return f"send it to your rig. To simulate it, give a suitable rig with --rig: {why}."
-    return (
-        f"pamid simulate {rig_words(rig)} --excitation {quoted(output)} "
-        f"--output {quoted(unused('rec.csv', [output]))}"
-    )

@@ -34,6 +34,7 @@ import click
 from click.core import ParameterSource
 
 from pamid.base.errors import nearest
+from pamid.base.trust import is_code, is_own, why_shared, within_home
 
 from .generated import Catalogued
 from .table import COMMANDS, every_command
@@ -76,22 +77,14 @@ def _candidate_files(folder: Path | None) -> Iterator[tuple[Path, str]]:
         return
     for place in (start, *start.parents):
         path = place / SETTINGS_FILE
-        if path.is_file():
-            yield path, _why_ignored(path, place == start)
-
-
-def _why_ignored(path: Path, nearest: bool) -> str:
-    from pamid.base.trust import why_shared, within_home
-
-    if not nearest and not within_home(path):
-        return "it lies above the working folder and outside your home"
-    return why_shared(path)
+        if path.is_file() and place != start and not within_home(path):
+            yield path, "it lies above the working folder and outside your home"
+        elif path.is_file():
+            yield path, why_shared(path)
 
 
 def why_harmless_only(path: Path) -> str:
     """Reason to ignore code, addresses and permission to replace files in this file, or ""."""
-    from pamid.base.trust import is_own, within_home
-
     if not within_home(path):
         return "the file lies outside your home"
     return "" if is_own(path) else "the file is not yours"
@@ -187,8 +180,6 @@ def is_risky(option: click.Option, value: Any) -> bool:
         return bool(value)
     if not isinstance(option.type, Catalogued):
         return False
-    from pamid.base.trust import is_code
-
     return any(is_code(str(item)) for item in (value if isinstance(value, list) else [value]))
 
 

@@ -150,7 +150,9 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
     held: dict[str, Any] = {name: np.full(samples, at) for name, at in sending.held.items()}
     meta: dict[str, Any] = {}
     if signal == "torque-loops":
-        held, meta = _valves_shut(request, columns)
+        rig, pressure = rig_named(request.rig), request.pressure
+        held = at_rest(rig, samples)
+        meta = _meta(request, {} if pressure is None else held_pressure(rig, pressure))
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
     return PlannedExcitation(
         {**held, **columns},
@@ -252,17 +254,6 @@ def _coverage_entry(covers: Coverage) -> dict[str, Any]:
         },
         "sentences": covers.sentences(),
     }
-
-
-def _valves_shut(
-    request: ExcitationArguments, columns: dict[str, NDArray[Any]]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Commands at rest, and the TOML of a recording with shut valves at the requested pressure."""
-    rig, pressure = rig_named(request.rig), request.pressure
-    samples = len(next(iter(columns.values())))
-    return at_rest(rig, samples), _meta(
-        request, {} if pressure is None else held_pressure(rig, pressure)
-    )
 
 
 @dataclass(frozen=True)
