@@ -41,8 +41,8 @@ RIG_TEXT = (
 
 
 @dataclass(frozen=True)
-class RunArguments:
-    """Arguments that a fit and a diagnosis share."""
+class RecordingArguments:
+    """Recordings to fit and to score on, and their rig."""
 
     recordings: RecordingLike | Sequence[RecordingLike] = argument(
         "Recordings to fit: objects, paths, or tables with the column time_s."
@@ -54,18 +54,24 @@ class RunArguments:
         "Recording to score on, not used for the fit. [default: the last 30 % of every recording; "
         "30 % in several parts if the recording rests for part of its length]",
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunArguments:
+    """Arguments of the run of a fit or a diagnosis."""
+
     seed: int = seed_option("Same inputs and seed, same output.")
     jobs: int = jobs_option()
-    cluster: str | None = cluster_option()
     output: FolderPath | Run | None = run_output_option("run")
-    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
-    resume: bool = option(False, "Continue the same run where it was interrupted.")
     check: bool = option(
         True,
         "Fit the recordings even if `pamid check` finds faults for this rig.",
         negated=True,
         in_python="Refuse recordings with which a fit of this rig is meaningless.",
     )
+    cluster: str | None = cluster_option()
+    resume: bool = option(False, "Continue the same run where it was interrupted.")
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
     progress: ShowProgress = in_python_only(
         None,
         "None: a line that updates itself; False: silent; or a function of a line of text.",
@@ -77,17 +83,8 @@ class RunArguments:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitArguments(RunArguments):
-    """Fit the parameters of a rig to recordings and score the model on held-out data.
-
-    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word:
-    settled (the recordings determine it), weak (the prior contributes) or silent (the recordings
-    do not depend on it). Parameters that only a combination determines are listed with that
-    combination.
-
-    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
-    to the next one with --from.
-    """
+class FittedModel(RecordingArguments):
+    """Model of a fit, and its intervals."""
 
     effects: EffectLike | Iterable[EffectLike] = option(
         (),
@@ -106,6 +103,21 @@ class FitArguments(RunArguments):
         least=0,
         most=1000,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitArguments(RunArguments, FittedModel):
+    """Fit the parameters of a rig to recordings and score the model on held-out data.
+
+    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word:
+    settled (the recordings determine it), weak (the prior contributes) or silent (the recordings
+    do not depend on it). Parameters that only a combination determines are listed with that
+    combination.
+
+    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
+    to the next one with --from.
+    """
+
     jobs: int = jobs_option("Processes for the bootstrap.", 1)
     output: FolderPath | Run | None = run_output_option("fit-run")
     resume: bool = option(
@@ -116,15 +128,8 @@ class FitArguments(RunArguments):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DiagnosisArguments(RunArguments):
-    """Find where a model departs from its recordings, which effect of the catalogue causes it, and
-    how far the gap shrinks when that effect is added. The last figure comes from recordings that
-    were used neither to fit the parameters nor to choose the effect.
-
-    If the command is interrupted or killed, every finished job stays in the run folder (jobs/,
-    removed at the end). The same command with --resume repeats none of them. If single jobs fail,
-    the other results are written, and the exit code is 6.
-    """
+class SearchedEffects(RecordingArguments):
+    """Effects of a diagnosis, and its thresholds."""
 
     effects: EffectLike | Iterable[EffectLike] = option(
         (), "File with a further effect to consider (it is run).", "--effect"
@@ -143,5 +148,18 @@ class DiagnosisArguments(RunArguments):
         metavar="NAME=VALUE",
         parse=parse_pairs("For example refits=12."),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisArguments(RunArguments, SearchedEffects):
+    """Find where a model departs from its recordings, which effect of the catalogue causes it, and
+    how far the gap shrinks when that effect is added. The last figure comes from recordings that
+    were used neither to fit the parameters nor to choose the effect.
+
+    If the command is interrupted or killed, every finished job stays in the run folder (jobs/,
+    removed at the end). The same command with --resume repeats none of them. If single jobs fail,
+    the other results are written, and the exit code is 6.
+    """
+
     output: FolderPath | Run | None = run_output_option("diagnose-run")
     resume: bool = option(False, "Continue the same diagnosis where it was interrupted.")
