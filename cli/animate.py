@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-import click
+from pamid.api.options.record import (
+    AnyPath,
+    FilePath,
+    RigName,
+    argument,
+    option,
+    overwrite_option,
+)
+from pamid.base.files import make_folder, require_new, write_atomically
 
 from . import frame
 from .terminal import progress_line
@@ -15,72 +24,52 @@ pamid animate fitted --output arm.gif
 """
 
 
-@frame.command("animate", example=EXAMPLE)
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="GIF to write. [default: RUN/figures/motion.gif]",
-)
-@click.option(
-    "--rig", help="Path of the rig's file (it is run), where the rig is not in the catalogue."
-)
-@click.option(
-    "--from",
-    "begin",
-    type=float,
-    metavar="S",
-    help="Time of the recording to begin with. [default: at most "
-    "12 s of the held-out part, where the refitted model errs most]",
-)
-@click.option("--to", "end", type=float, metavar="S", help="Time of the recording to end with.")
-@click.option(
-    "--speed",
-    type=click.FloatRange(0.01, 100.0),
-    default=1.0,
-    show_default=True,
-    help="Seconds of the recording per second of the animation.",
-)
-@click.option(
-    "--size",
-    type=click.IntRange(160, 1600),
-    default=480,
-    show_default=True,
-    help="Width in pixels.",
-)
-@frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
-def command(
-    run: Path,
-    output: Path | None,
-    rig: str | None,
-    begin: float | None,
-    end: float | None,
-    speed: float,
-    size: int,
-    overwrite: bool,
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Draw the measured and the simulated motion of the run folder RUN as an animated GIF.
 
     The measured motion is dark and thick, the best model lies over it, and the model before it is
     dashed. A plot below shows the errors. The rig needs a pose.
     """
-    from pamid.base.files import make_folder, require_new, write_atomically
+
+    run: AnyPath = argument()
+    output: FilePath | None = option(None, "GIF to write. [default: RUN/figures/motion.gif]")
+    rig: RigName | None = option(
+        None, "Path of the rig's file (it is run), where the rig is not in the catalogue."
+    )
+    begin: float | None = option(
+        None,
+        "Time of the recording to begin with. [default: at most 12 s of the held-out part, where "
+        "the refitted model errs most]",
+        "--from",
+        metavar="S",
+    )
+    end: float | None = option(None, "Time of the recording to end with.", "--to", metavar="S")
+    speed: float = option(
+        1.0, "Seconds of the recording per second of the animation.", least=0.01, most=100.0
+    )
+    size: int = option(480, "Width in pixels.", least=160, most=1600)
+    overwrite: bool = overwrite_option("Replace the output if it exists.", formerly="--force")
+
+
+@frame.command("animate", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.base.run_folder import FIGURES_FOLDER, Run
     from pamid.report.animation import ANIMATION_HZ, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
     from pamid.schemas.command_files import WrittenAnimation
 
-    require_new([output] if output else [], overwrite)
-    data = load_run(run)
-    motion = motion_of(data, rig_of_run(data, rig), speed / ANIMATION_HZ, begin, end)
+    a, folder = arguments, Path(arguments.run)
+    target = Path(a.output) if a.output else None
+    require_new([target] if target else [], a.overwrite)
+    data = load_run(folder)
+    motion = motion_of(data, rig_of_run(data, a.rig), a.speed / ANIMATION_HZ, a.begin, a.end)
     with progress_line("animate", motion.time.size) as progress:
-        gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
-    if output is None:
-        target = Run.open(run).path(f"{FIGURES_FOLDER}/motion.gif")
-    else:
-        target = output
-        make_folder(target.parent)
+        gif = gif_of(motion, a.size, lambda done, of: progress.update(done, "frames"))
+    if target is None:
+        target = Run.open(folder).path(f"{FIGURES_FOLDER}/motion.gif")
+    make_folder(target.parent)
     write_atomically(target, gif)
     width, height = size_px(gif)
     result = WrittenAnimation(
@@ -89,7 +78,7 @@ def command(
         recording=motion.recording,
         from_s=motion.time[0],
         to_s=motion.time[-1],
-        speed=speed,
+        speed=a.speed,
         frames=motion.time.size,
         frames_per_second=ANIMATION_HZ,
         width_px=width,

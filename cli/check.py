@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
+from pamid.api.options.preparing import CheckArguments
+from pamid.api.options.record import FilePath, figure_option, option, overwrite_option
+from pamid.base.errors import UsageError, quoted
 
 from . import frame
-from .options import figure_option, require_png, rig_words, write_figure
-from .terminal import quoted, staged_progress
+from .figures import require_png, write_figure
+from .hints import rig_words
+from .terminal import staged_progress
 
 if TYPE_CHECKING:
     from pamid.base.work_stages import WorkStage
@@ -22,49 +26,28 @@ pamid check rec.csv --rig one-dof --figure card.png
 WRONG = 3
 
 
-@frame.command("check", example=EXAMPLE)
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option(
-    "--rig", help="Rig of the recording, by name or file. [default: the one that its TOML names]"
-)
-@figure_option(
-    "every channel of a recording, with the places of each finding; a rig as a block diagram of "
-    "its ports"
-)
-@click.option("--all", "everything", is_flag=True, help="Print every finding and port of a rig.")
-@frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
-def command(
-    file: Path, rig: str | None, figure: Path | None, everything: bool, overwrite: bool
-) -> frame.Result:
-    """List the contents and all faults of FILE: a recording, a rig file, an effect file or a MuJoCo
-    or URDF model.
+@dataclass(frozen=True, kw_only=True)
+class Arguments(CheckArguments):
+    __doc__ = CheckArguments.__doc__
 
-    A recording (.csv): sampling, and range, rest, noise and resolution of every column. Faults are
-    clipped, frozen, lost, bridged, spiked, coarse or hardly excited signals. With a rig, further
-    faults are exchanged columns, opposite signs, wrong units, delays and inputs beyond their range.
-    The check also determines whether each input is held or linear between samples.
+    figure: FilePath | None = figure_option(
+        "every channel of a recording, with the places of each finding; a rig as a block diagram "
+        "of its ports"
+    )
+    everything: bool = option(False, "Print every finding and port of a rig.", "--all")
+    overwrite: bool = overwrite_option("Replace the figure if it exists.", formerly="--force")
 
-    A rig (.py): whether its equations build, every port is used, all values stay finite over the
-    bounds, and sensitivities are exact. Every port is listed with its quantity, its sign and the
-    effects that can act there, also those that a further signal would allow.
 
-    A model (.xml, .urdf): the same, after a list of the elements that are left out, with their
-    lines.
-
-    An effect (.py): whether its data sheet is complete, its null is exact, and it behaves at every
-    port where it fits.
-
-    Long lists are shortened on the screen, and complete with --all and --json. The exit code is 3
-    if there is a fault, and 0 if there are only notes.
-    """
+@frame.command("check", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.api.checking import check
-    from pamid.base.errors import UsageError
 
-    require_png(figure, overwrite)
+    file, figure = Path(str(arguments.subject)), arguments.figure
+    require_png(figure, arguments.overwrite)
     with staged_progress("check", stages=_stages(file)) as progress:
         progress.say("reading")
-        result = check(file, rig)
-    content, text = result.to_dict(), result.summary(everything=everything)
+        result = check.of(arguments)
+    content, text = result.to_dict(), result.summary(everything=arguments.everything)
     if figure is not None and result.kind not in ("recording", "rig"):
         raise UsageError(
             "--figure draws recordings and rigs only.", f"Leave it out: {file} is neither."
@@ -72,11 +55,11 @@ def command(
     if figure is not None and result.drawable:
         text = f"{text}\n{write_figure(figure, result.plot_png())}"
         content = {**content, "figure": str(figure)}
-    follow = _follow(file, rig, result.kind, content)
+    follow = _follow(file, str(arguments.rig or ""), result.kind, content)
     return frame.Result(content, f"{text}\nNext: {follow}", 0 if result.ok else WRONG)
 
 
-def _follow(file: Path, rig: str | None, kind: str, content: dict[str, Any]) -> str:
+def _follow(file: Path, rig: str, kind: str, content: dict[str, Any]) -> str:
     """Next command, for the last line of the output."""
     path, named = quoted(file), f" {rig_words(rig)}" if rig else ""
     if not content["ok"]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import click
+from dataclasses import dataclass
+
+from pamid.api.options.record import argument
 
 from . import frame
 
@@ -17,9 +19,8 @@ _STARTUP = {
 }
 
 
-@frame.command("completion", example=EXAMPLE)
-@click.argument("shell", type=click.Choice(list(_STARTUP)))
-def command(shell: str) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Print the completion script of a shell. To have it always:
 
     \b
@@ -27,16 +28,22 @@ def command(shell: str) -> frame.Result:
         zsh     eval "$(pamid completion zsh)"         in ~/.zshrc
         fish    pamid completion fish | source         in ~/.config/fish/config.fish
     """
+
+    shell: str = argument(choices=tuple(_STARTUP))
+
+
+@frame.command("completion", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from click.shell_completion import get_completion_class
 
-    completion = get_completion_class(shell)
+    completion = get_completion_class(arguments.shell)
     assert completion is not None
     script = completion(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
-    line, place = _STARTUP[shell]
+    line, place = _STARTUP[arguments.shell]
     return frame.Result(
         {
             "schema": "pamid.completion/1",
-            "shell": shell,
+            "shell": arguments.shell,
             "script": script,
             "line": line,
             "place": place,

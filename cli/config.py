@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
+from pamid.api.options.record import argument
 
 from . import frame, settings_files
 from .table import COMMANDS
@@ -19,9 +21,8 @@ pamid config diagnose
 """
 
 
-@frame.command("config", example=EXAMPLE)
-@click.argument("commands", nargs=-1, metavar="[COMMAND]...")
-def command(commands: tuple[str, ...]) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Show the options of all commands, or of these, with their values and sources.
 
     The command line takes precedence. The environment (PAMID_DIAGNOSE_JOBS=4) comes next, then the
@@ -38,9 +39,15 @@ def command(commands: tuple[str, ...]) -> frame.Result:
         [diagnose]
         without = ["clock-skew"]
     """
+
+    commands: Sequence[str] = argument(default=(), metavar="[COMMAND]...")
+
+
+@frame.command("config", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.schemas.command_files import AllSettings
 
-    path = settings_files.settings_file()
+    path, commands = settings_files.settings_file(), arguments.commands
     if path is not None:
         # checks the whole file, also the tables of other commands
         settings_files.read_settings(path)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
+from pamid.api.options.record import (
+    FolderPath,
+    RigName,
+    jobs_option,
+    option,
+    overwrite_option,
+    seed_option,
+)
+from pamid.base.errors import quoted
 
 from . import frame
 from .hints import unused
 from .job import parameter_values
-from .options import jobs_option, run_output_option, seed_option
-from .terminal import aside, progress_line, quoted
+from .terminal import aside, progress_line
 
 HELP_ORDER = 190
 EXAMPLE = """
@@ -24,36 +32,37 @@ _BEGUN = (
 _BEGUN_OTHER = "Recording a virtual machine with a hidden fault, then fit, diagnosis and report."
 
 
-@frame.command("demo", example=EXAMPLE)
-@run_output_option("demo-run")
-@click.option(
-    "--rig",
-    default="one-dof",
-    show_default=True,
-    help="Rig of the virtual machine, by name or by the path of a rig file (it is run).",
-)
-@seed_option("Seed of the hidden fault, the excitation and the noise.", 1)
-@jobs_option("Threads to use.")
-@click.option(
-    "--duration",
-    type=click.FloatRange(15.0, 3600.0),
-    default=60.0,
-    show_default=True,
-    help="Length of the recording of the one-dof in s. The hold times of another rig "
-    "determine its length.",
-)
-@frame.overwrite_option("Replace an earlier run in that folder.")
-def command(
-    output: Path, rig: str, seed: int, jobs: int, duration: float, overwrite: bool
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Build a virtual joint with a hidden effect and wrong parameters, record and diagnose it,
     train a network on the residual, write the report, and compare the diagnosis with the truth.
 
     With --rig the machine is built from that rig, as in `pamid trial`, and no network is trained.
     The hidden effect is drawn from all effects that fit its ports, and may be too small to show.
     """
+
+    output: FolderPath = option("demo-run", "Run folder to create.")
+    rig: RigName = option(
+        "one-dof",
+        "Rig of the virtual machine, by name or by the path of a rig file (it is run).",
+    )
+    seed: int = seed_option("Seed of the hidden fault, the excitation and the noise.", 1)
+    jobs: int = jobs_option("Threads to use.")
+    duration: float = option(
+        60.0,
+        "Length of the recording of the one-dof in s. The hold times of another rig determine its "
+        "length.",
+        least=15.0,
+        most=3600.0,
+    )
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+
+
+@frame.command("demo", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
+    a, output = arguments, Path(arguments.output)
     # before the imports, which take seconds
-    aside(_BEGUN if rig == "one-dof" else _BEGUN_OTHER)
+    aside(_BEGUN if a.rig == "one-dof" else _BEGUN_OTHER)
     from pamid.base.run_folder import Run
     from pamid.model.registry import code_files
     from pamid.replications.demonstration import run_demo
@@ -61,18 +70,21 @@ def command(
     run = Run.create(
         output,
         command=frame.command_line(),
-        seed=seed,
-        inputs=code_files(rig, ()),
-        overwrite=overwrite,
-        options={"jobs": jobs, **({"duration_s": duration} if rig == "one-dof" else {"rig": rig})},
+        seed=a.seed,
+        inputs=code_files(a.rig, ()),
+        overwrite=a.overwrite,
+        options={
+            "jobs": a.jobs,
+            **({"duration_s": a.duration} if a.rig == "one-dof" else {"rig": a.rig}),
+        },
     )
     with progress_line("demo") as progress:
         result = run_demo(
             run,
-            seed=seed,
-            jobs=jobs,
-            duration_s=duration,
-            rig=rig,
+            seed=a.seed,
+            jobs=a.jobs,
+            duration_s=a.duration,
+            rig=a.rig,
             progress=progress.say,
         )
     return frame.Result(result, demo_text(result, output))

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
+from pamid.api.options.estimating import DiagnosisArguments
+from pamid.api.options.record import FilePath, figure_option, overwrite_option
+from pamid.base.errors import quoted
 
 from . import frame
 from .fail_if import Condition, exit_code_of, fail_if_option
-from .job import cluster_option, failed_text, finished_result, parameter_values
-from .options import (
-    figure_option,
-    jobs_option,
-    no_check_option,
-    parse_known,
-    recording_options,
-    require_png,
-    run_output_option,
-    seed_option,
-    write_figure,
-)
-from .terminal import progress_line, quoted, warning
+from .figures import require_png, write_figure
+from .job import failed_text, finished_result, parameter_values
+from .terminal import progress_line
 
 HELP_ORDER = 80
 _SETTLED = 0.95
@@ -31,103 +25,37 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """
 
 
-@frame.command("diagnose", example=EXAMPLE)
-@recording_options
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="File with a further effect to consider (it is run).",
-)
-@click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
-@click.option(
-    "--horizon",
-    metavar="SECONDS|whole",
-    help="Time to predict from one estimated state, rounded to whole windows; whole: over whole "
-    "recordings. [default: as long as the noise of that state allows]",
-)
-@click.option(
-    "--setting",
-    "settings",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Threshold or bound of the cost to change, for example refits=12.",
-)
-@seed_option("Same inputs and seed, same output.")
-@jobs_option()
-@run_output_option("diagnose-run")
-@no_check_option
-@cluster_option
-@click.option(
-    "--resume", is_flag=True, help="Continue the same diagnosis where it was interrupted."
-)
-@figure_option(
-    "the rig as a block diagram, with the shares of the gap and the identified effects; below it "
-    "the residual over the contribution of the leading candidates"
-)
-@fail_if_option(
-    "'remainder > 0.3' (share of the gap that no cause explains, 0 without a structural gap), "
-    "'probability > 0.9' (of the leading cause), or the held-out error of a channel with the "
-    "causes, as 'angle_deg > 0.1'"
-)
-@frame.overwrite_option("Replace an earlier run in that folder, and the figure.")
-def command(
-    recordings: tuple[Path, ...],
-    rig: str | None,
-    held_out: tuple[Path, ...],
-    effects: tuple[Path, ...],
-    without: tuple[str, ...],
-    horizon: str | None,
-    settings: tuple[str, ...],
-    seed: int,
-    jobs: int,
-    output: Path,
-    no_check: bool,
-    cluster: str | None,
-    resume: bool,
-    figure: Path | None,
-    conditions: tuple[Condition, ...],
-    overwrite: bool,
-) -> frame.Result:
-    """Find where a model departs from its recordings, which effect of the catalogue causes it, and
-    how far the gap shrinks when that effect is added. The last figure comes from recordings that
-    were used neither to fit the parameters nor to choose the effect.
+@dataclass(frozen=True, kw_only=True)
+class Arguments(DiagnosisArguments):
+    __doc__ = DiagnosisArguments.__doc__
 
-    If the command is interrupted or killed, every finished job stays in the run folder (jobs/,
-    removed at the end). The same command with --resume repeats none of them. If single jobs fail,
-    the other results are written, and the exit code is 6.
-    """
+    figure: FilePath | None = figure_option(
+        "the rig as a block diagram, with the shares of the gap and the identified effects; below "
+        "it the residual over the contribution of the leading candidates"
+    )
+    conditions: Sequence[Condition] = fail_if_option(
+        "'remainder > 0.3' (share of the gap that no cause explains, 0 without a structural gap), "
+        "'probability > 0.9' (of the leading cause), or the held-out error of a channel with the "
+        "causes, as 'angle_deg > 0.1'"
+    )
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder, and the figure.")
+
+
+@frame.command("diagnose", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.api.diagnosing import diagnose
 
-    require_png(figure, overwrite or resume)
+    figure = arguments.figure
+    require_png(figure, arguments.overwrite or arguments.resume)
     with progress_line("diagnose") as progress:
-        run = diagnose(
-            list(recordings),
-            rig,
-            held_out=list(held_out),
-            effects=[str(file) for file in effects],
-            without=without,
-            horizon=horizon,
-            settings=parse_known(settings, "For example refits=12."),
-            seed=seed,
-            jobs=jobs,
-            cluster=cluster,
-            output=output,
-            overwrite=overwrite,
-            resume=resume,
-            check=not no_check,
-            progress=progress,
-            warn=warning,
-            command=frame.command_line(),
-        )
+        run = diagnose.of(frame.reporting(arguments, progress))
     content, text = finished_result(
-        output / "diagnosis.json", lambda content: diagnosis_text(content, output)
+        run.folder / "diagnosis.json", lambda content: diagnosis_text(content, run.folder)
     )
     if figure is not None:
         text, line, follow = text.rpartition("\nNext: ")  # what to do next stays the last line
         text += f"\n{write_figure(figure, run.overview_png())}{line}{follow}"
-    code = exit_code_of(conditions, _figures(content), 6 if run.failed_jobs else 0)
+    code = exit_code_of(arguments.conditions, _figures(content), 6 if run.failed_jobs else 0)
     return frame.Result(content, text, code)
 
 
@@ -321,16 +249,14 @@ def _scoring(diagnosis: dict[str, Any]) -> list[str]:
 
 def _how_far(diagnosis: dict[str, Any]) -> list[str]:
     """Held-out errors of every channel; those over single windows where the horizon is longer."""
-    return [
-        ("How far   " if i == 0 else "          ")
-        + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
-        + _over_windows(h)
-        + (f", {h['mae_with_cause']:.4g} with the cause" if diagnosis["causes"] else "")
-        + f" (noise floor {h['noise_floor']:.4g})"
-        for i, (c, h) in enumerate(diagnosis["how_far"].items())
-    ]
-
-
-def _over_windows(reach: dict[str, Any]) -> str:
-    short = reach.get("mae_refitted_short")
-    return "" if short is None else f" ({short:.4g} over single windows)"
+    lines: list[str] = []
+    for c, h in diagnosis["how_far"].items():
+        short = h.get("mae_refitted_short")
+        over_windows = "" if short is None else f" ({short:.4g} over single windows)"
+        cause = f", {h['mae_with_cause']:.4g} with the cause" if diagnosis["causes"] else ""
+        lines.append(
+            ("          " if lines else "How far   ")
+            + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
+            f"{over_windows}{cause} (noise floor {h['noise_floor']:.4g})"
+        )
+    return lines

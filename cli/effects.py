@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import click
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from . import frame, names
+from pamid.api.options.record import EffectName, RigName, argument, option
+from pamid.base.errors import FileError, UsageError, nearest
+
+from . import frame
 
 HELP_ORDER = 140
 EXAMPLE = """
@@ -14,56 +18,55 @@ pamid effects coulomb-friction --rig one-dof
 """
 
 
-@frame.command("effects", example=EXAMPLE)
-@click.argument("name", required=False, type=names.EFFECT_NAMES)
-@click.option(
-    "--rig",
-    "rigs",
-    multiple=True,
-    help="Rig (name or file) to look for fitting ports. [default: all rigs]",
-)
-@click.option(
-    "--free-forms",
-    "free",
-    is_flag=True,
-    help="Also list the nonparametric curves of the families, which describe effects outside the "
-    "catalogue.",
-)
-@click.option(
-    "--symptom",
-    metavar="NAME",
-    help="List the effects whose error has this shape, such as stops-short, reversals or lags "
-    "(an unknown name lists all).",
-)
-def command(
-    name: str | None, rigs: tuple[str, ...], free: bool, symptom: str | None
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
     file. The name of a family, such as friction, lists its effects.
 
     An explanation has a description, the appearance in a recording, similar effects, the equation,
     references, parameters with ranges and sources, and the ports where the effect fits.
     """
-    from pamid.base.errors import FileError, UsageError, nearest
+
+    name: EffectName | None = argument(default=None)
+    rigs: Sequence[RigName] = option(
+        (), "Rig (name or file) to look for fitting ports. [default: all rigs]", "--rig"
+    )
+    free: bool = option(
+        False,
+        "Also list the nonparametric curves of the families, which describe effects outside the "
+        "catalogue.",
+        "--free-forms",
+    )
+    symptom: str | None = option(
+        None,
+        "List the effects whose error has this shape, such as stops-short, reversals or lags "
+        "(an unknown name lists all).",
+        metavar="NAME",
+    )
+
+
+@frame.command("effects", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.base.symptoms import SYMPTOMS
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
     from pamid.schemas.catalogue_files import EffectCatalogue
 
+    name, symptom = arguments.name, arguments.symptom
     if symptom not in (None, *SYMPTOMS):
         raise UsageError(f"There is no symptom {symptom!r}.", f"Symptoms: {', '.join(SYMPTOMS)}.")
-    looked_at = [library.rig_named(rig) for rig in rigs] or [
+    looked_at = [library.rig_named(rig) for rig in arguments.rigs] or [
         library.rig_named(rig) for rig in library.rigs()
     ]
-    known = library.all_effects() if free else library.effects()
+    known = library.all_effects() if arguments.free else library.effects()
     family = {
         n for n, kind in known.items() if name in catalogue.effect_row(kind).families.values()
     }
     if name is None or (family and name not in known):
         fit = (
             {a.effect.name for rig in looked_at for a in attachments(rig, known.values())}
-            if rigs
+            if arguments.rigs
             else set(known)
         )
         fit = fit & family if name else fit

@@ -2,95 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
+from pamid.api.options.names import export_forms
+from pamid.api.options.record import (
+    AnyPath,
+    EffectName,
+    RigName,
+    argument,
+    known_option,
+    option,
+    overwrite_option,
+    required_option,
+)
 
-from . import frame, names
-from .options import parse_known
-from .terminal import aside, staged_progress
+from . import frame
+from .terminal import staged_progress, warning
 
 if TYPE_CHECKING:
     from pamid.export.plain_check import PlainCheck
     from pamid.schemas.command_files import PlainMujoco
 
 HELP_ORDER = 120
-FORMS = names.export_forms()
+FORMS = export_forms()
 EXAMPLE = """
 pamid export run --to fmu --output joint.fmu
 """
 
 
-@frame.command("export", example=EXAMPLE)
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--to",
-    "form",
-    type=click.Choice([name for form, (also, _) in FORMS.items() for name in (form, *also)]),
-    required=True,
-    help="; ".join(
-        f"{', also '.join((form, *also))}: {line}" for form, (also, line) in FORMS.items()
-    )
-    + ".",
-)
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path),
-    help="File to write, for c a folder. [default: pamid_<rig>.<ending>]",
-)
-@click.option(
-    "--which",
-    default="best",
-    show_default=True,
-    help="Model to export. cause: that with the causes of a diagnosis; network: the model that "
-    "the network was trained on, together with the network; refitted; best: causes and network if "
-    "they go together, else the first of these that the run has.",
-)
-@click.option(
-    "--known",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Parameter with another known value in that application.",
-)
-@click.option("--rig", help="Rig file of the run (it is run), or its model.")
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    help="Effect file of the run (it is run).",
-)
-@click.option(
-    "--choose",
-    default="",
-    metavar="EFFECT",
-    help="Cause to write if the run could not separate several. [default: the most probable]",
-)
-@click.option(
-    "--anyway",
-    is_flag=True,
-    help="Write a model file (mjcf, urdf) even if it is worse in MuJoCo than the original.",
-)
-@click.option(
-    "--randomise",
-    type=click.Path(path_type=Path),
-    help="Also write nominal values, standard deviations and covariance of the parameters, as "
-    "YAML, for domain randomisation.",
-)
-@frame.overwrite_option("Replace what exists.", formerly_force=True)
-def command(
-    run: Path,
-    form: str,
-    output: Path | None,
-    which: str,
-    known: tuple[str, ...],
-    rig: str | None,
-    effects: tuple[str, ...],
-    choose: str,
-    anyway: bool,
-    randomise: Path | None,
-    overwrite: bool,
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Write the model identified in RUN (rig, effects and network, if any) for use in another tool.
 
     Every form except mjcf and urdf reproduces `pamid simulate --model RUN --noise none` sample by
@@ -98,23 +42,74 @@ def command(
     over a sample. mjcf and urdf are the model file of the rig with the identified values. That file
     is run in MuJoCo, and its errors on held-out data are printed next to those of the old file.
     """
+
+    run: AnyPath = argument()
+    form: str = required_option(
+        "; ".join(
+            f"{', also '.join((form, *also))}: {line}" for form, (also, line) in FORMS.items()
+        )
+        + ".",
+        "--to",
+        choices=tuple(name for form, (also, _) in FORMS.items() for name in (form, *also)),
+    )
+    _: KW_ONLY
+    output: AnyPath | None = option(
+        None, "File to write, for c a folder. [default: pamid_<rig>.<ending>]"
+    )
+    which: str = option(
+        "best",
+        "Model to export. cause: that with the causes of a diagnosis; network: the model that the "
+        "network was trained on, together with the network; refitted; best: causes and network if "
+        "they go together, else the first of these that the run has.",
+    )
+    known: Mapping[str, float] | None = known_option(
+        "Parameter with another known value in that application."
+    )
+    rig: RigName | None = option(None, "Rig file of the run (it is run), or its model.")
+    effects: Sequence[EffectName] = option((), "Effect file of the run (it is run).", "--effect")
+    choose: str = option(
+        "",
+        "Cause to write if the run could not separate several. [default: the most probable]",
+        metavar="EFFECT",
+    )
+    anyway: bool = option(
+        False, "Write a model file (mjcf, urdf) even if it is worse in MuJoCo than the original."
+    )
+    randomise: AnyPath | None = option(
+        None,
+        "Also write nominal values, standard deviations and covariance of the parameters, as YAML, "
+        "for domain randomisation.",
+    )
+    overwrite: bool = overwrite_option("Replace what exists.", formerly="--force")
+
+
+@frame.command("export", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
     from pamid.schemas.command_files import WrittenExport
 
+    a = arguments
     with staged_progress("export") as progress:
         progress.say("reading")
-        identified = load_identified(run, which=which, rig=rig, effects=effects, choose=choose)
-        model = identified.knowing(parse_known(known))
+        identified = load_identified(
+            Path(a.run), which=a.which, rig=a.rig, effects=tuple(a.effects), choose=a.choose
+        )
+        model = identified.knowing(a.known or {})
         exported = export_model(
-            model, form, output, overwrite=overwrite, anyway=anyway, randomise=randomise
+            model,
+            a.form,
+            None if a.output is None else Path(a.output),
+            overwrite=a.overwrite,
+            anyway=a.anyway,
+            randomise=None if a.randomise is None else Path(a.randomise),
         )
     network = model.network
     for note in exported.notes:
-        aside(f"Warning: {exported.files[0]}: {note}.")
+        warning(f"{exported.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     written = WrittenExport(
-        to=form,
+        to=a.form,
         files=tuple(map(str, exported.files)),
         binary=exported.binary,
         rig=model.name,

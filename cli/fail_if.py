@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import click
 
-from .names import suggest
+from pamid.api.options.record import option
+from pamid.base.errors import nearest
+
 from .terminal import aside
 
 #: exit code of a command whose result meets a condition of --fail-if
@@ -35,7 +37,7 @@ class Condition:
         """
         if self.name not in figures:
             raise click.UsageError(
-                f"--fail-if: there is no figure {self.name!r}. {suggest(self.name, figures)}"
+                f"--fail-if: there is no figure {self.name!r}. {nearest(self.name, figures)}"
                 f" Figures: {', '.join(figures)}."
             )
         value = figures[self.name]
@@ -66,16 +68,15 @@ def _finite(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def fail_if_option(figures: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def fail_if_option(figures: str) -> Any:
     """The `--fail-if` option; figures: names of the figures, for the help."""
-    return click.option(
+    return option(
+        (),
+        f"Exit with code {MET} if this condition is met: {figures}. The result is printed in any "
+        "case.",
         "--fail-if",
-        "conditions",
-        multiple=True,
-        type=_ConditionType(),
         metavar="CONDITION",
-        help=f"Exit with code {MET} if this condition is met: {figures}. The result is printed in "
-        "any case.",
+        click={"type": _ConditionType()},
     )
 
 

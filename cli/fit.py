@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
+from pamid.api.options.estimating import FitArguments
+from pamid.base.errors import quoted
 
 from . import frame
-from .job import cluster_option, failed_text, finished_result
-from .options import jobs_option, no_check_option, recording_options, run_output_option, seed_option
-from .terminal import progress_line, quoted, warning
+from .job import failed_text, finished_result
+from .terminal import progress_line
 
 HELP_ORDER = 50
 EXAMPLE = """
@@ -18,90 +18,16 @@ pamid fit rec.csv --rig one-dof --output fitted
 """
 
 
-@frame.command("fit", example=EXAMPLE)
-@recording_options
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    help="Effect to fit with: NAME or NAME@PORT, or the path of an effect file (it is run).",
-)
-@click.option(
-    "--from",
-    "earlier",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Run of an earlier fit of the same rig. Its estimates become the priors of this fit; "
-    "parameters that it did not determine keep the prior of the data sheet.",
-)
-@click.option(
-    "--bootstrap",
-    type=click.IntRange(0, 1000),
-    default=0,
-    show_default=True,
-    help="Intervals from this many refits on resampled windows instead of the Jacobian.",
-)
-@seed_option("Same inputs and seed, same output.")
-@jobs_option("Processes for the bootstrap.", default=1)
-@run_output_option("fit-run")
-@no_check_option
-@cluster_option
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Continue the same fit where it was interrupted. Finished draws of the bootstrap are "
-    "reused.",
-)
-@frame.overwrite_option("Replace an earlier run in that folder.")
-def command(
-    recordings: tuple[Path, ...],
-    rig: str | None,
-    held_out: tuple[Path, ...],
-    effects: tuple[str, ...],
-    earlier: Path | None,
-    bootstrap: int,
-    seed: int,
-    jobs: int,
-    output: Path,
-    no_check: bool,
-    cluster: str | None,
-    resume: bool,
-    overwrite: bool,
-) -> frame.Result:
-    """Fit the parameters of a rig to recordings and score the model on held-out data.
-
-    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word:
-    settled (the recordings determine it), weak (the prior contributes) or silent (the recordings
-    do not depend on it). Parameters that only a combination determines are listed with that
-    combination.
-
-    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
-    to the next one with --from.
-    """
+@frame.command("fit", FitArguments, example=EXAMPLE)
+def command(arguments: FitArguments) -> frame.Result:
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
     from pamid.base.work_stages import WORK_STAGES
 
-    stages = WORK_STAGES["fit --bootstrap" if bootstrap else "fit"]
+    stages = WORK_STAGES["fit --bootstrap" if arguments.bootstrap else "fit"]
     with progress_line("fit", stages=stages) as progress:
-        model = fit(
-            list(recordings),
-            rig,
-            held_out=list(held_out),
-            effects=effects,
-            earlier=earlier,
-            bootstrap=bootstrap,
-            seed=seed,
-            jobs=jobs,
-            cluster=cluster,
-            output=output,
-            overwrite=overwrite,
-            resume=resume,
-            check=not no_check,
-            progress=progress,
-            warn=warning,
-            command=frame.command_line(),
-        )
-    content, text = finished_result(output / FIT_FILE, lambda content: fit_text(content, output))
+        model = fit.of(frame.reporting(arguments, progress))
+    content, text = finished_result(model.folder / FIT_FILE, lambda c: fit_text(c, model.folder))
     return frame.Result(content, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
 
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
+from pamid.api.options.names import rigs_with
+from pamid.api.options.record import (
+    AnyPath,
+    FolderPath,
+    argument,
+    option,
+    overwrite_option,
+    seed_option,
+)
+from pamid.base.errors import DataError, quoted
 
-from . import frame, names
-from .options import run_output_option, seed_option
-from .terminal import aside, progress_line, quoted
+from . import frame
+from .terminal import progress_line, warning
 
 HELP_ORDER = 70
 EXAMPLE = """
@@ -18,51 +27,8 @@ pamid check law/rig.py
 """
 
 
-@frame.command("force-law", example=EXAMPLE)
-@click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
-@run_output_option("force-law-run")
-@click.option(
-    "--sets",
-    type=click.IntRange(2, 10),
-    default=3,
-    show_default=True,
-    help="Membership sets on contraction and on pressure.",
-)
-@click.option(
-    "--rig",
-    type=click.Choice(names.rigs_with("static_force")),
-    default="one-dof",
-    show_default=True,
-    help="Rig whose muscles get the law.",
-)
-@seed_option("Same map and seed, same law.")
-@click.option(
-    "--held-out",
-    "every",
-    type=click.IntRange(2, 20),
-    default=3,
-    show_default=True,
-    metavar="K",
-    help="Cross-validation in K folds: each holds out one point in K.",
-)
-@click.option(
-    "--strict/--no-strict",
-    default=True,
-    show_default=True,
-    help="Refuse a map in which the force falls with pressure or grows with contraction. (If only "
-    "the law does so, it is constrained.)",
-)
-@frame.overwrite_option("Replace an earlier run in that folder.")
-def command(
-    map_file: Path,
-    output: Path,
-    sets: int,
-    rig: str,
-    seed: int,
-    every: int,
-    strict: bool,
-    overwrite: bool,
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Train an ANFIS on MAP, the measured force map of a muscle, compare it with the analytic force
     laws on held-out points, and make it the force law of a rig.
 
@@ -76,41 +42,67 @@ def command(
     as any rig: --rig OUTPUT/rig.py. A rig file is code and is run when you name it. Nothing else in
     the folder is run.
     """
-    from pamid.base.errors import DataError
+
+    map_file: AnyPath = argument(metavar="MAP")
+    output: FolderPath = option("force-law-run", "Run folder to create.")
+    sets: int = option(3, "Membership sets on contraction and on pressure.", least=2, most=10)
+    rig: str = option(
+        "one-dof", "Rig whose muscles get the law.", choices=tuple(rigs_with("static_force"))
+    )
+    seed: int = seed_option("Same map and seed, same law.")
+    every: int = option(
+        3,
+        "Cross-validation in K folds: each holds out one point in K.",
+        "--held-out",
+        metavar="K",
+        least=2,
+        most=20,
+    )
+    strict: bool = option(
+        True,
+        "Refuse a map in which the force falls with pressure or grows with contraction. (If only "
+        "the law does so, it is constrained.)",
+    )
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+
+
+@frame.command("force-law", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.base.run_folder import Run
     from pamid.correction.force_law_run import write_law
     from pamid.correction.force_map import judge, read_map
 
+    a, map_file, output = arguments, Path(arguments.map_file), Path(arguments.output)
     points = read_map(map_file)
     for name in points.unused:
-        aside(f"Warning: {map_file}: the column {name!r} is not used.")
+        warning(f"{map_file}: the column {name!r} is not used.")
     run = Run.create(
         output,
         command=frame.command_line(),
-        seed=seed,
+        seed=a.seed,
         inputs=[map_file],
-        overwrite=overwrite,
-        options={"sets": sets, "rig": rig, "held_out": every, "strict": strict},
+        overwrite=a.overwrite,
+        options={"sets": a.sets, "rig": a.rig, "held_out": a.every, "strict": a.strict},
     )
     try:
         with progress_line("force-law") as progress:
             validated = judge(
                 points,
-                sets=sets,
-                every=every,
-                seed=seed,
+                sets=a.sets,
+                every=a.every,
+                seed=a.seed,
                 progress=progress.say,
             )
-        if strict and not validated.monotone:
+        if a.strict and not validated.monotone:
             remedies = [
-                *["use fewer --sets"] * (sets > 2),
+                *["use fewer --sets"] * (a.sets > 2),
                 "measure more points there",
                 "or accept the law with --no-strict (and --overwrite: the folder exists now)",
             ]
             raise DataError(
                 validated.guard, f"{', '.join(remedies).capitalize()}.", code="not-monotone"
             )
-        about = write_law(run, validated, rig, strict)
+        about = write_law(run, validated, a.rig, a.strict)
     except DataError:
         run.finish("failed")
         raise

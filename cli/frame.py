@@ -7,27 +7,42 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import inspect
 import io
 import json
 import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NoReturn
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
+from click.core import ParameterSource
 
-from . import names, settings_files
+from pamid.base.errors import PamidError, UsageError, nearest
+from pamid.base.printable_text import printable, printable_json
+
+from . import settings_files
 from .ending import INTERRUPTED, was_signalled, watch_signals
 from .table import ALIASES, COMMANDS, load_command
-from .terminal import aside, hang_up, say
+from .terminal import aside, hang_up, say, warning
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from pamid.base.progress import ProgressLine
     from pamid.schemas.model import Model
 
+Arguments = TypeVar("Arguments", bound="DataclassInstance")
 PACKAGES = "pamid.packages"  # of a context: the values of --package
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+_HELP = """Find where a grey-box model departs from its rig, which effect causes it, and how far the
+gap shrinks.
+
+To begin, run `pamid demo`, which needs no files. With your own recording, run
+`pamid check REC.csv`, then `pamid diagnose REC.csv --rig RIG`."""
 _EPILOG = (
     "Options can also be set in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
     "done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done, "
@@ -46,37 +61,70 @@ class Result:
 
 
 def command(
-    name: str, *, example: str, **settings: Any
-) -> Callable[[Callable[..., Result]], click.Command]:
-    """Decorator for the function of a command file, which takes the options and returns a `Result`.
+    name: str, record: Any, *, example: str
+) -> Callable[[Callable[[Any], Result]], click.Command]:
+    """Decorator for the function of a command file, which takes the record of its arguments and
+    returns a `Result`.
 
-    The docstring is the help, and `example` is the shell lines at its end (a test runs them). The
-    options `--json` and `--debug` are added, and `--package` if the command accepts a model file.
+    Options and help come from the fields and the docstring of the record; `example` is the shell
+    lines at the end of the help (a test runs them). The options `--json` and `--debug` are added,
+    and `--package` if the command accepts a model file.
     """
+    from .generated import parameters_of, record_from
 
-    def wrap(function: Callable[..., Result]) -> click.Command:
-        wrapped = click.command(name, cls=_Command, **settings)(function)
-        assert isinstance(wrapped, _Command)
+    def wrap(function: Callable[[Any], Result]) -> click.Command:
+        parameters = parameters_of(record)
+        if any("--rig" in p.opts and not isinstance(p.type, click.Choice) for p in parameters):
+            parameters.append(_package_option())
+        wrapped = _Command(
+            name,
+            params=[*parameters, *_standard_flags()],
+            callback=lambda **values: function(record_from(record, values)),
+            help=inspect.getdoc(record),
+        )
         wrapped.example = example.strip()
-        for param in wrapped.params:
-            if param.type is click.STRING:
-                param.type = names.OPTIONS.get(str(param.name), param.type)
-        if any("--rig" in p.opts and not isinstance(p.type, click.Choice) for p in wrapped.params):
-            wrapped.params.append(_package_option())
-        wrapped.params += [
-            click.Option(
-                ["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."
-            ),
-            click.Option(
-                ["--debug"],
-                is_flag=True,
-                expose_value=False,
-                help="Show the traceback of an error.",
-            ),
-        ]
         return wrapped
 
     return wrap
+
+
+def reporting(arguments: Arguments, progress: ProgressLine) -> Arguments:
+    """The record of arguments with what a command adds: progress, warnings and its words."""
+    added = {"progress": progress, "warn": warning, "command": command_line()}
+    names = {item.name for item in fields(arguments)}
+    return replace(arguments, **{k: v for k, v in added.items() if k in names})
+
+
+def refuse_inapplicable(record: Any, choice: str) -> None:
+    """Raise UsageError for an option of the command line that does not apply to a choice.
+
+    choice: the other option, as `--paper arm`
+    """
+    from pamid.api.options.record import about_fields
+
+    for item, about in about_fields(record):
+        applies = not about.applies_to or choice.rpartition(" ")[2] in about.applies_to
+        if not applies and was_given(item.name):
+            raise UsageError(
+                f"--{item.name.replace('_', '-')} does not apply to {choice}.",
+                f"It belongs to {' and '.join(about.applies_to)}.",
+            )
+
+
+def was_given(name: str) -> bool:
+    """Whether an option of the running command stands on its line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is ParameterSource.COMMANDLINE
+
+
+def _standard_flags() -> list[click.Parameter]:
+    return [
+        click.Option([word], is_flag=True, expose_value=False, help=text)
+        for word, text in (
+            ("--json", "Print exactly one JSON object."),
+            ("--debug", "Show the traceback of an error."),
+        )
+    ]
 
 
 def _package_option() -> click.Option:
@@ -107,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     _keep_streams_apart()
     words = sys.argv[1:] if arguments is None else arguments
-    watch_signals(_last_words("--json" in _flags(words)))
+    watch_signals(partial(_print_last_words, "--json" in _flags(words)))
     code = run(words)
     # Python flushes both at exit, and would fail there without a message of ours
     for stream in (sys.stdout, sys.stderr):
@@ -119,17 +167,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(code)
 
 
-def _last_words(as_json: bool) -> Callable[[], None]:
-    """Function that prints, unbuffered, that the command was interrupted."""
-
-    def print_them() -> None:
-        described, _ = _explain(KeyboardInterrupt())
-        if as_json:
-            os.write(1, f"{_json(described)}\n".encode())
-        else:
-            os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
-
-    return print_them
+def _print_last_words(as_json: bool) -> None:
+    """Print, unbuffered, that the command was interrupted."""
+    described, _ = _explain(KeyboardInterrupt())
+    if as_json:
+        os.write(1, f"{_json(described)}\n".encode())
+    else:
+        os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
 
 
 def _keep_streams_apart() -> None:
@@ -171,8 +215,6 @@ def run(arguments: Sequence[str]) -> int:
         if not isinstance(result, Result):  # --help and --version print by themselves
             result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", result or 0)
         if as_json or result.text.strip("\n"):  # help needs no package
-            from pamid.base.printable_text import printable, printable_json
-
             say(
                 printable_json(_json(result.json))
                 if as_json
@@ -183,25 +225,6 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         return _print_error(error, as_json, debug)
     return result.exit_code
-
-
-_OLD = "force"
-
-
-def overwrite_option(
-    text: str, *, formerly_force: bool = False
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The `--overwrite` option with this help; formerly_force: also accept the earlier --force."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        old = (
-            click.option(f"--{_OLD}", _OLD, is_flag=True, hidden=True)
-            if formerly_force
-            else lambda f: f
-        )
-        return old(click.option("--overwrite", is_flag=True, help=text)(function))
-
-    return add
 
 
 class _Command(click.Command):
@@ -233,8 +256,6 @@ class _Command(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        if ctx.params.pop(_OLD, False):
-            ctx.params["overwrite"] = True
         _IMPLIED_WORDS[:] = settings_files.implied_words(ctx)
         return super().invoke(ctx)
 
@@ -259,9 +280,7 @@ def command_line() -> list[str]:
 def require_command(name: str) -> None:
     """Raise UsageError with the nearest name unless `name` is a command."""
     if name not in COMMANDS:
-        raise click.UsageError(
-            f"There is no command {name!r}. {names.suggest(name, COMMANDS)}".rstrip()
-        )
+        raise click.UsageError(f"There is no command {name!r}. {nearest(name, COMMANDS)}".rstrip())
 
 
 def blank_context(name: str) -> click.Context:
@@ -298,7 +317,7 @@ class _LazyGroup(click.Group):
         if args:
             args = [ALIASES.get(args[0], args[0]), *args[1:]]
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            ctx.fail(f"There is no command {args[0]!r}. {names.suggest(args[0], COMMANDS)}")
+            ctx.fail(f"There is no command {args[0]!r}. {nearest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -306,38 +325,19 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        from importlib.metadata import version
-
-        click.echo(f"pamid {version('pamid')}")
-        ctx.exit()
-
-
-@click.group(
-    cls=_LazyGroup, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]}
+_GROUP = _LazyGroup(
+    help=_HELP,
+    epilog=_EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_show_version,
-    help="Print the version.",
-)
-@click.option("--json", is_flag=True, expose_value=False, help="Print exactly one JSON object.")
-@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
-def _GROUP() -> None:
-    """Find where a grey-box model departs from its rig, which effect causes it, and how far the gap
-    shrinks.
-
-    To begin, run `pamid demo`, which needs no files. With your own recording, run
-    `pamid check REC.csv`, then `pamid diagnose REC.csv --rig RIG`."""
+click.version_option(
+    package_name="pamid", message="%(prog)s %(version)s", help="Print the version."
+)(_GROUP)
+_GROUP.params += _standard_flags()
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:
-    from pamid.base.printable_text import printable_json
-
     if isinstance(error, BrokenPipeError):
         return _unheard(error)
     if debug and not isinstance(error, click.ClickException | click.Abort):
@@ -385,11 +385,8 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
         return _error("file", error.format_message(), ""), 3
     if isinstance(error, KeyboardInterrupt | click.Abort):
         return _error("interrupted", "interrupted", "Finished work is kept."), INTERRUPTED
-    if "pamid.base.errors" in sys.modules:
-        from pamid.base.errors import PamidError
-
-        if isinstance(error, PamidError):
-            return error.as_dict(), error.exit_code
+    if isinstance(error, PamidError):
+        return error.as_dict(), error.exit_code
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
         return _error("exit", f"ended with code {error.code!r}", ""), code

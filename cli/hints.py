@@ -1,10 +1,16 @@
-"""Names for the "Next:" lines: free output folders, and rigs that accept an excitation."""
+"""Words for the "Next:" lines: free output folders, rigs, and those that accept an excitation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import click
+
+from pamid.base.errors import FileError, quoted
+
+from .frame import PACKAGES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,6 +28,13 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
     return str(next((p for p in every if not p.exists() and p.resolve() not in occupied), first))
 
 
+def rig_words(rig: str | Path) -> str:
+    """--rig and the --package options of this command, for a command line to copy."""
+    ctx = click.get_current_context(silent=True)
+    pairs = ctx.meta.get(PACKAGES, ()) if ctx else ()
+    return " ".join([f"--rig {quoted(rig)}", *(f"--package {quoted(pair)}" for pair in pairs)])
+
+
 def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
     """Reason why `pamid simulate` cannot send these columns to a rig, or "".
 
@@ -29,7 +42,6 @@ def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]
     """
     import numpy as np
 
-    from pamid.base.errors import FileError
     from pamid.model.registry import rig_named
     from pamid.recording.recording import Recording
     from pamid.simulation.virtual_rig import in_its_loop

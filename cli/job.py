@@ -6,25 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import click
-
-cluster_option = click.option(
-    "--cluster",
-    metavar="tcp://HOST:8786",
-    help="Run the jobs on the Dask cluster of this scheduler instead, with the same results. "
-    "Scheduler and workers must be trusted: jobs and results are pickled, so everybody who can "
-    "reach the scheduler can run code on the workers and on this machine. For TLS give "
-    "tls://HOST:8786, with certificates from Dask's configuration or "
-    "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, ..__CLIENT__CERT, ..__CLIENT__KEY. "
-    "(pip install 'pamid[cluster]')",
-)
+from pamid.base.errors import FileError
 
 
 def finished_result(
     path: Path, text_of: Callable[[dict[str, Any]], str]
 ) -> tuple[dict[str, Any], str]:
     """JSON and text of a finished run; FileError if a file of it is damaged."""
-    from pamid.base.errors import FileError
     from pamid.base.json_file import read_json
 
     content = read_json(path)

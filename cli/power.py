@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import dataclass
 
-import click
+from pamid.api.options.record import FilePath, figure_option, overwrite_option
+from pamid.api.options.simulating import PowerArguments
+from pamid.base.errors import quoted
 
 from . import frame
-from .options import (
-    figure_option,
-    jobs_option,
-    noise_factor,
-    parse_known,
-    require_png,
-    rig_words,
-    seed_option,
-    write_figure,
-)
-from .terminal import progress_line, quoted
+from .figures import require_png, write_figure
+from .hints import rig_words
+from .terminal import progress_line
 
 HELP_ORDER = 22
 EXAMPLE = """
@@ -25,76 +19,24 @@ pamid power --rig one-dof --excitation excitation.csv --figure power.png
 """
 
 
-@frame.command("power", example=EXAMPLE)
-@click.option(
-    "--rig",
-    help="Rig by name, or the path of a file: a rig file (it is run), a MuJoCo or URDF model, "
-    "or an FMU (its binary is run). "
-    "[default: the rig that the excitation names, else one-dof]",
-)
-@click.option(
-    "--excitation",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="CSV with time_s and the planned inputs.",
-)
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    help="Path of an effect file to try in addition to the catalogue (it is run).",
-)
-@click.option(
-    "--known",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="Parameter that the recording would state as known.",
-)
-@click.option(
-    "--noise",
-    default="default",
-    show_default=True,
-    help="default | FACTOR on the noise of the rig's sensors.",
-)
-@seed_option("Same seed, same noise.")
-@jobs_option()
-@figure_option("effects by size")
-@frame.overwrite_option("Replace the figure if it exists.")
-def command(
-    rig: str | None,
-    excitation: Path,
-    effects: tuple[str, ...],
-    known: tuple[str, ...],
-    noise: str,
-    seed: int,
-    jobs: int,
-    figure: Path | None,
-    overwrite: bool,
-) -> frame.Result:
-    """Predict, before measuring, which effects this experiment would show: from which size on, by
-    which single sensor, and which effects it would confuse.
+@dataclass(frozen=True, kw_only=True)
+class Arguments(PowerArguments):
+    __doc__ = PowerArguments.__doc__
 
-    The experiment is simulated on the rig of the data sheet with the noise of its sensors. An
-    effect is detectable if the error of the refitted model exceeds the noise floor by 10 %. The
-    part of the effect that parameters and tolerances can absorb does not count. Real machines have
-    further irregularities, which are not simulated: read the smallest sizes as the best case.
-    """
+    figure: FilePath | None = figure_option("effects by size")
+    overwrite: bool = overwrite_option("Replace the figure if it exists.")
+
+
+@frame.command("power", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.api.planning import power
 
-    require_png(figure, overwrite)
+    require_png(arguments.figure, arguments.overwrite)
     with progress_line("power") as progress:
-        result = power(
-            excitation,
-            rig,
-            effects=effects,
-            known=parse_known(known),
-            noise=noise_factor(noise),
-            seed=seed,
-            jobs=jobs,
-            progress=progress,
-        )
+        result = power.of(frame.reporting(arguments, progress))
     text = result.summary()
-    if figure is not None:
-        text += f"\n\n{write_figure(figure, result.picture())}"
-    follow = f"pamid simulate --excitation {quoted(excitation)} {rig_words(rig or result.rig)}"
-    return frame.Result(result.to_dict(), f"{text}\nNext: {follow} --output rec.csv")
+    if arguments.figure is not None:
+        text += f"\n\n{write_figure(arguments.figure, result.picture())}"
+    excitation, rig = quoted(result.excitation), rig_words(str(arguments.rig or result.rig))
+    follow = f"pamid simulate --excitation {excitation} {rig} --output rec.csv"
+    return frame.Result(result.to_dict(), f"{text}\nNext: {follow}")

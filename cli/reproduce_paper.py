@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
-from click.core import ParameterSource
+from pamid.api.options.names import listed, papers
+from pamid.api.options.record import (
+    FolderPath,
+    jobs_option,
+    option,
+    overwrite_option,
+    seed_option,
+)
 
-from . import frame, names
-from .options import jobs_option, run_output_option, seed_option
+from . import frame
 from .terminal import progress_line
 
 HELP_ORDER = 90
@@ -17,92 +23,81 @@ EXAMPLE = """
 pamid reproduce-paper --quick --output paper-run
 pamid reproduce-paper --paper arm --quick --output arm-run
 """
-PAPERS = names.papers()
-HELP = "\n\n".join(
-    [
-        "Print the result tables of a paper, computed on a virtual twin of its rig.",
-        *(f"{name}: {what}." for name, (_, what) in PAPERS.items()),
-        "The rigs are virtual twins, not the authors'.",
-    ]
-)
+PAPERS = papers()
 
 
-def _owners(option: str) -> str:
-    """Papers with this option, for its help."""
-    return f"({names.listed([name for name, (options, _) in PAPERS.items() if option in options])})"
+def _for_papers(name: str, text: str) -> dict[str, Any]:
+    """Help of an option that not every paper has, and the papers that have it."""
+    owners = tuple(paper for paper, (options, _) in PAPERS.items() if name in options)
+    return {"text": text.format(f"({listed(owners)})"), "applies_to": owners}
 
 
-@frame.command("reproduce-paper", example=EXAMPLE, help=HELP)
-@click.option(
-    "--paper",
-    type=click.Choice(list(PAPERS)),
-    default="joint",
-    show_default=True,
-    help="Paper to reproduce.",
-)
-@click.option(
-    "--iterations",
-    type=click.IntRange(1),
-    help="Levenberg-Marquardt steps at most, for every start. "
-    f"{_owners('iterations')} [default: 1000; 30 with --quick]",
-)
-@click.option(
-    "--starts",
-    type=click.IntRange(1, 1000),
-    default=4,
-    show_default=True,
-    help=f"Random starts of the network; the best is kept. {_owners('starts')}",
-)
-@seed_option("Seed of excitation, noise and networks.")
-@click.option(
-    "--seconds",
-    type=click.FloatRange(12.0, 3600.0),
-    help=f"Length of the training record. {_owners('seconds')} [default: 200; 30 with --quick]",
-)
-@jobs_option(f"Processes for the diagnosis. {_owners('jobs')}")
-@run_output_option("paper-run")
-@click.option("--quick", is_flag=True, help="Use short records and few iterations, for a trial.")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help=f"Continue the same command where it was interrupted. {_owners('resume')}",
-)
-@frame.overwrite_option("Replace an earlier run in that folder.")
-def command(
-    paper: str, output: Path, overwrite: bool, seed: int, quick: bool, **options: Any
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
+    __doc__ = "\n\n".join(
+        [
+            "Print the result tables of a paper, computed on a virtual twin of its rig.",
+            *(f"{name}: {what}." for name, (_, what) in PAPERS.items()),
+            "The rigs are virtual twins, not the authors'.",
+        ]
+    )
+
+    paper: str = option("joint", "Paper to reproduce.", choices=tuple(PAPERS))
+    iterations: int | None = option(
+        None,
+        least=1,
+        **_for_papers(
+            "iterations",
+            "Levenberg-Marquardt steps at most, for every start. {} [default: 1000; 30 with "
+            "--quick]",
+        ),
+    )
+    starts: int = option(
+        4,
+        least=1,
+        most=1000,
+        **_for_papers("starts", "Random starts of the network; the best is kept. {}"),
+    )
+    seed: int = seed_option("Seed of excitation, noise and networks.")
+    seconds: float | None = option(
+        None,
+        least=12.0,
+        most=3600.0,
+        **_for_papers(
+            "seconds", "Length of the training record. {} [default: 200; 30 with --quick]"
+        ),
+    )
+    jobs: int = jobs_option(**_for_papers("jobs", "Processes for the diagnosis. {}"))
+    output: FolderPath = option("paper-run", "Run folder to create.")
+    quick: bool = option(False, "Use short records and few iterations, for a trial.")
+    resume: bool = option(
+        False,
+        **_for_papers("resume", "Continue the same command where it was interrupted. {}"),
+    )
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+
+
+@frame.command("reproduce-paper", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.base.work_stages import WORK_STAGES
     from pamid.replications.reproducing import paper_named, reproduce_paper
 
-    chosen = paper_named(paper)
-    _refuse_foreign_options(paper, [name for name in options if name not in chosen.OPTIONS])
-    known = {name: value for name, value in options.items() if name in chosen.OPTIONS}
-    how = f"--paper {paper}" if paper != "joint" else "--quick" if quick else ""
+    a, chosen = arguments, paper_named(arguments.paper)
+    special = ("iterations", "starts", "seconds", "jobs", "resume")
+    frame.refuse_inapplicable(Arguments, f"--paper {a.paper}")
+    options = {name: getattr(a, name) for name in special if name in chosen.OPTIONS}
+    how = f"--paper {a.paper}" if a.paper != "joint" else "--quick" if a.quick else ""
     stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
     with progress_line("reproduce-paper", stages=stages) as progress:
         content = reproduce_paper(
-            paper,
-            output,
+            a.paper,
+            Path(a.output),
             command=frame.command_line(),
-            seed=seed,
-            quick=quick,
-            resume=known.pop("resume", False),
-            options=known,
-            overwrite=overwrite,
+            seed=a.seed,
+            quick=a.quick,
+            resume=options.pop("resume", False),
+            options=options,
+            overwrite=a.overwrite,
             progress=progress.say,
         )
     return frame.Result(content, chosen.text(content), 0 if chosen.converged(content) else 5)
-
-
-def _refuse_foreign_options(paper: str, foreign: list[str]) -> None:
-    """Raise UsageError if an option was given that belongs to other papers."""
-    from pamid.base.errors import UsageError
-
-    context = click.get_current_context()
-    for name in foreign:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            owners = [other for other, (options, _) in PAPERS.items() if name in options]
-            raise UsageError(
-                f"--{name} does not apply to --paper {paper}.",
-                f"It belongs to --paper {names.listed(owners)}.",
-            )

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import dataclass
 
-import click
+from pamid.api.options.record import (
+    FilePath,
+    RigName,
+    argument,
+    figure_option,
+    option,
+    overwrite_option,
+)
+from pamid.base.errors import UsageError
 
-from . import frame, names
-from .options import figure_option, require_png, write_figure
+from . import frame
+from .figures import require_png, write_figure
 
 HELP_ORDER = 150
 EXAMPLE = """
@@ -16,29 +24,31 @@ pamid rigs one-dof --figure joint.png
 """
 
 
-@frame.command("rigs", example=EXAMPLE)
-@click.argument("name", required=False, type=names.RIG_NAMES)
-@click.option("--rig", "named", type=names.RIG_NAMES, help="The same as NAME.")
-@click.option("--all", "everything", is_flag=True, help="Print equations of any length.")
-@figure_option("the rig as a block diagram of its ports")
-@frame.overwrite_option("Replace the figure if it exists.")
-def command(
-    name: str | None, named: str | None, everything: bool, figure: Path | None, overwrite: bool
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
     An explanation has inputs, outputs, states, ports with the effects that fit there, parameters
     with sources, tolerances, and the equations. A quantity at a port has the name of the port.
     """
-    from pamid.base.errors import UsageError
+
+    name: RigName | None = argument(default=None)
+    named: RigName | None = option(None, "The same as NAME.", "--rig")
+    everything: bool = option(False, "Print equations of any length.", "--all")
+    figure: FilePath | None = figure_option("the rig as a block diagram of its ports")
+    overwrite: bool = overwrite_option("Replace the figure if it exists.")
+
+
+@frame.command("rigs", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.schemas.catalogue_files import RigCatalogue
 
-    name = name or named
+    name, figure = arguments.name or arguments.named, arguments.figure
     if figure is not None and name is None:
         raise UsageError("--figure draws one rig.", "Name it: pamid rigs one-dof --figure rig.png.")
-    require_png(figure, overwrite)
+    require_png(figure, arguments.overwrite)
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
         lines = [f"{row.name:<20} {row.title}" for row in rows]
@@ -46,7 +56,7 @@ def command(
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
     story = catalogue.rig_story(rig, library.effects().values(), library.rigs())
-    text = catalogue.rig_text(story, everything=everything)
+    text = catalogue.rig_text(story, everything=arguments.everything)
     if figure is not None:
         from pamid.model.port_flow import rig_map
         from pamid.report.rig_figure import bare_rig_drawing

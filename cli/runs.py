@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
+from pamid.api.options.record import AnyPath, argument
+from pamid.base.errors import quoted
 
 from . import frame
-from .terminal import quoted
 
 if TYPE_CHECKING:
     from pamid.schemas.runs_file import RunSummary
@@ -20,18 +21,22 @@ pamid runs . --json
 """
 
 
-@frame.command("runs", example=EXAMPLE)
-@click.argument(
-    "folder", default=".", type=click.Path(path_type=Path), metavar="[FOLDER]", required=False
-)
-def command(folder: Path) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """List every run in FOLDER and below it [default: here]: command, recordings and result.
 
     A damaged run is listed with its fault. No code of a run is executed.
     """
+
+    folder: AnyPath = argument(default=".", metavar="[FOLDER]")
+
+
+@frame.command("runs", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.report.run_summaries import runs_below
     from pamid.schemas.runs_file import RunList
 
+    folder = Path(arguments.folder)
     runs = runs_below(folder)
     lines = [line for run in runs for line in _lines(run)] or [f"There is no run in {folder}."]
     diagnosed = [run for run in runs if run.kind in ("diagnosis", "fit")]

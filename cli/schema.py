@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 import click
 
-from . import frame, names
+from pamid.api.options.record import argument
+from pamid.base.errors import nearest
+
+from . import frame
 
 HELP_ORDER = 160
 EXAMPLE = """
@@ -15,15 +19,20 @@ pamid schema diagnosis
 """
 
 
-@frame.command("schema", example=EXAMPLE)
-@click.argument("name", required=False)
-def command(name: str | None) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """List the JSON schemas of results (--json) and of the files of a run, or print one schema.
 
     They follow JSON Schema, draft 2020-12, and serve editors and programs that read results. Later
     versions may add keys. No key changes its meaning within one number (pamid.diagnosis/3).
     """
-    known = schemas()
+
+    name: str | None = argument(default=None)
+
+
+@frame.command("schema", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
+    known, name = schemas(), arguments.name
     if name is None:
         titles = {key: str(item["title"]) for key, item in known.items()}
         width = max(map(len, titles))
@@ -36,9 +45,7 @@ def command(name: str | None) -> frame.Result:
     numbered = name.removeprefix("pamid.")
     stem = numbered if numbered in known else stem_of(name)
     if stem not in known:
-        raise click.UsageError(
-            f"There is no schema {name!r}. {names.suggest(stem, known)}".rstrip()
-        )
+        raise click.UsageError(f"There is no schema {name!r}. {nearest(stem, known)}".rstrip())
     schema = known[stem]
     return frame.Result(
         {"schema": "pamid.schemas/1", "schemas": {stem: schema}}, json.dumps(schema, indent=1)

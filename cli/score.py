@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import click
+from pamid.api.options.simulating import ScoreArguments
+from pamid.base.errors import quoted
 
 from . import frame
 from .fail_if import Condition, exit_code_of, fail_if_option
-from .terminal import aside, quoted, staged_progress
+from .terminal import staged_progress
 
 HELP_ORDER = 65
 EXAMPLE = """
@@ -18,52 +20,27 @@ pamid score fitted new-1.csv --fail-if "angle_deg > 0.1"
 """
 
 
-@frame.command("score", example=EXAMPLE)
-@click.argument("run", type=click.Path(path_type=Path))
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--rig", help="Path of the run's rig file, if it has one (it is run if it is unchanged)."
-)
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    help="Path of an effect file of the run (it is run if it is unchanged).",
-)
-@fail_if_option(
-    "the mean absolute error of a channel, as 'angle_deg > 0.1', of the run's best model, largest "
-    "over the recordings"
-)
-def command(
-    run: Path,
-    recordings: tuple[Path, ...],
-    rig: str | None,
-    effects: tuple[str, ...],
-    conditions: tuple[Condition, ...],
-) -> frame.Result:
-    """Score the models of the run folder RUN on new RECORDINGS: data sheet, refitted, with the
-    causes, with the network.
+@dataclass(frozen=True, kw_only=True)
+class Arguments(ScoreArguments):
+    __doc__ = ScoreArguments.__doc__
 
-    Prints mean absolute errors, and root mean squares in brackets, per recording and channel. Known
-    values of a recording (an inertia, a payload) are used. The errors are those of a replay on the
-    recorded command, in the windows of a fit, and, in closed loop, under the controller as well. A
-    recording that the run used for fit or score is refused.
-    """
+    conditions: Sequence[Condition] = fail_if_option(
+        "the mean absolute error of a channel, as 'angle_deg > 0.1', of the run's best model, "
+        "largest over the recordings"
+    )
+
+
+@frame.command("score", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
     from pamid.api.run_scores import score
 
-    with staged_progress("score"):
-        result = score(
-            run,
-            list(recordings),
-            rig=rig,
-            effects=effects,
-            warn=lambda text: aside(f"Warning: {text}"),
-        )
+    with staged_progress("score") as progress:
+        result = score.of(frame.reporting(arguments, progress))
     content = result.to_dict()
     return frame.Result(
         content,
-        f"{result.summary()}\nNext: pamid report {quoted(run)}",
-        exit_code_of(conditions, _largest_errors(content)),
+        f"{result.summary()}\nNext: pamid report {quoted(result.run)}",
+        exit_code_of(arguments.conditions, _largest_errors(content)),
     )
 
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,10 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from .names import OPTIONS, suggest
+from pamid.base.errors import nearest
+from pamid.base.trust import is_code, is_own, why_shared, within_home
+
+from .generated import Catalogued
 from .table import COMMANDS, every_command
 
 SETTINGS_FILE = "pamid.toml"
@@ -73,22 +77,14 @@ def _candidate_files(folder: Path | None) -> Iterator[tuple[Path, str]]:
         return
     for place in (start, *start.parents):
         path = place / SETTINGS_FILE
-        if path.is_file():
-            yield path, _why_ignored(path, place == start)
-
-
-def _why_ignored(path: Path, nearest: bool) -> str:
-    from pamid.base.trust import why_shared, within_home
-
-    if not nearest and not within_home(path):
-        return "it lies above the working folder and outside your home"
-    return why_shared(path)
+        if path.is_file() and place != start and not within_home(path):
+            yield path, "it lies above the working folder and outside your home"
+        elif path.is_file():
+            yield path, why_shared(path)
 
 
 def why_harmless_only(path: Path) -> str:
     """Reason to ignore code, addresses and permission to replace files in this file, or ""."""
-    from pamid.base.trust import is_own, within_home
-
     if not within_home(path):
         return "the file lies outside your home"
     return "" if is_own(path) else "the file is not yours"
@@ -124,44 +120,57 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def defaults_for(command: click.Command) -> dict[str, Any]:
-    """Checked values of pamid.toml for the options of this command, by parameter; {} without a
-    file."""
+@dataclass(frozen=True)
+class Entry:
+    """An entry of pamid.toml for an option of a command; ignored: why it is not trusted, or ""."""
+
+    path: Path
+    table: str
+    key: str
+    option: click.Option
+    value: Any
+    ignored: str
+
+
+def entries_for(command: click.Command) -> list[Entry]:
+    """Checked entries of pamid.toml for the options of this command; later ones take precedence."""
     path = settings_file()
     if path is None:
-        return {}
-    tables, options = read_settings(path), options_of(command)
-    _require_known(path, tables.get(SHARED_TABLE, {}))
-    command_table = tables.get(str(command.name), {})
-    shared_table = tables.get(SHARED_TABLE, {})
-    chosen: dict[str, Any] = {}
-    for table, entries in ((SHARED_TABLE, shared_table), (command.name, command_table)):
-        for key, value in entries.items():
+        return []
+    tables, options, why = read_settings(path), options_of(command), why_harmless_only(path)
+    shared = tables.get(SHARED_TABLE, {})
+    known = {name for one in every_command() for name in options_of(one)} if shared else set()
+    for key in shared:
+        if key not in known:
+            raise SettingsError(
+                f"{path}: [{SHARED_TABLE}] {key}: no command has this option.", _nearest(key, known)
+            )
+    entries = []
+    for table in (SHARED_TABLE, str(command.name)):
+        for key, value in tables.get(table, {}).items():
             if key in options:
                 checked = _checked(f"{path}: [{table}] {key}", command, options[key], value)
-                if not (is_risky(options[key], checked) and why_harmless_only(path)):
-                    chosen[str(options[key].name)] = checked
+                ignored = why if is_risky(options[key], checked) else ""
+                entries.append(Entry(path, table, key, options[key], checked, ignored))
             elif table != SHARED_TABLE:
                 raise SettingsError(
                     f"{path}: [{table}] {key}: no such option.", _nearest(key, options)
                 )
-    return chosen
+    return entries
+
+
+def defaults_for(command: click.Command) -> dict[str, Any]:
+    """Values of pamid.toml for the options of this command, by parameter; {} without a file."""
+    return {str(e.option.name): e.value for e in entries_for(command) if not e.ignored}
 
 
 def ignored_entries(context: click.Context) -> list[str]:
     """One sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
-    path, command = settings_file(), context.command
-    why = why_harmless_only(path) if path else ""
-    if path is None or not why:
-        return []
-    tables, options = read_settings(path), options_of(command)
     return [
-        f"{path}: [{table}] {key} is ignored, because {why}. Give --{key} on the command line."
-        for table in (SHARED_TABLE, str(command.name))
-        for key, value in tables.get(table, {}).items()
-        if key in options
-        and is_risky(options[key], value)
-        and context.get_parameter_source(str(options[key].name)) is ParameterSource.DEFAULT
+        f"{e.path}: [{e.table}] {e.key} is ignored, because {e.ignored}. Give --{e.key} on the "
+        "command line."
+        for e in entries_for(context.command)
+        if e.ignored and context.get_parameter_source(str(e.option.name)) is ParameterSource.DEFAULT
     ]
 
 
@@ -169,10 +178,8 @@ def is_risky(option: click.Option, value: Any) -> bool:
     """Would this value run a file, send work to an address, or replace files?"""
     if option.name in _RISKY:
         return bool(value)
-    if option.name not in OPTIONS:
+    if not isinstance(option.type, Catalogued):
         return False
-    from pamid.base.trust import is_code
-
     return any(is_code(str(item)) for item in (value if isinstance(value, list) else [value]))
 
 
@@ -189,11 +196,18 @@ def implied_words(context: click.Context) -> list[str]:
     """Words of a command line for the values that came from the environment or pamid.toml."""
     words: list[str] = []
     for name, option in options_of(context.command).items():
-        if context.get_parameter_source(str(option.name)) in (
+        value = context.params.get(str(option.name))
+        if context.get_parameter_source(str(option.name)) not in (
             ParameterSource.ENVIRONMENT,
             ParameterSource.DEFAULT_MAP,
         ):
-            words += _words(name, option, context.params.get(str(option.name)))
+            continue
+        if option.is_flag:
+            words += [f"--{name}"] if value else []
+            continue
+        for item in (value or ()) if option.multiple else [value]:
+            parts = item if isinstance(item, tuple | list) else (item,)
+            words += [f"--{name}", *map(str, parts)]
     return words
 
 
@@ -203,34 +217,9 @@ def origin_of(context: click.Context, option: click.Option) -> str:
     if source is ParameterSource.ENVIRONMENT:
         return f"environment, {context.auto_envvar_prefix}_{str(option.name).upper()}"
     if source is ParameterSource.DEFAULT_MAP:
-        path = settings_file()
-        table = read_settings(path).get(str(context.command.name), {}) if path else {}
-        name = max(option.opts, key=len).lstrip("-")
-        return f"{path} [{context.command.name if name in table else SHARED_TABLE}]"
+        entry = [e for e in entries_for(context.command) if e.option is option][-1]
+        return f"{entry.path} [{entry.table}]"
     return "required" if option.required else "default"
-
-
-def _words(name: str, option: click.Option, value: Any) -> list[str]:
-    if option.is_flag:
-        return [f"--{name}"] if value else []
-    values = value if option.multiple else [value]
-    return [
-        word
-        for item in values
-        for word in (f"--{name}", *map(str, item if isinstance(item, tuple | list) else (item,)))
-    ]
-
-
-def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
-    """Raise unless every name in [defaults] is an option of some command."""
-    if not shared:
-        return
-    known = {name for command in every_command() for name in options_of(command)}
-    for key in shared:
-        if key not in known:
-            raise SettingsError(
-                f"{path}: [{SHARED_TABLE}] {key}: no command has this option.", _nearest(key, known)
-            )
 
 
 def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
@@ -270,4 +259,4 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
 
 
 def _nearest(name: str, names: Sequence[str] | Mapping[str, Any] | set[str]) -> str:
-    return suggest(name, names) or f"There are: {', '.join(sorted(names))}."
+    return nearest(name, names) or f"There are: {', '.join(sorted(names))}."

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from pamid.base.printable_text import printable
+
 if TYPE_CHECKING:
     from pamid.base.progress import ProgressLine
     from pamid.base.work_stages import WorkStage
@@ -27,8 +29,6 @@ def say(text: str) -> None:
 
 def aside(text: str) -> None:
     """Print to stderr, in addition to the result; a closed stderr is ignored."""
-    from pamid.base.printable_text import printable
-
     with contextlib.suppress(OSError):
         click.echo(printable(text), err=True)
 
@@ -65,10 +65,3 @@ def hang_up(stream: TextIO | None = None) -> None:
     """
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
-
-
-def quoted(word: str | os.PathLike[str]) -> str:
-    """A path or a name, quoted for a shell; see `pamid.base.errors.quoted`."""
-    from pamid.base.errors import quoted as shell_quoted  # imported late: `--help` stays fast
-
-    return shell_quoted(word)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
+from pamid.api.options.training import TrainingArguments
+from pamid.base.errors import quoted
 
-from . import frame, names
-from .options import seed_option
-from .terminal import aside, progress_line, quoted
+from . import frame
+from .terminal import aside, progress_line
 
 HELP_ORDER = 60
 EXAMPLE = """
@@ -19,182 +19,18 @@ pamid train-residual fitted --port joint --iterations 20
 """  # noqa: E501
 
 
-@frame.command("train-residual", example=EXAMPLE)
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--network",
-    default="elman",
-    show_default=True,
-    help=f"Kind of network: {names.listed(names.network_sizes())}.",
-)
-@names.size_options
-@click.option(
-    "--iterations",
-    type=click.IntRange(0),
-    help="Levenberg-Marquardt steps at most, for every start. [default: 1000, or 5000 with "
-    "--preset paper]",
-)
-@seed_option(
-    "Same run and seed, same network on the same kind of processor. Other processors round "
-    "differently, so a long training ends at other weights."
-)
-@click.option(
-    "--starts",
-    type=click.IntRange(1, 1000),
-    default=1,
-    show_default=True,
-    help="Random starts. The worse half is dropped at iterations 10, 20, 40, 80 and 160, and the "
-    "best start is kept.",
-)
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    help="Cores to use; the result does not depend on it. [default: all]",
-)
-@click.option(
-    "--evidence",
-    type=click.Choice(["every-sample", "independent-samples"]),
-    default="every-sample",
-    show_default=True,
-    help="Samples that the regularisation counts: all of them, as in the first paper, or the far "
-    "smaller effective number of independent samples in a correlated residual.",
-)
-@click.option(
-    "--preset",
-    type=click.Choice(["paper"]),
-    help="paper: train as in the first paper, with plain Levenberg-Marquardt steps from a random "
-    "start (Nguyen-Widrow), no acceleration, no weights solved for, no bound on the context, fixed "
-    "factors for mu, 5000 steps. The derivative through time stays exact.",
-)
-@click.option("--as-in-paper", is_flag=True, hidden=True, help="Earlier name of --preset paper.")
-@click.option(
-    "--mu", type=float, help="Initial damping. [default: 0.005, as in MATLAB and the paper]"
-)
-@click.option(
-    "--mu-increase",
-    type=float,
-    help="Factor of mu after a rejected step. [default: 3; 10 with --preset paper]",
-)
-@click.option(
-    "--mu-decrease",
-    type=float,
-    help="Factor of mu after an accepted step. [default: by the gain of the step; 0.1 with "
-    "--preset paper]",
-)
-@click.option("--mu-largest", type=float, help="Value of mu that ends training. [default: 1e10]")
-@click.option(
-    "--device",
-    default="cpu",
-    show_default=True,
-    help="cpu, or cuda if torch has one. On cuda all starts of an elman network are computed "
-    "together, which pays off for dozens of starts.",
-)
-@click.option(
-    "--port",
-    "--at",
-    "at",
-    default="output",
-    show_default=True,
-    metavar="output|PORT",
-    help="Place of the correction. output: added to one output of the model; PORT: added to the "
-    "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them), which "
-    "needs the recordings.",
-)
-@click.option(
-    "--on",
-    type=click.Choice(["refit", "causes"]),
-    default="refit",
-    show_default=True,
-    help="Model of the residual. refit: the refitted model; causes: the model with the causes of a "
-    "diagnosis, replayed on recorded commands.",
-)
-@click.option(
-    "--rig",
-    help="With --port PORT, for a run with a rig file: its path (it is run).",
-)
-@click.option("--resume", is_flag=True, help="Continue the same training where it was interrupted.")
-@click.option(
-    "--channel", help="Output to correct. [default: angle_deg, else the first of the run]"
-)
-@click.option(
-    "--inputs",
-    metavar="A,B,...",
-    help="Columns of residual.csv that are inputs of the network. "
-    "[default: reference and the model in closed loop; else inputs of the rig and the model's "
-    "outputs]",
-)
-def command(
-    run: Path,
-    network: str,
-    iterations: int | None,
-    seed: int,
-    starts: int,
-    jobs: int | None,
-    evidence: str,
-    preset: str | None,
-    as_in_paper: bool,
-    mu: float | None,
-    mu_increase: float | None,
-    mu_decrease: float | None,
-    mu_largest: float | None,
-    device: str,
-    at: str,
-    on: str,
-    rig: str | None,
-    resume: bool,
-    channel: str | None,
-    inputs: str | None,
-    **sizes: int | None,
-) -> frame.Result:
-    """Train a network on the residual of the model in the run folder RUN, and score it on held-out
-    data.
+@frame.command("train-residual", TrainingArguments, example=EXAMPLE)
+def command(arguments: TrainingArguments) -> frame.Result:
+    from pamid.api.training import most_iterations, train_residual
 
-    The residual is measured - model, or with --port PORT the missing input of the equations there.
-    --on causes uses the model with the causes of a diagnosis.
-
-    Writes network.json, network.npz and trace.csv, and adds the corrected model to residual.csv. An
-    interrupted training keeps its state. --resume with the same options continues it, with the same
-    result as without an interruption.
-    """
-    from pamid.api.training import USUAL_ITERATIONS, train_residual
-    from pamid.networks.training_problem import PAPER_ITERATIONS
-
-    as_in_paper = as_in_paper or preset == "paper"
-    given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
-    if iterations is None:
-        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
-    with progress_line("train-residual", iterations) as progress:
-        result = train_residual(
-            run,
-            network=network,
-            iterations=iterations,
-            seed=seed,
-            starts=starts,
-            jobs=jobs,
-            evidence=evidence,
-            as_in_paper=as_in_paper,
-            mu=mu,
-            mu_increase=mu_increase,
-            mu_decrease=mu_decrease,
-            mu_largest=mu_largest,
-            device=device,
-            at=at,
-            on=on,
-            rig=rig,
-            channel=channel,
-            inputs=given,
-            resume=resume,
-            progress=progress,
-            command=frame.command_line(),
-            **sizes,
-        )
+    with progress_line("train-residual", most_iterations(arguments)) as progress:
+        result = train_residual.of(frame.reporting(arguments, progress))
     about = result.to_dict()
-    text = training_text(about, run)
+    text = training_text(about, result.folder)
     if result.interrupted:
         aside(text)
         raise KeyboardInterrupt
-    stuck = not result.converged and result.iterations < iterations
-    return frame.Result(about, text, 5 if stuck else 0)
+    return frame.Result(about, text, 5 if result.stuck else 0)
 
 
 def training_text(about: dict[str, Any], run: Path) -> str:

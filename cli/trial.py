@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from . import frame, names
-from .job import cluster_option, failed_text
-from .options import jobs_option, run_output_option, seed_option
-from .terminal import progress_line, quoted
+from pamid.api.options.names import listed, machines
+from pamid.api.options.record import (
+    AnyPath,
+    FilePath,
+    FolderPath,
+    RigName,
+    cluster_option,
+    jobs_option,
+    option,
+    overwrite_option,
+    seed_option,
+)
+from pamid.base.errors import FileError, UsageError, quoted
+
+from . import frame
+from .job import failed_text
+from .terminal import progress_line
 
 if TYPE_CHECKING:
+    from pamid.api.trial_cases import CaseSelection
     from pamid.base.run_folder import Run
     from pamid.parallel.jobs import WorkerPool
-    from pamid.trial.own_machine import OwnMachine
 
 HELP_ORDER = 100
 EXAMPLE = """
@@ -24,100 +39,8 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 """
 
 
-@frame.command("trial", example=EXAMPLE)
-@run_output_option("trial-run", "Folder of the trial.")
-@click.option(
-    "--rig",
-    default="one-dof",
-    show_default=True,
-    help="Rig of the virtual machine, by name or by the path of a rig file (it is run). Machines "
-    f"with separate equations exist for {names.listed(names.machines())}; for any other rig the "
-    "machine is built from the rig.",
-)
-@click.option(
-    "--excitation",
-    type=click.Path(path_type=Path),
-    help="CSV with the inputs of a machine that is built from the rig. [default: random levels in "
-    "the rig's usual range]",
-)
-@click.option(
-    "--cases",
-    type=click.IntRange(1, 100_000),
-    default=200,
-    show_default=True,
-    help="Cases to draw.",
-)
-@click.option(
-    "--part",
-    type=click.Choice(["test", "calibration"]),
-    default="test",
-    show_default=True,
-    help="Thresholds may be set on calibration cases, never on test cases.",
-)
-@seed_option("Same seed, same cases.")
-@jobs_option()
-@cluster_option
-@click.option(
-    "--index",
-    metavar="I/COUNT",
-    help="Compute share I of COUNT of the cases, without scores.",
-)
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Continue the trial in the folder; finished cases are reused.",
-)
-@frame.overwrite_option("Replace an earlier trial in that folder: all cases are computed again.")
-@click.option(
-    "--only",
-    type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]),
-    default=None,
-    help="Keep only this stratum of the drawn cases.",
-)
-@click.option(
-    "--world",
-    type=click.Choice(["closed", "open"]),
-    default="closed",
-    show_default=True,
-    help="closed: the planted effects are the whole gap. open: one or two further effects act, "
-    "maps are rougher than the rig states, and the logger is poor.",
-)
-@click.option(
-    "--bare",
-    is_flag=True,
-    help="Ignore the tolerances (background) that the rig states for its machine.",
-)
-@click.option(
-    "--calibrate",
-    type=click.Path(dir_okay=False, path_type=Path),
-    default=None,
-    help="Write the calibration from the finished calibration cases to this file, in the format of "
-    "pamid/diagnosis/calibration.json.",
-)
-@click.option(
-    "--also",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    multiple=True,
-    help="With --calibrate: also use the trial in this folder, of the same or another rig.",
-)
-def command(
-    output: Path,
-    rig: str,
-    excitation: Path | None,
-    cases: int,
-    part: str,
-    seed: int,
-    jobs: int,
-    cluster: str | None,
-    index: str | None,
-    resume: bool,
-    overwrite: bool,
-    only: str | None,
-    world: str,
-    bare: bool,
-    calibrate: Path | None,
-    also: tuple[Path, ...],
-) -> frame.Result:
+@dataclass(frozen=True)
+class Arguments:
     """Test the diagnosis on a virtual machine with other equations than the rig's. A case has one
     effect, two, none, one that was removed from the catalogue, or one that never was in it. The
     diagnosis reads recordings only, and the scorer alone reads the labels.
@@ -153,41 +76,87 @@ def command(
     All computers must have access to the folder. A failed share can be repeated, or left to the
     last command, which computes all missing cases.
     """
-    from pamid.api.trial_cases import CaseSelection, run_trial
+
+    output: FolderPath = option("trial-run", "Folder of the trial.")
+    rig: RigName = option(
+        "one-dof",
+        "Rig of the virtual machine, by name or by the path of a rig file (it is run). Machines "
+        f"with separate equations exist for {listed(machines())}; for any other rig the machine is "
+        "built from the rig.",
+    )
+    excitation: AnyPath | None = option(
+        None,
+        "CSV with the inputs of a machine that is built from the rig. [default: random levels in "
+        "the rig's usual range]",
+    )
+    cases: int = option(200, "Cases to draw.", least=1, most=100_000)
+    part: Literal["test", "calibration"] = option(
+        "test", "Thresholds may be set on calibration cases, never on test cases."
+    )
+    seed: int = seed_option("Same seed, same cases.")
+    jobs: int = jobs_option()
+    cluster: str | None = cluster_option()
+    index: str | None = option(
+        None,
+        "Compute share I of COUNT of the cases, without scores.",
+        metavar="I/COUNT",
+    )
+    resume: bool = option(False, "Continue the trial in the folder; finished cases are reused.")
+    overwrite: bool = overwrite_option(
+        "Replace an earlier trial in that folder: all cases are computed again."
+    )
+    only: Literal["single", "double", "no-gap", "withheld", "nameless"] | None = option(
+        None, "Keep only this stratum of the drawn cases."
+    )
+    world: Literal["closed", "open"] = option(
+        "closed",
+        "closed: the planted effects are the whole gap. open: one or two further effects act, maps "
+        "are rougher than the rig states, and the logger is poor.",
+    )
+    bare: bool = option(
+        False, "Ignore the tolerances (background) that the rig states for its machine."
+    )
+    calibrate: FilePath | None = option(
+        None,
+        "Write the calibration from the finished calibration cases to this file, in the format of "
+        "pamid/diagnosis/calibration.json.",
+    )
+    also: Sequence[FolderPath] = option(
+        (),
+        "With --calibrate: also use the trial in this folder, of the same or another rig.",
+        click={"type": click.Path(exists=True, file_okay=False, path_type=Path)},
+    )
+
+
+@frame.command("trial", Arguments, example=EXAMPLE)
+def command(arguments: Arguments) -> frame.Result:
+    from pamid.api.trial_cases import run_trial
     from pamid.api.workers import worker_pool
     from pamid.base.json_file import write_json
-    from pamid.model.registry import code_files
     from pamid.trial.calibration import calibration_json, learnt_text, lesson_of
     from pamid.trial.figure_table import trial_text
 
-    if calibrate is not None:
-        _require_calibration(part)
-    _require_one_way(resume, overwrite, index)
-    tried = _tried(rig, excitation)
-    fixed: dict[str, Any] = {"part": part, "seed": seed, **({"bare": True} if bare else {})}
-    if world != "closed":
-        fixed["world"] = world
-    if not isinstance(tried, str):
-        fixed = {"rig": rig, "machine": tried.sha256, **fixed}
-    elif rig != "one-dof":
-        fixed = {"rig": rig, **fixed}
-    options: dict[str, Any] = {"cases": cases, "only": only}
-    if excitation is not None:
-        options["excitation"] = str(excitation)
-    inputs = [*code_files(rig, ()), *([] if excitation is None else [excitation])]
-    with worker_pool(jobs, cluster) as pool:
-        if index is not None:
-            return _share(output, tried, fixed, options, inputs, _share_of(index), pool)
-        run = (
-            _replaced(output, fixed, options, inputs)
-            if overwrite
-            else _begun(output, fixed, options, inputs, resume)
+    a = arguments
+    if a.calibrate is not None and a.part != "calibration":  # test cases must not set thresholds
+        raise UsageError(
+            "--calibrate needs the calibration part of the cases.", "Add --part calibration."
         )
+    if a.overwrite and (a.resume or a.index is not None):
+        raise UsageError(
+            f"--overwrite replaces the earlier trial, {'--resume' if a.resume else '--index'} "
+            "continues it.",
+            "Give only one of them.",
+        )
+    trial = _Trial.of(a)
+    with worker_pool(a.jobs, a.cluster) as pool:
+        if a.index is not None:
+            return _share(trial, _share_of(a.index), pool)
+        run = trial.replaced() if a.overwrite else trial.begun(a.resume)
         try:
-            with progress_line("trial", cases) as progress:
+            with progress_line("trial", a.cases) as progress:
                 scores = run_trial(
-                    output,
-                    CaseSelection(part, cases, seed, tried, only or "", bare, world),
+                    trial.output,
+                    trial.selection,
                     pool,
                     done=lambda i, n: progress.update(i, "cases", n),
                 )
@@ -195,37 +164,138 @@ def command(
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
             raise
     lines = [trial_text(scores)]
-    if calibrate is not None:
-        lessons = [lesson_of(folder) for folder in (output, *also)]
-        write_json(calibrate, calibration_json(lessons))
+    if a.calibrate is not None:
+        lessons = [lesson_of(Path(folder)) for folder in (trial.output, *a.also)]
+        write_json(Path(a.calibrate), calibration_json(lessons))
         lines.append(learnt_text(lessons))
     failed = bool(scores["failed_jobs"])
     run.finish("partial" if failed else "done")
     return frame.Result(scores, "\n".join(lines), 6 if failed else 0)
 
 
-def _tried(rig: str, excitation: Path | None) -> str | OwnMachine:
-    """Machine built from a rig, or the name of a machine."""
-    from pamid.recording.recording import read_recording
-    from pamid.trial.own_machine import machine_given
+@dataclass(frozen=True)
+class _Trial:
+    """A trial and its run folder.
 
-    return machine_given(rig, None if excitation is None else read_recording(excitation))
+    fixed: options that all commands on the folder share; options: those that may change
+    """
 
+    output: Path
+    selection: CaseSelection
+    fixed: dict[str, Any]
+    options: dict[str, Any]
+    inputs: list[Path]
 
-def _require_calibration(part: str) -> None:
-    """Raise UsageError unless the cases are for calibration: test cases must not set thresholds."""
-    from pamid.base.errors import UsageError
+    @classmethod
+    def of(cls, a: Arguments) -> _Trial:
+        from pamid.api.trial_cases import CaseSelection
+        from pamid.model.registry import code_files
+        from pamid.recording.recording import read_recording
+        from pamid.trial.own_machine import machine_given
 
-    if part != "calibration":
-        raise UsageError(
-            "--calibrate needs the calibration part of the cases.",
-            "Add --part calibration.",
+        excitation = None if a.excitation is None else Path(a.excitation)
+        sent = None if excitation is None else read_recording(excitation)
+        machine = machine_given(a.rig, sent)
+        fixed: dict[str, Any] = {"part": a.part, "seed": a.seed}
+        fixed |= {"bare": True} if a.bare else {}
+        fixed |= {"world": a.world} if a.world != "closed" else {}
+        if not isinstance(machine, str):
+            fixed = {"rig": a.rig, "machine": machine.sha256, **fixed}
+        elif a.rig != "one-dof":
+            fixed = {"rig": a.rig, **fixed}
+        options: dict[str, Any] = {"cases": a.cases, "only": a.only}
+        options |= {"excitation": str(excitation)} if excitation else {}
+        return cls(
+            Path(a.output),
+            CaseSelection(a.part, a.cases, a.seed, machine, a.only or "", a.bare, a.world),
+            fixed,
+            options,
+            [*code_files(a.rig, ()), *([excitation] if excitation else [])],
         )
+
+    def begun(self, resume: bool) -> Run:
+        """Folder of the trial, new or continued; FileError if it contains another trial or none."""
+        if not (self.output / "run.json").is_file():
+            return self.created()
+        run = self.same()
+        if not resume:
+            raise FileError(
+                f"{self.output} already contains this trial, or a part of it.",
+                "Continue it with --resume, replace it with --overwrite, or give another --output.",
+                code="run-folder",
+            )
+        run.begin_step(command=frame.command_line(), seed=self.fixed["seed"], options=self.options)
+        return run
+
+    def created(self, *, overwrite: bool = False) -> Run:
+        """New folder of the trial."""
+        from pamid.base.run_folder import Run
+
+        return Run.create(
+            self.output,
+            command=frame.command_line(),
+            seed=self.fixed["seed"],
+            inputs=self.inputs,
+            options={"trial": self.fixed, **self.options},
+            overwrite=overwrite,
+        )
+
+    def replaced(self) -> Run:
+        """Folder without the earlier trial; FileError if it contains anything else."""
+        from pamid.api.trial_cases import forget_cases
+        from pamid.base.run_folder import Run
+
+        if (self.output / "run.json").is_file():
+            earlier = Run.open(self.output).record["options"].get("trial")
+            if not isinstance(earlier, dict):
+                self.same()
+        run = self.created(overwrite=True)
+        forget_cases(self.output)
+        return run
+
+    def joined(self) -> None:
+        """Create the folder, or join the other commands that start at the same time."""
+        for _ in range(50):
+            if (self.output / "run.json").is_file():
+                break
+            try:
+                self.created().finish("shared")
+                return
+            except FileError:  # another one may be about to write run.json
+                time.sleep(0.1)
+        self.same()
+
+    def same(self) -> Run:
+        """The run in the folder; FileError if it is another trial, or none."""
+        from pamid.base.run_folder import Run
+
+        run = Run.open(self.output)
+        held = run.record["options"].get("trial")
+        if held != self.fixed:
+            content = (
+                f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed "
+                f"{held.get('seed')}"
+                if isinstance(held, dict)
+                else "no trial"
+            )
+            raise FileError(
+                f"{run.folder} is in use: it contains {content}.",
+                "Give another folder with --output.",
+                code="run-folder",
+            )
+        return run
+
+    def scoring_command(self) -> str:
+        """Command that scores the shares: the same trial without --index."""
+        words = [
+            f"--{name}" if value is True else f"--{name} {quoted(str(value))}"
+            for name, value in (self.fixed | self.options).items()
+            if value is not None and name != "machine"
+        ]
+        return " ".join(["pamid trial", *words, f"--output {quoted(self.output)} --resume"])
 
 
 def _share_of(index: str) -> tuple[int, int]:
-    from pamid.base.errors import UsageError
-
     first, slash, count = index.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
         raise UsageError(
@@ -235,35 +305,21 @@ def _share_of(index: str) -> tuple[int, int]:
     return int(first), int(count)
 
 
-def _share(
-    output: Path,
-    tried: str | OwnMachine,
-    fixed: dict[str, Any],
-    options: dict[str, Any],
-    inputs: list[Path],
-    share: tuple[int, int],
-    pool: WorkerPool,
-) -> frame.Result:
+def _share(trial: _Trial, share: tuple[int, int], pool: WorkerPool) -> frame.Result:
     """Compute every COUNT-th case from the I-th on; the command without --index writes labels and
     scores."""
-    from pamid.api.trial_cases import CaseSelection, run_cases
+    from pamid.api.trial_cases import run_cases
     from pamid.schemas.trial_case_files import TrialShare
     from pamid.trial.scoring import failed_jobs
 
-    _joined(output, fixed, options, inputs)
+    trial.joined()
     number, count = share
-    every_case = CaseSelection(
-        fixed["part"],
-        options["cases"],
-        fixed["seed"],
-        tried,
-        options["only"] or "",
-        fixed.get("bare", False),
-        fixed.get("world", "closed"),
-    ).draw()
+    every_case = trial.selection.draw()
     cases = every_case[number - 1 :: count]
     with progress_line("trial", len(cases)) as progress:
-        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases", n))
+        results = run_cases(
+            cases, trial.output, pool, done=lambda i, n: progress.update(i, "cases", n)
+        )
     failed = failed_jobs(results)
     content = TrialShare(
         index=number, of=count, cases=tuple(c.number for c in cases), failed_jobs=failed
@@ -271,125 +327,6 @@ def _share(
     text = [
         f"{len(cases)} of {len(every_case)} cases (share {number} of {count}).",
         *failed_text(content),
-        f"When all shares are finished: {_scoring(output, fixed | options)}",
+        f"When all shares are finished: {trial.scoring_command()}",
     ]
     return frame.Result(content, "\n".join(text), 6 if failed else 0)
-
-
-def _scoring(output: Path, options: dict[str, Any]) -> str:
-    """Command that scores the shares: the same trial without --index."""
-    words = [
-        f"--{name}" if value is True else f"--{name} {quoted(str(value))}"
-        for name, value in options.items()
-        if value is not None and name != "machine"
-    ]
-    return " ".join(["pamid trial", *words, f"--output {quoted(output)} --resume"])
-
-
-def _begun(
-    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path], resume: bool
-) -> Run:
-    """Folder of the trial, new or continued; FileError if it contains another trial or none."""
-    from pamid.base.errors import FileError
-    from pamid.base.run_folder import Run
-
-    if not (output / "run.json").is_file():
-        return _made(output, fixed, options, inputs)
-    run = _same(Run.open(output), fixed)
-    if not resume:
-        raise FileError(
-            f"{output} already contains this trial, or a part of it.",
-            "Continue it with --resume, replace it with --overwrite, or give another --output.",
-            code="run-folder",
-        )
-    run.begin_step(command=frame.command_line(), seed=fixed["seed"], options=options)
-    return run
-
-
-def _made(
-    output: Path,
-    fixed: dict[str, Any],
-    options: dict[str, Any],
-    inputs: list[Path],
-    *,
-    overwrite: bool = False,
-) -> Run:
-    """New folder of a trial."""
-    from pamid.base.run_folder import Run
-
-    return Run.create(
-        output,
-        command=frame.command_line(),
-        seed=fixed["seed"],
-        inputs=inputs,
-        options={"trial": fixed, **options},
-        overwrite=overwrite,
-    )
-
-
-def _replaced(
-    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
-) -> Run:
-    """Folder of the trial, cleared of an earlier trial; FileError if it contains anything else."""
-    from pamid.api.trial_cases import forget_cases
-    from pamid.base.run_folder import Run
-
-    if (output / "run.json").is_file():
-        earlier = Run.open(output)
-        held = earlier.record["options"].get("trial")
-        _same(earlier, held if isinstance(held, dict) else fixed)
-    run = _made(output, fixed, options, inputs, overwrite=True)
-    forget_cases(output)
-    return run
-
-
-def _require_one_way(resume: bool, overwrite: bool, index: str | None) -> None:
-    """Raise UsageError for contradictory options about the folder."""
-    from pamid.base.errors import UsageError
-
-    if overwrite and (resume or index is not None):
-        raise UsageError(
-            f"--overwrite replaces the earlier trial, {'--resume' if resume else '--index'} "
-            "continues it.",
-            "Give only one of them.",
-        )
-
-
-def _joined(
-    output: Path, fixed: dict[str, Any], options: dict[str, Any], inputs: list[Path]
-) -> Run:
-    """Folder of the trial for one of several commands that start at the same time."""
-    from pamid.base.errors import FileError
-    from pamid.base.run_folder import Run
-
-    for _ in range(50):
-        if (output / "run.json").is_file():
-            break
-        try:
-            run = _made(output, fixed, options, inputs)
-            run.finish("shared")
-            return run
-        except FileError:  # another one may be about to write run.json
-            time.sleep(0.1)
-    return _same(Run.open(output), fixed)
-
-
-def _same(run: Run, fixed: dict[str, Any]) -> Run:
-    from pamid.base.errors import FileError
-
-    held = run.record["options"].get("trial")
-    if held != fixed:
-        what = (
-            "no trial"
-            if not isinstance(held, dict)
-            else (
-                f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed "
-                f"{held.get('seed')}"
-            )
-        )
-        raise FileError(
-            f"{run.folder} is in use: it contains {what}.",
-            "Give another folder with --output.",
-            code="run-folder",
-        )
-    return run

@@ -7,6 +7,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from pamid_cli.table import COMMANDS, load_command
 
 import pamid
 from pamid import equations
+from pamid.api.options.record import about_fields
 from pamid.base.symptoms import SYMPTOMS
 from pamid.diagnosis.settings import described
 from pamid.model import catalogue
@@ -374,8 +376,19 @@ def _face_page() -> str:
     for part, what in _PARTS.items():
         lines += ["", f"## {part}", "", what, ""]
         for one in parts[part]:
-            lines += [one, ""]
+            lines += [one, "", *_argument_table(getattr(pamid, one.rpartition(".")[2]))]
     return "\n".join(lines)
+
+
+def _argument_table(function: Any) -> list[str]:
+    """Arguments of a function whose arguments are the fields of a record."""
+    if not hasattr(function, "record"):
+        return []
+    lines = ["| argument | default | |", "|---|---|---|"]
+    for item, about in about_fields(function.record):
+        default = "" if item.default is MISSING else f"`{item.default!r}`"
+        lines.append(f"| `{item.name}` | {default} | {_cell(about.in_python or about.text)} |")
+    return [*lines, ""]
 
 
 def _equations_page() -> str:

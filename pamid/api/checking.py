@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import RecordingLike, recording_given
+from pamid.api.given import recording_given
+from pamid.api.options.preparing import CheckArguments
+from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
 from pamid.checks.conformance import CheckOutcome
@@ -15,8 +17,7 @@ from pamid.checks.inspection import Inspection, inspect
 from pamid.checks.inspection_words import inspection_text
 from pamid.checks.recording_quality import QualityIssue
 from pamid.checks.rig_ports import checked_ports
-from pamid.model.effect import Effect
-from pamid.model.registry import RigLike, resolved_rig
+from pamid.model.registry import resolved_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.schemas.rig_map import RigMap
@@ -119,23 +120,14 @@ class CheckResult:
         return f"{self.subject} ({self.kind}): {wrong}, {len(self.notes)} notes"
 
 
-def check(
-    subject: RecordingLike | type[Rig] | type[Effect] | Rig,
-    rig: RigLike | None = None,
-) -> CheckResult:
+@verb(CheckArguments)
+def check(arguments: CheckArguments) -> CheckResult:
     """Check a recording, a rig or an effect, before anything is fitted.
 
     Recordings are checked for clipped, frozen, lost, spiked, coarse and hardly excited channels;
     with a rig also for exchanged, inverted, wrongly scaled and delayed columns. Rigs must build,
     use every port, stay finite over the bounds and have exact sensitivities. Effects need complete
     parameters and an exact null.
-
-    Parameters
-    ----------
-    subject
-        Recording, its path or a table; rig or effect, or the path of its file, which is run.
-    rig
-        Rig that a recording is meant for. Default: the one that it names.
 
     Returns
     -------
@@ -147,6 +139,7 @@ def check(
     FileError
         The file does not exist, or is of another kind.
     """
+    subject = arguments.subject
     looked_at: Any = subject
     if isinstance(subject, Rig):
         looked_at = type(subject)
@@ -154,7 +147,7 @@ def check(
         looked_at = Path(subject)
     elif not isinstance(subject, type):
         looked_at = recording_given(subject)
-    inspection = inspect(looked_at, resolved_rig(rig))
+    inspection = inspect(looked_at, resolved_rig(arguments.rig))
     content = inspection.summary
     return CheckResult(
         content["file"],

@@ -12,6 +12,7 @@ from pamid.model.registry import RigLike, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.rigs.muscle_experiments import (
+    PULSES_S,
     RELEASE_DEG,
     RELEASE_S,
     gravity_test,
@@ -57,7 +58,10 @@ def release_excitation(
     bench_rig = _made(rig)
     period = bench_rig.period_s if period_s is None else period_s
     if not 0.0 < period < duration_s < np.inf:
-        raise UsageError(f"{duration_s:g} s sampled every {period:g} s are no recording.")
+        raise UsageError(
+            f"A period of {period:g} s in {duration_s:g} s gives no recording.",
+            "Give a period above 0 and a longer duration.",
+        )
     known = gravity_test(bench_rig, release, clamped, payload_kg)
     columns = nothing_sent(bench_rig, round(duration_s / period))
     return _excitation(bench_rig, columns, period, "release", known)
@@ -84,13 +88,14 @@ def pulse_excitation(
     Raises
     ------
     UsageError
-        A muscle does not exist.
+        A muscle does not exist, or the period is longer than the shortest pulse.
     """
     bench_rig = _made(rig)
     period = bench_rig.period_s if period_s is None else period_s
-    return _excitation(
-        bench_rig, muscle_pulses(bench_rig, muscles, level, period), period, "pulses", {}
-    )
+    if not 0.0 < period <= PULSES_S[0]:
+        raise UsageError(f"The period is {period:g} s; the shortest pulse lasts {PULSES_S[0]:g} s.")
+    columns = muscle_pulses(bench_rig, muscles, level, period)
+    return _excitation(bench_rig, columns, period, "pulses", {})
 
 
 def within_limits(

@@ -45,7 +45,7 @@ RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that cam
 
 def warn_in_python(text: str) -> None:
     """Raise a UserWarning at the line that called pamid."""
-    warnings.warn(text, stacklevel=4)
+    warnings.warn(text, stacklevel=5)  # below: evidence_of, fit, its form with a record
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def evidence_of(
     held_out: RecordingLike | Sequence[RecordingLike] = (),
     *,
     check: bool = True,
-    warn: Warn = warn_in_python,
+    warn: Warn | None = None,
 ) -> Given:
     """Read the recordings, refuse those that are wrong for the rig (default: the one of the
     catalogue that they name), and divide them for it. Errors as of `read_recording`,
@@ -114,6 +114,7 @@ def evidence_of(
 
     check: refuse recordings with which any fit is nonsense.
     """
+    warn = warn or warn_in_python
     named = resolved_rig(rig)
     model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
@@ -136,8 +137,9 @@ def evidence_of(
     for recording in evidence.recordings:
         if check:
             doubts |= dict.fromkeys(require_sound(recording, model))
-        for text in _between_remarks(model, recording) if check else ():
-            warn(text)
+            # inputs of which nobody says what they do between samples, and which are not held
+            for hold in misstated_holds(recording, model, unstated_inputs(model)):
+                warn(f"{recording.path}: {hold.text(recording)}.")
         if lacks := evidence.lacking(recording):
             warn(
                 f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
@@ -154,7 +156,10 @@ def evidence_of(
     evidence = replace(evidence, doubts=tuple(doubts))
     contents = {name: content for _, files in resolved for name, content in files.items()}
     in_files = [recording.path for recording, files in resolved if not files]
-    inputs = tuple(file for path in in_files for file in _with_toml(path))
+    tomls = [path.with_suffix(".toml") for path in in_files]
+    inputs = tuple(
+        file for pair in zip(in_files, tomls, strict=True) for file in pair if file.exists()
+    )
     return Given(evidence, named, inputs, contents)
 
 
@@ -200,13 +205,6 @@ def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
     return [f"{fault.text}. {CURE}" for fault in plain.known_objections(recording.known)]
 
 
-def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
-    """A sentence per input of which nobody says what it does between samples, and which fits
-    clearly better otherwise than held."""
-    wrong = misstated_holds(recording, rig, unstated_inputs(rig))
-    return [f"{recording.path}: {one.text(recording)}." for one in wrong]
-
-
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:
     """The recording, and the files that hold it where no file of the user's does: a table, a
     simulation, a part of a recording. Then it is what these files hold, to the last bit."""
@@ -247,9 +245,3 @@ def _is_its_file(recording: Recording) -> bool:
         and reread.columns.keys() == recording.columns.keys()
         and all(np.array_equal(x, recording.columns[name]) for name, x in reread.columns.items())
     )
-
-
-def _with_toml(path: Path) -> list[Path]:
-    """A recording and the TOML beside it, if there is one."""
-    toml = path.with_suffix(".toml")
-    return [path, toml] if toml.exists() else [path]

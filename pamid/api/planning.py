@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import EffectLike, RecordingLike, effects_given, recording_given
-from pamid.api.modelled import recorded
+from pamid.api.given import effects_given, recording_given
+from pamid.api.options.record import verb
+from pamid.api.options.simulating import PowerArguments
+from pamid.api.simulating import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
-from pamid.base.progress import ShowProgress, progress_steps
-from pamid.model.registry import RigLike, effects_with, resolved_rig, rig_named, rig_of
-from pamid.planning.detectable_effects import EffectPower, Power, experiment_power
+from pamid.base.progress import progress_steps
+from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
+from pamid.planning.detectable_effects import EffectPower, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
-from pamid.schemas import power_file as said
+from pamid.schemas.power_file import PowerFile, ShownEffect, UsualAmount
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -25,86 +26,35 @@ if TYPE_CHECKING:
 HEAD: tuple[str, ...] = ("effect", "shows from", "usual", "alone by", "taken for")
 
 
-@dataclass(frozen=True)
-class PowerResult:
+class PowerResult(PowerFile):
     """Detectability of effects in an experiment.
 
     effects: plainest first; showing: labels of those that show at their usual size; hidden: of
     those that do not.
     """
 
-    rig: str
-    excitation: str
-    noise: float
-    seed: int
-    _found: Power
-
-    @property
-    def effects(self) -> tuple[EffectPower, ...]:
-        usual = self._found.sizes.index(1.0)
-        return tuple(
-            sorted(
-                self._found.effects,
-                key=lambda e: (-(e.visible[usual] if e.visible else 0.0), e.effect),
-            )
-        )
-
     @property
     def showing(self) -> tuple[str, ...]:
-        return tuple(e.effect for e in self.effects if e in self._found.showing)
+        usual = self.sizes.index(1.0)
+        return tuple(e.effect for e in self.effects if e.visible and e.visible[usual] >= self.seen)
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        return tuple(e.effect for e in self.effects if e not in self._found.showing)
+        return tuple(e.effect for e in self.effects if e.effect not in self.showing)
 
     @property
     def title(self) -> str:
         """The finding in a sentence."""
-        count = len(self.effects)
-        confused = sum(bool(e.confused) for e in self.effects if e in self._found.showing)
+        confused = sum(bool(e.confused) for e in self.effects if e.effect in self.showing)
         return (
-            f"This experiment of {self._found.seconds:.3g} s shows {len(self.showing)} of {count} "
-            f"effects at their usual size, {confused} of them not to be told from another family"
+            f"This experiment of {self.seconds:.3g} s shows {len(self.showing)} of "
+            f"{len(self.effects)} effects at their usual size, {confused} of them not to be told "
+            "from another family"
         )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        p = self._found
-        return said.PowerFile(
-            rig=self.rig,
-            excitation=self.excitation,
-            seconds=p.seconds,
-            noise=self.noise,
-            seed=self.seed,
-            channels=p.channels,
-            sizes=p.sizes,
-            seen=p.seen,
-            effects=tuple(
-                said.ShownEffect(
-                    effect=e.effect,
-                    family=e.family,
-                    port=e.port,
-                    amount=self._amount(e),
-                    visible=e.visible,
-                    standard_errors=e.errors,
-                    by_channel=e.by_channel or {},
-                    confused=e.confused,
-                    failed=e.failed,
-                )
-                for e in self.effects
-            ),
-        ).as_json()
-
-    def _amount(self, e: EffectPower) -> said.UsualAmount | None:
-        if e.amount is None:
-            return None
-        least = self._found.least(e)
-        return said.UsualAmount(
-            parameter=e.amount.name,
-            unit=e.amount.unit,
-            usual=e.amount.usual,
-            least=None if least is None else least * e.amount.usual,
-        )
+        return self.as_json()
 
     def summary(self) -> str:
         """The finding and a table, as lines of text."""
@@ -116,18 +66,16 @@ class PowerResult:
         ]
         return "\n".join([f"{self.title}.", "", *lines])
 
-    def _row(self, e: EffectPower) -> tuple[str, ...]:
-        if e.failed:
+    def _row(self, e: ShownEffect) -> tuple[str, ...]:
+        if e.failed or e.amount is None:
             return e.effect, "-", "-", "-", e.failed
-        least, seen = self._found.least(e), self._found.seen
-        unit = f" {e.amount.unit}" if e.amount and e.amount.unit not in ("", "1", "-") else ""
-        usual = e.amount.usual if e.amount else 1.0
-        alone = [c for c, v in (e.by_channel or {}).items() if v >= seen]
+        amount = e.amount
+        unit = f" {amount.unit}" if amount.unit not in ("", "1", "-") else ""
         return (
             e.effect,
-            "does not show" if least is None else f"{least * usual:.2g}{unit}",
-            f"{usual:.2g}{unit}",
-            ", ".join(alone) or "-",
+            "does not show" if amount.least is None else f"{amount.least:.2g}{unit}",
+            f"{amount.usual:.2g}{unit}",
+            ", ".join(c for c, v in e.by_channel.items() if v >= self.seen) or "-",
             ", ".join(e.confused[:3]) + (" ..." if len(e.confused) > 3 else ""),
         )
 
@@ -146,56 +94,70 @@ class PowerResult:
     def _drawing(self) -> Drawing:
         from pamid.report.power_figure import power_drawing
 
-        return power_drawing(self._found, self.effects, self.title)
+        return power_drawing(self, self.title)
 
     def _repr_html_(self) -> str:
         return card(self.title, html_table((HEAD, [self._row(e) for e in self.effects])))
 
 
-def power(
-    excitation: RecordingLike,
-    rig: RigLike | None = None,
-    *,
-    effects: EffectLike | Iterable[EffectLike] = (),
-    known: Mapping[str, float] | None = None,
-    noise: float = 1.0,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: ShowProgress = None,
-) -> PowerResult:
+@verb(PowerArguments)
+def power(arguments: PowerArguments) -> PowerResult:
     """Detectability of effects in an experiment: smallest size, sensor, and confusions.
 
     The rig of the data sheet is linearised and compared with noise, parameters and tolerances. A
     real machine has further deviations, which an effect must exceed as well.
-
-    Parameters
-    ----------
-    excitation
-        Excitation to be sent, as for `pamid.simulate`.
-    rig
-        As in `pamid.fit`. Default: the one that the excitation names, else one-dof.
-    effects
-        Effect files or Effects, in addition to the catalogue.
-    known
-        Known parameters by name, in their unit.
-    noise
-        Factor on the sensors' noise.
-    progress
-        As in `pamid.fit`.
 
     Raises
     ------
     PamidError
         Files, data or arguments are wrong.
     """
-    source = recording_given(excitation, "excitation")
-    virtual = resolved_rig(rig) or rig_of([source])
-    simulated = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
-    recording = recorded(source, simulated, SIGNIFICANT_DIGITS, None)
-    split = split_recordings(rig_named(virtual), [recording], [])
+    a = arguments
+    source = recording_given(a.excitation, "excitation")
+    rig = resolved_rig(a.rig) or rig_of([source])
+    simulated = simulate_virtual_rig(rig, source, (), dict(a.known or {}), {}, a.noise, a.seed)
+    recording = recorded(source, simulated, SIGNIFICANT_DIGITS)
+    split = split_recordings(rig_named(rig), [recording], [])
     # nothing is chosen here: all of it counts as fitted
     split = replace(split, fit=(Span(recording, 0, len(recording)),))
-    catalogue, _ = effects_with(effects_given(effects))
-    with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
+    catalogue, _ = effects_with(effects_given(a.effects))
+    with progress_steps(a.progress, "power") as (show, _), worker_pool(a.jobs) as pool:
         detectability = experiment_power(split, catalogue, pool=pool, progress=show)
-    return PowerResult(split.rig.name, str(source.path), noise, seed, detectability)
+    usual = detectability.sizes.index(1.0)
+    plainest_first = sorted(
+        detectability.effects, key=lambda e: (-(e.visible[usual] if e.visible else 0.0), e.effect)
+    )
+    return PowerResult(
+        rig=split.rig.name,
+        excitation=str(source.path),
+        seconds=detectability.seconds,
+        noise=a.noise,
+        seed=a.seed,
+        channels=detectability.channels,
+        sizes=detectability.sizes,
+        seen=detectability.seen,
+        effects=tuple(_shown(e, detectability.least(e)) for e in plainest_first),
+    )
+
+
+def _shown(e: EffectPower, least: float | None) -> ShownEffect:
+    """Entry of an effect; least: smallest multiple of its usual size that shows."""
+    amount = None
+    if e.amount is not None:
+        amount = UsualAmount(
+            parameter=e.amount.name,
+            unit=e.amount.unit,
+            usual=e.amount.usual,
+            least=None if least is None else least * e.amount.usual,
+        )
+    return ShownEffect(
+        effect=e.effect,
+        family=e.family,
+        port=e.port,
+        amount=amount,
+        visible=e.visible,
+        standard_errors=e.errors,
+        by_channel=e.by_channel or {},
+        confused=e.confused,
+        failed=e.failed,
+    )

@@ -1,6 +1,8 @@
-"""The figures of a result: those of its report, as figures."""
+"""The figures of a run: those of its report, one by one."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.recording.plot import NotebookFigure
@@ -13,6 +15,42 @@ from pamid.report.rig_figure import rig_drawing
 from pamid.report.style import Drawing, figure_of, png_of
 
 PLOTTED_MODELS = ("data_sheet", "refitted", "cause", "network")
+#: content of a figure -> its drawing, None where the run does not hold it
+_DRAWINGS: dict[str, Callable[[RunData], Drawing | None]] = {
+    "held-out errors": lambda run: budget_drawing(errors_of(run), run.diagnosis),
+    "ports of its rig": lambda run: rig_drawing(run.diagnosis),
+    "added-variable plots": added_drawing,
+    "shares of ports": lambda run: ports_drawing(run.diagnosis) if run.diagnosis else None,
+    "candidates that were refitted": lambda run: (
+        ranking_drawing(run.diagnosis) if run.diagnosis else None
+    ),
+    "course of a training": lambda run: (
+        training_drawing(run.trace, run.network) if run.trace is not None else None
+    ),
+}
+
+
+def figure(run: RunData, content: str) -> NotebookFigure:
+    """Figure of a run; DataError where the run does not hold its content."""
+    return figure_of(_drawing(run, content))
+
+
+def png(run: RunData, content: str) -> bytes:
+    """The same as a PNG file."""
+    return png_of(_drawing(run, content))
+
+
+def _drawing(run: RunData, content: str) -> Drawing:
+    drawing = _DRAWINGS[content](run)
+    if drawing is None:
+        raise DataError(f"This run holds no {content}.", "`pamid.report` shows all that it holds.")
+    return drawing
+
+
+def overview_png(run: RunData) -> bytes:
+    """The rig's diagram, and below it the added-variable plots where the run holds them."""
+    rig, added = _drawing(run, "ports of its rig"), added_drawing(run)
+    return png_of(rig, added) if added is not None else png_of(rig)
 
 
 def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFigure:
@@ -34,24 +72,6 @@ def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFig
     return figure_of(window_drawing(run, run.residual, chosen, window, kinds))
 
 
-def errors_figure(run: RunData) -> NotebookFigure:
-    return _shown(budget_drawing(errors_of(run), run.diagnosis), "held-out errors")
-
-
-def rig_map_figure(run: RunData) -> NotebookFigure:
-    return _shown(rig_drawing(run.diagnosis), "ports of its rig")
-
-
-def rig_map_png(run: RunData) -> bytes:
-    return png_of(_required(rig_drawing(run.diagnosis), "ports of its rig"))
-
-
-def overview_png(run: RunData) -> bytes:
-    """The rig's diagram, and below it the added-variable plots where the run holds them."""
-    rig, added = _required(rig_drawing(run.diagnosis), "ports of its rig"), added_drawing(run)
-    return png_of(rig, added) if added is not None else png_of(rig)
-
-
 def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFigure:
     """The plots of the leading candidates, or that of one; UsageError for an effect that the run
     holds none of."""
@@ -65,30 +85,5 @@ def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFi
             nearest(effect, plots) or f"There are {', '.join(plots)}.",
         )
     if effect is None or run.diagnosis is None or effect not in plots:
-        return _shown(added_drawing(run), "added-variable plots")
+        return figure(run, "added-variable plots")
     return figure_of(single_drawing(plots[effect], run.diagnosis))
-
-
-def ports_figure(run: RunData) -> NotebookFigure:
-    drawing = ports_drawing(run.diagnosis) if run.diagnosis is not None else None
-    return _shown(drawing, "shares of ports")
-
-
-def ranking_figure(run: RunData) -> NotebookFigure:
-    drawing = ranking_drawing(run.diagnosis) if run.diagnosis is not None else None
-    return _shown(drawing, "candidates that were refitted")
-
-
-def training_figure(run: RunData) -> NotebookFigure:
-    drawing = training_drawing(run.trace, run.network) if run.trace is not None else None
-    return _shown(drawing, "course of a training")
-
-
-def _shown(drawing: Drawing | None, what: str) -> NotebookFigure:
-    return figure_of(_required(drawing, what))
-
-
-def _required(drawing: Drawing | None, what: str) -> Drawing:
-    if drawing is None:
-        raise DataError(f"This run holds no {what}.", "`pamid.report` shows all that it holds.")
-    return drawing

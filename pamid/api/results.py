@@ -7,12 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import RecordingLike, recording_given
-from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
-from pamid.api.saving import save_run
-from pamid.api.workers import RunHome
+from pamid.api.given import RecordingLike
+from pamid.api.simulating import simulate
+from pamid.api.workers import OpenedRun, RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
@@ -25,7 +24,7 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.captions import reason_text
 from pamid.report.channel_errors import ChannelErrors, errors_of
-from pamid.report.load import RunData, load_run, read_diagnosis
+from pamid.report.load import load_run, read_diagnosis
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,
@@ -43,10 +42,14 @@ if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
     from pamid.report.writing import Report
 
-#: a rig and effects, as `load_identified` takes them
-RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
-
 MOST_CARD_ROWS = 8  # rows of a card
+# attributes that a result has from its files as they are
+_OF_FIT = ("rig", "effects", "recordings", "channels", "converged", "why")
+_OF_CAUSE = ("effect", "family", "port", "share", "probability", "removes")
+_OF_DIAGNOSIS = (
+    *("verdict", "sentence", "remark", "remainder", "ranking", "tied"),
+    *("unknown", "next_experiment"),
+)
 CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
 
 
@@ -143,8 +146,8 @@ class IdentifiedCause:
         )
 
 
-@dataclass(frozen=True)
-class FitResult:
+@dataclass(frozen=True, kw_only=True)
+class FitResult(OpenedRun):
     """A fitted model and how well it does on what was held out.
 
     folder: of the run; rig: its name; effects: what was fitted with it; converged, why: of the
@@ -153,7 +156,6 @@ class FitResult:
     code: rig and effects as they were given, which `simulate` needs where they are no names.
     """
 
-    folder: Path
     rig: str
     effects: tuple[str, ...]
     recordings: tuple[RecordingUsed, ...]
@@ -163,13 +165,6 @@ class FitResult:
     parameters: ParameterTable
     combinations: ParameterTable
     failed_jobs: tuple[tuple[str, str], ...]
-    code: RunCode
-    _home: RunHome
-
-    @cached_property
-    def data(self) -> RunData:
-        """All that the files of the run hold."""
-        return load_run(self.folder)
 
     @cached_property
     def errors(self) -> dict[str, ChannelErrors]:
@@ -201,37 +196,19 @@ class FitResult:
         effect file, or in Python, and it was opened without it; DataError where the excitation has
         another period, or the model becomes unstable.
         """
-        source = recording_given(excitation, "excitation")
-        simulated = modelled(
-            self.folder,
-            source,
+        return simulate(
+            excitation,
+            model=self,
             which=which,
-            rig=self.code[0],
-            effects=self.code[1],
-            known=known or {},
-            parameters=parameters or {},
+            known=known,
+            parameters=parameters,
             noise=noise,
             seed=seed,
         )
-        return recorded(source, simulated, MODEL_DIGITS)
-
-    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
-        """Measured and modelled over the held-out window in which the refitted model errs most;
-        channel [default: the one that tells most]."""
-        from pamid.api.plots import worst_window_figure
-
-        return worst_window_figure(self.data, channel)
 
     def plot_errors(self) -> NotebookFigure:
         """Held-out mean absolute errors of every model, channel by channel."""
-        from pamid.api.plots import errors_figure
-
-        return errors_figure(self.data)
-
-    def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
-        """Write the run folder, as the command writes it; FileError where something else lies
-        there. `pamid.open_run` opens it again."""
-        return save_run(self.folder, Path(folder), overwrite=overwrite)
+        return self._figure("held-out errors")
 
     def report(self, output: PathLike, *, pdf: PathLike | None = None) -> Report:
         """Write the page of this run to `output`, on request as a PDF as well."""
@@ -272,7 +249,7 @@ class FitResult:
         return ("channel", *(m.replace("_", " ") for m in shown), "unit"), rows
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DiagnosisResult(FitResult):
     """Where a model departs from its recordings, which effect causes it, how far the gap shrinks;
     beside that all that a fit holds, of the refitted model (`refitted`: its parameters) and of the
@@ -308,15 +285,13 @@ class DiagnosisResult(FitResult):
     def plot_rig(self) -> NotebookFigure:
         """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an
         earlier version, which does not hold its rig's ports."""
-        from pamid.api.plots import rig_map_figure
-
-        return rig_map_figure(self.data)
+        return self._figure("ports of its rig")
 
     def rig_png(self) -> bytes:
         """The same as a PNG file."""
-        from pamid.api.plots import rig_map_png
+        from pamid.api.plots import png
 
-        return rig_map_png(self.data)
+        return png(self.data, "ports of its rig")
 
     def overview_png(self) -> bytes:
         """The rig's diagram with the added-variable plots below it, as a PNG file."""
@@ -334,15 +309,11 @@ class DiagnosisResult(FitResult):
 
     def plot_ports(self) -> NotebookFigure:
         """The share of the gap that enters at every port; DataError where there is no gap."""
-        from pamid.api.plots import ports_figure
-
-        return ports_figure(self.data)
+        return self._figure("shares of ports")
 
     def plot_ranking(self) -> NotebookFigure:
         """The share of the held-out error that every candidate removes."""
-        from pamid.api.plots import ranking_figure
-
-        return ranking_figure(self.data)
+        return self._figure("candidates that were refitted")
 
     def __repr__(self) -> str:
         causes = "".join(f"\n  {c!r}" for c in self.causes)
@@ -424,14 +395,9 @@ def result_of(
             code="damaged",
         )
     failed = diagnosis.failed_jobs if diagnosis is not None else fit.failed_jobs
-    common: dict[str, Any] = {
+    common: dict[str, Any] = {name: getattr(fit, name) for name in _OF_FIT}
+    common |= {
         "folder": folder,
-        "rig": fit.rig,
-        "effects": tuple(fit.effects),
-        "recordings": tuple(fit.recordings),
-        "channels": tuple(fit.channels),
-        "converged": fit.converged,
-        "why": fit.why,
         "combinations": _parameters(fit.combinations),
         "failed_jobs": tuple((one.job, one.why) for one in failed or ()),
         "code": (rig, effects),
@@ -445,37 +411,24 @@ def result_of(
     return DiagnosisResult(
         parameters=_parameters(diagnosis.parameters),
         refitted=parameters,
-        **common,
-        verdict=diagnosis.verdict,
-        sentence=diagnosis.sentence,
-        remark=diagnosis.remark,
         ports=tuple(sorted(shares, key=lambda item: -item[1])),
         causes=tuple(
             IdentifiedCause(
-                cause.effect,
-                cause.family,
-                cause.port,
-                _parameters(cause.parameters),
-                cause.share,
-                cause.probability,
-                cause.removes,
+                parameters=_parameters(cause.parameters),
+                **{name: getattr(cause, name) for name in _OF_CAUSE},
             )
             for cause in diagnosis.causes
         ),
-        remainder=diagnosis.remainder,
-        ranking=tuple(diagnosis.ranking),
         regimes=tuple(where.regimes) if where is not None else (),
-        tied=diagnosis.tied,
-        unknown=diagnosis.unknown,
-        next_experiment=diagnosis.next_experiment,
+        **{name: getattr(diagnosis, name) for name in _OF_DIAGNOSIS},
+        **common,
     )
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
-    return ParameterTable(tuple(_estimate(name, one) for name, one in estimates.items()))
-
-
-def _estimate(name: str, one: Estimate) -> ParameterEstimate:
-    stated = {field: getattr(one, field) for field in Estimate.model_fields}
-    stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
-    return ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""})
+    table = []
+    for name, one in estimates.items():
+        stated = {field: getattr(one, field) for field in Estimate.model_fields}
+        stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
+        table.append(ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""}))
+    return ParameterTable(tuple(table))

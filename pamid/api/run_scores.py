@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pamid.api.given import (
-    EffectLike,
-    RecordingLike,
-    Warn,
     effects_given,
     recording_given,
     recordings_given,
     unknown_columns,
     warn_in_python,
 )
-from pamid.api.results import FitResult
+from pamid.api.options.record import verb
+from pamid.api.options.simulating import ScoreArguments
+from pamid.api.workers import OpenedRun
 from pamid.base.errors import UsageError
-from pamid.base.files import PathLike
-from pamid.correction.run_score import RunScore, score_run
-from pamid.model.registry import RigLike, catalogue_rig, in_catalogue, resolved_rig
+from pamid.correction.run_score import score_run
+from pamid.model.registry import catalogue_rig, in_catalogue, resolved_rig
 from pamid.report.recording_errors import recording_errors_text
-from pamid.schemas.score_file import RecordingError, ScoreFile
+from pamid.schemas.score_file import ScoreFile
 
 
-@dataclass(frozen=True)
-class ScoreResult:
+class ScoreResult(ScoreFile):
     """Errors of a run's models on recordings that were not used before.
 
     rig: its name; models: "data_sheet", "refitted", "with_cause", "with_network", those that the
@@ -35,77 +29,49 @@ class ScoreResult:
     and `rms` by model in the channel's unit, and what the recording states as `known`.
     """
 
-    folder: Path
-    _found: RunScore
-
-    @property
-    def rig(self) -> str:
-        return self._found.rig
-
-    @property
-    def models(self) -> tuple[str, ...]:
-        return self._found.models
-
-    @property
-    def recordings(self) -> tuple[RecordingError, ...]:
-        return self._found.rows
-
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        return ScoreFile(
-            run=str(self.folder),
-            rig=self.rig,
-            models=self.models,
-            recordings=self.recordings,
-            notes=self._found.notes,
-        ).as_json()
+        return self.as_json()
 
     def summary(self) -> str:
         """The table, as lines of text."""
-        return "\n".join([recording_errors_text(self.recordings), *self._found.notes])
+        return "\n".join([recording_errors_text(self.recordings), *self.notes])
 
     def __repr__(self) -> str:
         return f"<ScoreResult of {self.rig}>\n{self.summary()}"
 
 
-def score(
-    run: FitResult | PathLike,
-    recordings: RecordingLike | Sequence[RecordingLike],
-    *,
-    rig: RigLike | None = None,
-    effects: EffectLike | Iterable[EffectLike] = (),
-    warn: Warn = warn_in_python,
-) -> ScoreResult:
+@verb(ScoreArguments)
+def score(arguments: ScoreArguments) -> ScoreResult:
     """Score the models of a run on new recordings: data sheet, refitted, with causes, with network.
 
     Errors are mean absolute and root mean square, per recording and channel; in replay of the
     recorded command, and under the controller where one ran.
-
-    Parameters
-    ----------
-    run
-        Result, or run folder.
-    rig, effects
-        Rig and effects of the run, where these are files (they are run) or Python objects.
 
     Raises
     ------
     PamidError
         A recording was used in the run, or does not fit its rig.
     """
-    given = recordings_given(recordings)
+    given = recordings_given(arguments.recordings)
     if not given:
         raise UsageError("There is no recording to judge by.", "Give at least one.")
-    named, own = resolved_rig(rig), effects_given(effects)
-    if isinstance(run, FitResult):
-        named, own = named or run.code[0], own or run.code[1]
-    folder = run.folder if isinstance(run, FitResult) else Path(run)
+    run = OpenedRun.of(arguments.run)
+    rig = resolved_rig(arguments.rig) or run.code[0]
+    effects = effects_given(arguments.effects) or run.code[1]
     read = [recording_given(item, f"recording-{k + 1}") for k, item in enumerate(given)]
-    scores = score_run(folder, read, rig=named, effects=own)
+    scores = score_run(run.folder, read, rig=rig, effects=effects)
+    warn = arguments.warn or warn_in_python
     for recording in read:
         texts = list(recording.warnings)
         if in_catalogue(scores.rig):
             texts += unknown_columns(catalogue_rig(scores.rig), recording)
         for text in texts:
             warn(f"{recording.path}: {text}")
-    return ScoreResult(folder, scores)
+    return ScoreResult(
+        run=str(run.folder),
+        rig=scores.rig,
+        models=scores.models,
+        recordings=scores.rows,
+        notes=scores.notes,
+    )

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.results import FitResult
-from pamid.api.workers import RunHome
+from pamid.api.options.record import verb
+from pamid.api.options.training import TrainingArguments
+from pamid.api.workers import OpenedRun
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
 from pamid.base.errors import DataError, PamidError, UsageError
-from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
-from pamid.base.progress import Progress, ShowProgress, progress_steps
+from pamid.base.progress import Progress, progress_steps
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
@@ -33,15 +31,12 @@ from pamid.correction.port_network import (
 from pamid.correction.residual_data import (
     CAUSES,
     MODEL_COLUMNS,
-    REFIT,
     ResidualData,
     read_residual_data,
 )
-from pamid.model.registry import RigLike, resolved_rig
-from pamid.model.rig import Rig
+from pamid.model.registry import resolved_rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
-from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -52,18 +47,18 @@ USUAL_ITERATIONS = 1000
 Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
 
 
-@dataclass(frozen=True)
-class NetworkResult:
+@dataclass(frozen=True, kw_only=True)
+class NetworkResult(OpenedRun):
     """A network that corrects a fitted model, and what it is worth on what was held out.
 
     folder: of the run; kind: "elman", "anfis" or "narx"; on: the model whose residual it was
     trained on, "refit" or "causes"; target: that residual in words; inputs: what it is given;
     weights: their number; iterations, why, converged: of the training; interrupted: it was ended
-    early, and is what it had reached; errors: channel -> "refitted", "with_cause" (of a network on
+    early, and is what it had reached; stuck: it ended before the last iteration without converging;
+    errors: channel -> "refitted", "with_cause" (of a network on
     the model with the causes), "with_network" ... -> mean absolute error in the channel's unit.
     """
 
-    folder: Path
     kind: str
     on: str
     target: str
@@ -73,13 +68,8 @@ class NetworkResult:
     why: str
     converged: bool
     interrupted: bool
+    stuck: bool
     errors: dict[str, dict[str, float]]
-    _home: RunHome = field(repr=False)
-
-    @cached_property
-    def data(self) -> RunData:
-        """All that the files of the run hold."""
-        return load_run(self.folder)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command: network.json."""
@@ -88,16 +78,7 @@ class NetworkResult:
 
     def plot_training(self) -> NotebookFigure:
         """Error, effective number of parameters and damping over the iterations."""
-        from pamid.api.plots import training_figure
-
-        return training_figure(self.data)
-
-    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
-        """Measured, refitted and corrected over the held-out window in which the refitted model
-        errs most."""
-        from pamid.api.plots import worst_window_figure
-
-        return worst_window_figure(self.data, channel)
+        return self._figure("course of a training")
 
     def __repr__(self) -> str:
         return f"<NetworkResult {self._headline()}>\n{text_table(self._rows())}"
@@ -122,142 +103,99 @@ class NetworkResult:
         return ("held-out mean absolute error", *heads), rows
 
 
-def train_residual(
-    run: FitResult | PathLike,
-    *,
-    network: str = "elman",
-    iterations: int | None = None,
-    seed: int = 0,
-    starts: int = 1,
-    jobs: int | None = None,
-    evidence: str = "every-sample",
-    device: str = "cpu",
-    at: str = "output",
-    on: str = REFIT,
-    rig: RigLike | None = None,
-    channel: str | None = None,
-    inputs: Sequence[str] = (),
-    resume: bool = False,
-    as_in_paper: bool = False,
-    mu: float | None = None,
-    mu_increase: float | None = None,
-    mu_decrease: float | None = None,
-    mu_largest: float | None = None,
-    progress: ShowProgress = None,
-    command: Sequence[str] = (),
-    **sizes: int | None,
-) -> NetworkResult:
+@verb(TrainingArguments)
+def train_residual(arguments: TrainingArguments) -> NetworkResult:
     """Train a network on the residual of a run's model, and judge it on held-out data.
 
     The files of the network are added to the run. An interrupt ends the training with its best
     network so far.
-
-    Parameters
-    ----------
-    run
-        Result, or run folder.
-    network
-        "elman", "anfis" or "narx".
-    sizes
-        hidden: units of elman or narx (default 10, or as many as the samples decide); sets:
-        membership sets per input of anfis (default: up to 5, with no more than 64 rules).
-    iterations
-        Levenberg-Marquardt steps at most, per start. Default: 1000; 5000 as in the paper.
-    seed, starts
-        Seed and number of random starts.
-    jobs
-        Cores. Default: all. The result does not depend on it.
-    evidence
-        Samples that the regularisation counts: "every-sample" or "independent-samples".
-    device
-        "cpu", or "cuda" where torch finds one.
-    at
-        "output", or the port of the rig at which the correction enters the equations.
-    rig
-        With a port: the rig file of the run (it is run), or the Rig.
-    on
-        Model whose residual is learnt: "refit", or "causes", the one with the causes of a
-        diagnosis, replayed on recorded commands.
-    channel
-        Output to correct. Default: angle_deg, else the first of the run.
-    inputs
-        Columns of residual.csv that the network receives.
-    resume
-        Go on from where the same training was interrupted.
-    as_in_paper
-        Plain Levenberg-Marquardt steps from a random start, without acceleration, variable
-        projection or a bound on the context; mu by fixed factors; 5000 steps.
-    mu, mu_increase, mu_decrease, mu_largest
-        Damping: initial value (default 0.005), factor after a rejected step (default 3; 10 as in
-        the paper), factor after an accepted step (default: by the gain ratio; 0.1 as in the
-        paper), and the value at which the training stops (default 1e10).
 
     Raises
     ------
     PamidError
         The run or the call is wrong, or the training had no result.
     """
-    if evidence not in EVIDENCE:
-        raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
-    if on not in MODEL_COLUMNS:
-        raise UsageError(f"on={on!r}: take {' or '.join(MODEL_COLUMNS)}.")
-    damping = _damping(as_in_paper, mu, mu_increase, mu_decrease, mu_largest)
-    if iterations is None:
-        iterations = PAPER_ITERATIONS if as_in_paper else USUAL_ITERATIONS
-    wanted = NetworkChoice(network, sizes)
-    home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
-    folder = Run.open(home.folder)
-    leftover = read_residual_data(home.folder, channel, tuple(inputs), on=on, replay=at != "output")
-    trainer = _trainer(run, home.folder, at, on, resolved_rig(rig))
-    folder.begin_step(
-        command=command or ["pamid.train_residual", str(home.folder)],
-        seed=seed,
-        inputs=[home.folder / FIT_FILE, home.folder / RESIDUAL_FILE],
+    a = arguments
+    if a.evidence not in EVIDENCE:
+        raise UsageError(f"evidence={a.evidence!r}: take {' or '.join(EVIDENCE)}.")
+    if a.on not in MODEL_COLUMNS:
+        raise UsageError(f"on={a.on!r}: take {' or '.join(MODEL_COLUMNS)}.")
+    damping = _damping(a)
+    iterations = most_iterations(a)
+    wanted = NetworkChoice(a.network, a.sizes)
+    source = OpenedRun.of(a.run)
+    run = Run.open(source.folder)
+    residual = read_residual_data(
+        run.folder, a.channel, tuple(a.inputs), on=a.on, replay=a.at != "output"
+    )
+    trained = _trainer(a, source)
+    run.begin_step(
+        command=a.command or ["pamid.train_residual", str(run.folder)],
+        seed=a.seed,
+        inputs=[run.folder / FIT_FILE, run.folder / RESIDUAL_FILE],
         options={
-            "network": network,
-            **sizes,
+            "network": a.network,
+            **a.sizes,
             "iterations": iterations,
-            "starts": starts,
-            "evidence": evidence,
-            "at": at,
-            "on": on,
-            "as_in_paper": as_in_paper,
+            "starts": a.starts,
+            "evidence": a.evidence,
+            "at": a.at,
+            "on": a.on,
+            "as_in_paper": a.plain,
             "damping": asdict(damping),
-            "resume": resume,
-            "channel": leftover.channel,
-            "inputs": list(leftover.inputs),
+            "resume": a.resume,
+            "channel": residual.channel,
+            "inputs": list(residual.inputs),
         },
     )
-    course = TrainingOptions(
-        wanted=wanted,
-        independent=evidence == "independent-samples",
-        plain=as_in_paper,
-        damping=damping,
-        device=device,
-        iterations=iterations,
-        seed=seed,
-        starts=starts,
-        threads=jobs or os.cpu_count() or 1,
-        checkpoint=folder.path(CHECKPOINT_FILE),
-        resume=resume,
-    )
-    about, interrupted = _trained(folder, leftover, trainer, course, progress)
-    return _result(home, about, interrupted)
-
-
-def _damping(
-    as_in_paper: bool,
-    start: float | None,
-    increase: float | None,
-    decrease: float | None,
-    largest: float | None,
-) -> Damping:
-    """The paper's schedule of mu, or ours, with what is given in its place; UsageError where that
-    is none."""
-    given = {"start": start, "increase": increase, "decrease": decrease, "largest": largest}
-    named = {name: value for name, value in given.items() if value is not None}
     try:
-        return replace(PAPER_DAMPING if as_in_paper else Damping(), **named)
+        with progress_steps(a.progress, "train-residual", iterations) as (show, count):
+            about, interrupted = trained(
+                run,
+                residual,
+                show,
+                TrainingOptions(
+                    wanted=wanted,
+                    independent=a.evidence == "independent-samples",
+                    plain=a.plain,
+                    damping=damping,
+                    device=a.device,
+                    iterations=iterations,
+                    seed=a.seed,
+                    starts=a.starts,
+                    threads=a.jobs or os.cpu_count() or 1,
+                    checkpoint=run.path(CHECKPOINT_FILE),
+                    resume=a.resume,
+                    progress=_steps(count, a.starts),
+                ),
+            )
+    except (PamidError, KeyboardInterrupt) as error:
+        run.finish("failed" if isinstance(error, PamidError) else "interrupted")
+        raise
+    run.finish("interrupted" if interrupted else "done")
+    return _result(source, about, interrupted, iterations)
+
+
+def most_iterations(arguments: TrainingArguments) -> int:
+    """Iterations at most, for every start."""
+    default = PAPER_ITERATIONS if arguments.plain else USUAL_ITERATIONS
+    return default if arguments.iterations is None else arguments.iterations
+
+
+def _damping(arguments: TrainingArguments) -> Damping:
+    """Schedule of mu: that of the paper or ours, with the given values in their place."""
+    values = {
+        name: getattr(arguments, f"mu{ending}")
+        for name, ending in (
+            ("start", ""),
+            ("increase", "_increase"),
+            ("decrease", "_decrease"),
+            ("largest", "_largest"),
+        )
+    }
+    given = {name: value for name, value in values.items() if value is not None}
+    try:
+        return replace(PAPER_DAMPING if arguments.plain else Damping(), **given)
     except DataError as error:
         raise UsageError(
             error.message,
@@ -265,53 +203,30 @@ def _damping(
         ) from None
 
 
-def _trainer(
-    run: FitResult | PathLike, folder: Path, at: str, on: str, rig: str | Rig | None
-) -> Trainer:
+def _trainer(arguments: TrainingArguments, source: OpenedRun) -> Trainer:
     """Trainer for an output or for a port; raises for unknown names."""
-    if at == "output":
+    rig = resolved_rig(arguments.rig)
+    if arguments.at == "output":
         if rig is not None:
             raise UsageError("--rig belongs to --port PORT: at the output no rig is needed.")
-        return _at_output
-    if rig is None and isinstance(run, FitResult):
-        rig = run.code[0]
-    origin = origin_of(folder, rig, on)
-    entry = entry_of(origin.evidence.rig, at)
+
+        def at_output(
+            run: Run, residual: ResidualData, _: Progress, options: TrainingOptions
+        ) -> tuple[dict[str, Any], bool]:
+            correction = train_correction(residual, **options)
+            return write_correction(run, correction), correction.interrupted
+
+        return at_output
+    origin = origin_of(source.folder, source.code[0] if rig is None else rig, arguments.on)
+    entry = entry_of(origin.evidence.rig, arguments.at)
 
     def at_port(
-        run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+        run: Run, residual: ResidualData, show: Progress, options: TrainingOptions
     ) -> tuple[dict[str, Any], bool]:
-        correction = train_at_port(leftover, origin.model(), entry, show, **course)
+        correction = train_at_port(residual, origin.model(), entry, show, **options)
         return write_port_correction(run, correction), correction.interrupted
 
     return at_port
-
-
-def _trained(
-    run: Run,
-    leftover: ResidualData,
-    trainer: Trainer,
-    course: TrainingOptions,
-    progress: ShowProgress,
-) -> tuple[dict[str, Any], bool]:
-    """network.json, and whether the training was interrupted; the run is closed with how it
-    ended."""
-    try:
-        with progress_steps(progress, "train-residual", course["iterations"]) as (show, count):
-            course["progress"] = _steps(count, course["starts"])
-            about, interrupted = trainer(run, leftover, show, course)
-    except (PamidError, KeyboardInterrupt) as error:
-        run.finish("failed" if isinstance(error, PamidError) else "interrupted")
-        raise
-    run.finish("interrupted" if interrupted else "done")
-    return about, interrupted
-
-
-def _at_output(
-    run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
-) -> tuple[dict[str, Any], bool]:
-    correction = train_correction(leftover, **course)
-    return write_correction(run, correction), correction.interrupted
 
 
 def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:
@@ -324,10 +239,12 @@ def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[Traini
     return step_done
 
 
-def _result(home: RunHome, about: dict[str, Any], interrupted: bool) -> NetworkResult:
+def _result(
+    source: OpenedRun, about: dict[str, Any], interrupted: bool, most: int
+) -> NetworkResult:
     training = about["training"]
     return NetworkResult(
-        folder=home.folder,
+        folder=source.folder,
         kind=about["kind"],
         on=about["on"],
         target=about["target"],
@@ -337,9 +254,10 @@ def _result(home: RunHome, about: dict[str, Any], interrupted: bool) -> NetworkR
         why=training["why"],
         converged=training["converged"],
         interrupted=interrupted,
+        stuck=not training["converged"] and training["iterations"] < most,
         errors={
             channel: {k: v for k, v in errors.items() if isinstance(v, float)}
             for channel, errors in about["mae"].items()
         },
-        _home=home,
+        _home=source._home,
     )

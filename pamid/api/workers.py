@@ -1,4 +1,4 @@
-"""Who does the jobs of a run, in which folder it lies, and how it is closed."""
+"""Run folders that results refer to, and the jobs of a run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,23 @@ import tempfile
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, TypeAlias
 
+from pamid.base.errors import FileError
+from pamid.base.files import TABLE, PathLike, is_inside, read_data, write_atomically
+from pamid.base.json_file import write_json
 from pamid.base.run_folder import JOBS, Run
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
 from pamid.parallel.result_store import Store
+from pamid.report.load import RunData, load_run
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
 
 
 class RunHome:
@@ -24,6 +36,80 @@ class RunHome:
             folder = Path(tempfile.mkdtemp(prefix="pamid-"))
             weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.folder = folder
+
+
+#: a rig and effects, as `load_identified` takes them
+RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenedRun:
+    """A run folder, with the rig and effects of the run where they are files or Python objects."""
+
+    folder: Path
+    code: RunCode = (None, ())
+    _home: RunHome = field(repr=False)
+
+    @classmethod
+    def of(cls, run: OpenedRun | PathLike) -> OpenedRun:
+        """The run, opened where it is a folder."""
+        if isinstance(run, OpenedRun):
+            return run
+        return OpenedRun(folder=Path(run), _home=RunHome(Path(run)))
+
+    @cached_property
+    def data(self) -> RunData:
+        """All that the files of the run hold."""
+        return load_run(self.folder)
+
+    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
+        """Measured and modelled over the held-out window in which the refitted model errs most;
+        channel [default: the one that tells most]."""
+        from pamid.api.plots import worst_window_figure
+
+        return worst_window_figure(self.data, channel)
+
+    def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
+        """Copy the run folder: its record (run.json) and every file that the record lists, byte by
+        byte. `pamid.open_run` opens it again.
+
+        FileError where something else is in `folder`, or a file would lead out of the run.
+        """
+        source, target = self.folder, Path(folder)
+        if target.resolve() == source.resolve():
+            return target
+        record = Run.open(source).record
+        listed = record.get("files")
+        names = [n for n in listed if isinstance(n, str)] if isinstance(listed, list) else []
+        content = {name: _content(source, name) for name in names if (source / name).exists()}
+        copy = Run.create(
+            target,
+            command=record.get("command") or "pamid",
+            seed=record.get("seed"),
+            options=record["options"],
+            overwrite=overwrite,
+        )
+        for name, path in zip(content, copy.claim(*content), strict=True):
+            write_atomically(path, content[name])
+        write_json(target / "run.json", {**record, "files": list(content)})
+        return target
+
+    def _figure(self, content: str) -> NotebookFigure:
+        # with matplotlib, which no run needs
+        from pamid.api.plots import figure
+
+        return figure(self.data, content)
+
+
+def _content(folder: Path, name: str) -> bytes:
+    path = folder / name
+    if PurePath(name).is_absolute() or not is_inside(folder, PurePath(name)) or path.is_symlink():
+        raise FileError(
+            f"{folder / 'run.json'} lists {name!r}, which is not a file of that folder.",
+            "Take it out of the list, or copy the folder by hand.",
+            code="run-folder",
+        )
+    return read_data(path, TABLE)
 
 
 @contextmanager

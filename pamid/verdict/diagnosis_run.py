@@ -72,7 +72,6 @@ def diagnose_into(
     catalogue: dict[str, type[Effect]],
     *,
     seed: int = 0,
-    jobs: int = 1,
     progress: Progress = silent,
     pool: WorkerPool | None = None,
     settings: Settings = DEFAULT,
@@ -80,10 +79,10 @@ def diagnose_into(
     """Diagnose and write fit.json, residual.csv, free-run.csv, added-variables.json (where
     candidates were refitted), missing.csv (the points of an unknown effect), next-experiment.csv
     (where there is something left to measure, with its TOML; a further one per further setting) and
-    diagnosis.json; returns the last. pool: who does the jobs (default: `jobs` processes of this
-    machine); those that failed are named in `failed_jobs`. settings: as in
+    diagnosis.json; returns the last. pool: who does the jobs (default: this process);
+    those that failed are named in `failed_jobs`. settings: as in
     `pamid.diagnosis.pipeline.diagnose`."""
-    pool = pool or WorkerPool(jobs)
+    pool = pool or WorkerPool(1)
     result = diagnosed(
         evidence, catalogue, pool=pool, seed=seed, progress=progress, settings=settings
     )

@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,13 @@ from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.recording.recording import read_recording
 
-HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")
+HEAVY = ("pamid.model", "numpy", "scipy", "pandas", "pydantic", "torch", "numba", "matplotlib")
 Planted = Callable[[Callable[[], frame.Result]], None]
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """A test."""
 
 
 @pytest.fixture
@@ -29,7 +35,7 @@ def planted(monkeypatch: pytest.MonkeyPatch) -> Planted:
     """Make `pamid plant` run a function of the test."""
 
     def plant(function: Callable[[], frame.Result]) -> None:
-        made = frame.command("plant", example="pamid plant")(lambda: function())
+        made = frame.command("plant", Nothing, example="pamid plant")(lambda _: function())
         module = type(sys)("pamid_cli.plant")
         module.command = made  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, "pamid_cli.plant", module)

@@ -50,10 +50,10 @@ MAY_LOAD = {
     "pamid/api/diagnosing.py",
     "pamid/api/exciting.py",
     "pamid/api/given.py",
+    "pamid/api/planned_excitation.py",
     "pamid/api/planning.py",
     "pamid/trial/own_machine.py",
     "cli/effects.py",
-    "cli/excite.py",
     "cli/hints.py",
     "cli/rigs.py",
 }

@@ -113,7 +113,7 @@ def test_the_limits_of_a_sensor_are_named(ends: tuple[float, float], tmp_path: P
     clipped = ends != (0.0, 1.0)
     assert bool([i for i in examine(recording) if i.kind == "clipped"]) == clipped
     run = Run.create(tmp_path / "run", command=["test"], seed=0, overwrite=True)
-    result = diagnose_into(run, split(recording), {name: effects()[name] for name in FEW}, jobs=1)
+    result = diagnose_into(run, split(recording), {name: effects()[name] for name in FEW})
     assert [c["effect"] for c in result["causes"]] == [SENSOR] * clipped
     if clipped:
         assert result["verdict"] == "explained"

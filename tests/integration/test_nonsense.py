@@ -37,7 +37,6 @@ def diagnosed(folder: Path, position: Array, force: Array) -> dict[str, Any]:
         run,
         split_recordings(rig_named(CART), [read_recording(folder / "rec.csv")], []),
         {name: effects()[name] for name in FEW},
-        jobs=1,
     )
 
 

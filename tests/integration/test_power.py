@@ -51,7 +51,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     """An effect of the usual size, recorded with noise, and the rig refitted without it."""
     told = effect(found, "coulomb-friction")
     assert told.amount is not None
-    planted = f"coulomb-friction:{told.amount.name}={told.amount.usual!r}"
+    planted = f"coulomb-friction:{told.amount.parameter}={told.amount.usual!r}"
     errors = []
     for effects in ((planted,), ()):
         recording = pamid.simulate(excitation, PENDULUM, effects=effects, noise=NOISE, seed=5)

@@ -109,7 +109,7 @@ def test_half_a_recording_of_zeros_is_diagnosed(tmp_path: Path, columns: tuple[s
     evidence = split_recordings(rig_named(RIG), [halved(tmp_path, *columns)], [])
     record = Run.create(tmp_path / "run", command=["test"], seed=0, overwrite=True)
     catalogue = {name: effects()[name] for name in ("coulomb-friction", "quadratic-drag")}
-    found = diagnose_into(record, evidence, catalogue, jobs=1)
+    found = diagnose_into(record, evidence, catalogue)
     assert found["verdict"] and (tmp_path / "run" / "diagnosis.json").exists()
 
 

@@ -14,6 +14,7 @@ from virtual_joint import record
 from pamid.base.run_folder import Run
 from pamid.diagnosis.settings import Settings
 from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.verdict.diagnosis_run import diagnose_into
@@ -34,7 +35,10 @@ def found_for(
     catalogue = {k: v for k, v in effects().items() if k not in without}
     run = Run.create(folder / name, command=["test"], seed=0)
     return diagnose_into(
-        run, split_recordings(rig_named("one-dof"), recordings, []), catalogue, jobs=jobs
+        run,
+        split_recordings(rig_named("one-dof"), recordings, []),
+        catalogue,
+        pool=WorkerPool(jobs),
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -10,7 +12,13 @@ import pytest
 from click.testing import CliRunner
 from pamid_cli.diagnose import _figures
 from pamid_cli.fail_if import Condition, exit_code_of, fail_if_option
+from pamid_cli.generated import parameters_of
 from synthetic_run import make_run
+
+
+@dataclass(frozen=True)
+class Limited:
+    conditions: Sequence[Condition] = fail_if_option("'remainder > 0.3'")
 
 
 @pytest.fixture
@@ -45,6 +53,6 @@ def test_an_unstable_model_meets_every_limit() -> None:
 
 @pytest.mark.parametrize("limit", ["nan", "inf", "-inf", "soon", ""])
 def test_a_limit_that_no_figure_can_meet_is_refused(limit: str) -> None:
-    command = click.command()(fail_if_option("'remainder > 0.3'")(lambda conditions: None))
+    command = click.Command("score", params=parameters_of(Limited))
     result = CliRunner().invoke(command, ["--fail-if", f"remainder > {limit}"])
     assert result.exit_code == 2

@@ -1,43 +1,15 @@
-"""Names of rigs, effects and networks as values of options: completion in a shell, and the nearest
-name to a wrong one."""
+"""Names of rigs, effects, networks, forms of export and papers, read from the files of the package:
+importing these would take seconds."""
 
 from __future__ import annotations
 
 import ast
-import difflib
-import importlib.util
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import click
-from click.shell_completion import CompletionItem
-
-
-class Catalogued(click.ParamType):
-    """A text for which shells complete the names of a package folder, and Python files."""
-
-    name = "text"
-
-    def __init__(self, folder: str) -> None:
-        self.folder = folder
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        return str(value)
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        items = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
-        return items or [CompletionItem(incomplete, type="file")]
-
-    def _names(self) -> list[str]:
-        return _entries(self.folder)
-
-
+PACKAGE = Path(__file__).parents[2]
 #: scanned folder of the package -> text that only files with an entry contain
 BASES = {
     "rigs": "Rig):\n",
@@ -49,12 +21,6 @@ BASES = {
 }
 
 
-def _package() -> Path:
-    spec = importlib.util.find_spec("pamid")
-    assert spec is not None and spec.submodule_search_locations
-    return Path(spec.submodule_search_locations[0])
-
-
 def _files(folder: str) -> list[Path]:
     """Files of a package folder that contain an entry.
 
@@ -62,7 +28,7 @@ def _files(folder: str) -> list[Path]:
     """
     return [
         file
-        for file in sorted((_package() / folder).glob("*.py"))
+        for file in sorted((PACKAGE / folder).glob("*.py"))
         if not file.stem.startswith("_") and BASES[folder] in file.read_text(encoding="utf-8")
     ]
 
@@ -73,7 +39,8 @@ def listed(names: Iterable[str]) -> str:
     return " or ".join([*([", ".join(first)] if first else []), last])
 
 
-def _entries(folder: str) -> list[str]:
+def entries(folder: str) -> list[str]:
+    """Names of the entries of a package folder."""
     return [file.stem.replace("_", "-") for file in _files(folder)]
 
 
@@ -88,7 +55,7 @@ def rigs_with(attribute: str) -> list[str]:
 
 def machines() -> list[str]:
     """Rigs for which the blind trial has a machine."""
-    return _entries("trial/machines")
+    return entries("trial/machines")
 
 
 @lru_cache
@@ -107,7 +74,7 @@ def papers() -> dict[str, tuple[tuple[str, ...], str]]:
 
 def cures() -> tuple[str, ...]:
     """Repairs that `pamid.ingest` has for uneven stamps."""
-    return tuple(_literal(_package() / "ingest" / "mapping.py", "Repair"))
+    return tuple(_literal(PACKAGE / "ingest" / "mapping.py", "Repair"))
 
 
 def _line_of(file: Path) -> str:
@@ -132,37 +99,3 @@ def _literal(file: Path, name: str) -> Any:
                 literal = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
                 return ast.literal_eval(literal)
     return {}
-
-
-def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add an option for every size of the kinds of networks."""
-    known_sizes = network_sizes()
-    for name in sorted({name for sizes in known_sizes.values() for name in sizes}, reverse=True):
-        owners = [kind for kind, sizes in known_sizes.items() if name in sizes]
-        least, most, what, otherwise = known_sizes[owners[0]][name]
-        function = click.option(
-            f"--{name.replace('_', '-')}",
-            name,
-            type=click.IntRange(least, most),
-            help=f"{what} of {listed(owners)}. [default: {otherwise}]",
-        )(function)
-    return function
-
-
-RIG_NAMES = Catalogued("rigs")
-EFFECT_NAMES = Catalogued("effects")
-NETWORK_NAMES = Catalogued("networks")
-#: options whose value is such a name in every command
-OPTIONS = {
-    "rig": RIG_NAMES,
-    "rigs": RIG_NAMES,
-    "effects": EFFECT_NAMES,
-    "without": EFFECT_NAMES,
-    "network": NETWORK_NAMES,
-}
-
-
-def suggest(name: str, names: Iterable[str]) -> str:
-    """A sentence that proposes the nearest of the names, or nothing."""
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else ""
