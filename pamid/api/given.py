@@ -15,6 +15,7 @@ from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest
 from pamid.base.files import PathLike, sha256_of
 from pamid.checks.input_hold import misstated_holds, unstated_inputs
 from pamid.checks.inspection import require_sound
+from pamid.ingest.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE
@@ -126,8 +127,10 @@ def evidence_of(
     model = model or catalogue_rig(str(named))
     if unnamed:
         _require_its_columns(model, read)
-    for recording in read:
-        odd = (*unknown_columns(model, recording), *_known_remarks(model, recording))
+    for k, original in enumerate(read):
+        recording, stand_ins = with_stand_ins(original, model)
+        read[k] = recording
+        odd = (*stand_ins, *unknown_columns(model, recording), *_known_remarks(model, recording))
         for text in (*recording.warnings, *odd):
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(model, read[: len(fitted)], read[len(fitted) :])

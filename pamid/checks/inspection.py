@@ -33,6 +33,7 @@ from pamid.checks.recording_quality import (
 )
 from pamid.checks.row_order import misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
+from pamid.ingest.matcher import with_stand_ins
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
@@ -179,7 +180,9 @@ def _recording(
     ]
     tell("columns")
     name = rig_name or recording.rig
-    rig, against = _against_rig(recording, rig_name) if name else (None, [])
+    rig, against = None, list[CheckOutcome]()
+    if name:
+        recording, rig, against = _against_rig(recording, rig_name)
     tell("quality")
     signals = signals_of(recording, rig)
     with counted_warnings() as warned:
@@ -256,8 +259,8 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
 
 def _against_rig(
     recording: Recording, rig_name: str | Rig | None
-) -> tuple[Rig | None, list[CheckOutcome]]:
-    """Rig, its recorded columns, and the columns that are not part of it.
+) -> tuple[Recording, Rig | None, list[CheckOutcome]]:
+    """Recording with the rig's columns, rig, and findings on columns that are not part of it.
 
     A rig file only runs if the user names it. One that a recording's TOML names is reported, not
     run.
@@ -268,11 +271,13 @@ def _against_rig(
             if rig_name
             else library.catalogue_rig(library.rig_of([recording]))
         )
+        recording, stand_ins = with_stand_ins(recording, rig)
         rig = as_recorded(rig, [recording])
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return None, [CheckOutcome("rig", False, str(error))]
-    findings = background_findings(rig) + _column_findings(recording, rig, wanted)
+        return recording, None, [CheckOutcome("rig", False, str(error))]
+    findings = [CheckOutcome("column", False, text, advice=True) for text in stand_ins]
+    findings += background_findings(rig) + _column_findings(recording, rig, wanted)
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
         findings.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
@@ -291,9 +296,8 @@ def _against_rig(
             require_informative(rig, recording)
         except DataError as error:
             findings.append(CheckOutcome("excitation", False, f"nothing can be fitted: {error}"))
-    return rig, findings or [
-        CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
-    ]
+    every = CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
+    return recording, rig, findings or [every]
 
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
