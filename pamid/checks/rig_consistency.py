@@ -40,11 +40,10 @@ from pamid.checks.sheet_comparison import (
     recorded_columns,
     shapes,
 )
-from pamid.checks.short_fit import fit_data_of
+from pamid.checks.short_fit import RUNAWAY, fit_data_of
 from pamid.checks.slips import (
     CLOCKS,
     MOST_NAMED_SLIPS,
-    RUNAWAY,
     UNEXPLAINED_MOTION,
     UNNAMED,
     Explanation,

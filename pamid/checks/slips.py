@@ -46,10 +46,16 @@ from pamid.checks.sheet_comparison import (
     same_quantity_columns,
     shapes,
 )
-from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, ShortFit, fit_data_of
+from pamid.checks.short_fit import (
+    FEWEST_WINDOWS,
+    RUNAWAY,
+    USUAL_ERROR,
+    FitData,
+    ShortFit,
+    fit_data_of,
+)
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
-from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import input_table, output_table
 
@@ -109,11 +115,8 @@ MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
 JUDGING_STEPS = 12  # of a fit
-EXACT, RUNAWAY = 0.01, 1e6  # bounds of errors, as shares of the motion
-LEAST_NOISES = 5.0  # smallest motion, in noises
-# what a recording that suits its rig leaves at most: share of the motion of a channel, and distance
-# of the data sheet, in prior spreads
-USUAL_ERROR, USUAL_BEND = 0.2, 4.0
+EXACT = 0.01  # smallest error that counts, as a share of the motion
+USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
 # of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
 FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
@@ -346,26 +349,10 @@ def judge(
             data = data if p is None else replace(data, track=replace(data.track, p=p))
             problem = like if like and like.matches_data(data) else None
             fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
-            errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
-            errors = np.where(np.isfinite(errors), errors, RUNAWAY)
-            by_channel = dict(zip(data.names, errors.tolist(), strict=True))
-            return Judgement(by_channel, fit.strain, problem=fit.problem)
+            return Judgement(fit.shares, fit.strain, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
     return _judged_by_sheet(e)
-
-
-def _moves(data: FitData) -> Array:
-    """Per channel: root mean square of the motion within the windows, at least the noise.
-
-    Level and trend are left out, because a separate start state produces both.
-    """
-    y, length = data.track.y, data.windows[0].stop - data.windows[0].start
-    parts = np.concatenate([y[w.start : w.stop] for w in data.windows])
-    return np.maximum(
-        np.sqrt((shapes(parts, length) ** 2).mean(axis=(1, 2))),
-        np.maximum(LEAST_NOISES * noise_level(y), 1e-12 * np.abs(y).max(axis=0)),
-    )
 
 
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
@@ -646,7 +633,7 @@ def _predicted_slips(
             return []
         like = before.problem
         problem = like if like and like.matches_data(data) else ShortFit.of(data, data.rig)
-        for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
+        for k, (name, motion_) in enumerate(zip(data.names, data.motions, strict=True)):
             y, model = _prediction(data, k, problem)
             (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))
