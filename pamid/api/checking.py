@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 from pamid.api.given import RecordingLike, recording_given
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
-from pamid.checks.conformance import CheckOutcome
-from pamid.checks.inspection import Inspection, inspect
+from pamid.checks.findings import CheckOutcome, QualityIssue
+from pamid.checks.inspection import Inspection, checked_ports, inspect
 from pamid.checks.inspection_words import inspection_text
-from pamid.checks.recording_quality import QualityIssue
-from pamid.checks.rig_ports import checked_ports
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, resolved_rig
 from pamid.model.rig import Rig
@@ -160,9 +158,7 @@ def check(
         content["file"],
         content["kind"],
         content["ok"],
-        tuple(
-            CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in content["findings"]
-        ),
+        tuple(CheckOutcome(**f) for f in content["findings"]),
         inspection.recording,
         inspection,
         looked_at

@@ -15,8 +15,7 @@ in vain there. It only tries an input if the error falls to first order
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.recording import Recording, match_column
+from pamid.schemas.check_file import BetweenSamples
 
 Array = NDArray[np.float64]
 
@@ -40,26 +40,8 @@ BETTER, SURE = 0.9, 0.7
 MAYBE_BETTER = 0.95
 
 
-@dataclass(frozen=True)
-class InputHold:
-    """One input with both holds.
-
-    taken      "held" or "linear", as the rig or the recording states it
-    stated     True if one of them states it
-    better     the hold that fits clearly better, "" if neither does
-    channel    the output that shows the difference most
-    held, linear   root mean square error of this output over the windows, in its unit
-    windows    number of windows
-    """
-
-    column: str
-    taken: str
-    stated: bool
-    better: str
-    channel: str
-    held: float
-    linear: float
-    windows: int
+class InputHold(BetweenSamples):
+    """One input with both holds; taken: the hold that the rig or the recording states."""
 
     @property
     def wrong(self) -> bool:
@@ -70,7 +52,7 @@ class InputHold:
         """Finding, with the line that corrects it."""
         unit = split_column(self.channel)[1]
         unit = "" if unit == NONE else f" {unit}"
-        by = {HELD: self.held, LINEAR: self.linear}
+        by = {HELD: self.rms_held, LINEAR: self.rms_linear}
         way, rest = (self.better or self.taken), other(self.better or self.taken)
         descriptions = {HELD: "held between samples", LINEAR: "linear between samples"}
         figures = (
@@ -181,7 +163,9 @@ def _compare_inputs(
         worth = _worth_trying(trial, base, left) if screened else left
         tried = {c: compare_hold(trial, base, c) for c in worth}
         # a run that diverges with the other hold leaves nothing to compare
-        tried = {c: t for c, t in tried.items() if np.isfinite([t[0].held, t[0].linear]).all()}
+        tried = {
+            c: t for c, t in tried.items() if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()
+        }
         wrong = [c for c, (outcome, _) in tried.items() if outcome.wrong]
         if len(wrong) < 2:
             outcomes |= {c: outcome for c, (outcome, _) in tried.items()}
@@ -223,19 +207,17 @@ def compare_hold(
     both = {assumed: best_fit, other(assumed): turned}
     rms = {way: _rms(data, windows_fit, shows) for way, windows_fit in both.items()}
     better = next((way for way in both if _clear(both[way], both[other(way)])), "")
-    return (
-        InputHold(
-            column,
-            assumed,
-            column in base.rig.between,
-            better,
-            data.names[shows],
-            rms[HELD],
-            rms[LINEAR],
-            len(data.windows),
-        ),
-        turned,
+    outcome = InputHold(
+        column=column,
+        taken="held" if assumed == HELD else "linear",
+        stated=column in base.rig.between,
+        better=better,
+        channel=data.names[shows],
+        rms_held=rms[HELD],
+        rms_linear=rms[LINEAR],
+        windows=len(data.windows),
     )
+    return outcome, turned
 
 
 def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> list[str]:
@@ -275,20 +257,3 @@ def _clear(fit: FittedWindows, rest: FittedWindows) -> bool:
         return False
     smaller = fit.point.errors.sum(axis=1) < rest.point.errors.sum(axis=1)
     return float(smaller.mean()) >= SURE
-
-
-def figures(outcomes: Sequence[InputHold]) -> list[dict[str, object]]:
-    """Results as plain data."""
-    return [
-        {
-            "column": outcome.column,
-            "taken": outcome.taken,
-            "stated": outcome.stated,
-            "better": outcome.better,
-            "channel": outcome.channel,
-            "rms_held": outcome.held,
-            "rms_linear": outcome.linear,
-            "windows": outcome.windows,
-        }
-        for outcome in outcomes
-    ]

@@ -32,7 +32,6 @@ from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     from_si,
-    is_unit,
     kindred_units,
     quantity_of,
     split_column,
@@ -101,6 +100,7 @@ UNSEEN_WEIGHT = 1e-6
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
 # of the variance within windows: a column that shares less with its prediction is not a copy of it
 LEAST_SHARED = 0.25
+OTHER_SIDE = "measured on the other side of the gear"
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
@@ -160,12 +160,16 @@ class Slip:
         return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
 
     @property
-    def readable(self) -> bool:
-        """True if a column may be named in this unit."""
-        return is_unit(self.meaning)
+    def geared(self) -> bool:
+        """True if its meaning is the side of a gear, and not a unit."""
+        return self.meaning.startswith(OTHER_SIDE)
 
     @property
     def words(self) -> str:
+        if self.kind == "offset":
+            symbol = split_column(self.names[0])[1]
+            shown = f"{-self.offset / unit(symbol).factor:.4g}"
+            return f"{self.names[0]} offset by {shown}{'' if symbol == NONE else f' {symbol}'}"
         what = "parameter" if self.kind == "parameter" else "column"
         return f"the {what} {' and '.join(self.names)} times {self.factor_words}"
 
@@ -193,7 +197,7 @@ class Slip:
 
     @property
     def meaning_words(self) -> str:
-        return self.meaning if " " in self.meaning else f"as if written in {self.meaning}"
+        return self.meaning if self.geared else f"as if written in {self.meaning}"
 
     def corrected(self, recording: Recording) -> Recording:
         """Recording after the correction; a slip of the data sheet leaves it unchanged."""
@@ -428,7 +432,7 @@ def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
     named = list(_units_of_column(column, symbol))
     if quantity_of(symbol) in GEARED:
         for name, ratio in gears.items():
-            words = f"measured on the other side of the gear, {name} = {ratio:g}"
+            words = f"{OTHER_SIDE}, {name} = {ratio:g}"
             named += [Slip("unit", (column,), f, 0.0, words) for f in (ratio, 1.0 / ratio)]
     yield from named
     if quantity_of(symbol) != "temperature":

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.checks.recording_quality import QualityIssue, blocking, examine
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import blocking, examine
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
