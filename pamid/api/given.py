@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.input_hold import misstated_holds, unstated_inputs
+from pamid.checks.input_hold import misstated_holds
 from pamid.checks.inspection import require_sound
 from pamid.ingest.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
@@ -206,7 +206,7 @@ def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
 def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per input of which nobody says what it does between samples, and which fits
     clearly better otherwise than held."""
-    wrong = misstated_holds(recording, rig, unstated_inputs(rig))
+    wrong = misstated_holds(recording, rig)
     return [f"{recording.path}: {one.text(recording)}." for one in wrong]
 
 

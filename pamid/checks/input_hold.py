@@ -8,9 +8,8 @@ half a sample looks the same.
 
     better      an error at most BETTER times the other's, smaller in SURE of the windows
 
-`misstated_holds` only reports inputs whose stated hold is wrong. Two fits per input would mostly be
-in vain there. It only tries an input if the error falls to first order
-(`ShortFit.first_order_errors`).
+Two fits per input would mostly be in vain where only a wrong hold is reported. An input is then
+only tried if the error falls to first order (`ShortFit.first_order_errors`).
 """
 
 from __future__ import annotations
@@ -76,7 +75,11 @@ class InputHold(BetweenSamples):
 
 
 def compare_holds(
-    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
+    recording: Recording,
+    rig: Rig,
+    columns: Iterable[str] | None = None,
+    *,
+    screened: bool = False,
 ) -> list[InputHold]:
     """Compare both holds of the recording's inputs.
 
@@ -92,16 +95,17 @@ def compare_holds(
         Rig, with the values that the recording states (`as_recorded`).
     columns
         Inputs to try; None tries all of them.
+    screened
+        Only try inputs by which the error may fall to first order, at a fraction of the cost.
     """
-    return _both_ways(recording, rig, columns, screened=False)
-
-
-def _both_ways(
-    recording: Recording, rig: Rig, columns: Iterable[str] | None, screened: bool
-) -> list[InputHold]:
+    held = {loop.command for loop in rig.loops}
     try:
         trial = fit_data_of(recording, rig)
-        names = _open_inputs(recording, rig, rig.inputs if columns is None else columns)
+        names = [
+            c
+            for c in (rig.inputs if columns is None else columns)
+            if c not in held and recording.has(c) and motion(recording.signal(c)) > 0.0
+        ]
         if trial is None or not names:
             return []
         problem = ShortFit.of(trial, trial.rig)
@@ -114,36 +118,11 @@ def _both_ways(
         return []
 
 
-def misstated_holds(
-    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
-) -> list[InputHold]:
-    """Inputs that fit clearly better with the other hold.
-
-    An input is only tried if the error may fall to first order, which costs a fraction of
-    `compare_holds`.
-
-    Parameters
-    ----------
-    recording, rig, columns
-        As in `compare_holds`.
-    """
-    return [
-        outcome for outcome in _both_ways(recording, rig, columns, screened=True) if outcome.wrong
-    ]
-
-
-def unstated_inputs(rig: Rig) -> list[str]:
-    """Inputs whose hold neither the rig nor the recording states."""
-    return [column for column in rig.inputs if column not in rig.between]
-
-
-def _open_inputs(recording: Recording, rig: Rig, columns: Iterable[str]) -> list[str]:
-    sent = {loop.command for loop in rig.loops}
-    return [
-        c
-        for c in columns
-        if c not in sent and recording.has(c) and motion(recording.signal(c)) > 0.0
-    ]
+def misstated_holds(recording: Recording, rig: Rig) -> list[InputHold]:
+    """Inputs whose hold neither the rig nor the recording states, and that fit clearly better with
+    the other hold."""
+    unstated = [column for column in rig.inputs if column not in rig.between]
+    return [hold for hold in compare_holds(recording, rig, unstated, screened=True) if hold.wrong]
 
 
 def _compare_inputs(
@@ -161,7 +140,7 @@ def _compare_inputs(
     while True:
         left = [c for c in names if c not in outcomes]
         worth = _worth_trying(trial, base, left) if screened else left
-        tried = {c: compare_hold(trial, base, c) for c in worth}
+        tried = {c: _compare_hold(trial, base, c) for c in worth}
         # a run that diverges with the other hold leaves nothing to compare
         tried = {
             c: t for c, t in tried.items() if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()
@@ -174,25 +153,11 @@ def _compare_inputs(
         outcomes[best], base = tried[best]
 
 
-def compare_hold(
+def _compare_hold(
     data: FitData, base: FittedWindows, column: str
 ) -> tuple[InputHold, FittedWindows]:
-    """Fit both holds of an input, each also from the end point of the other.
-
-    Parameters
-    ----------
-    data
-        Windows of the recording.
-    base
-        Fit with the hold in use.
-    column
-        Input.
-
-    Returns
-    -------
-    InputHold, FittedWindows
-        Comparison, and the fit with the other hold.
-    """
+    """Both holds of an input, each also fitted from the end point of the other, and the fit with
+    the hold that is not in use; base: the fit with the hold in use."""
     assumed = between_of(base.rig, column)
     other_way = stated(base.rig, {column: other(assumed)})
     stepping = base.problem.runner.stepping
@@ -205,7 +170,12 @@ def compare_hold(
     ]
     shows = int(np.argmax(np.abs(logs[0] - logs[1])))
     both = {assumed: best_fit, other(assumed): turned}
-    rms = {way: _rms(data, windows_fit, shows) for way, windows_fit in both.items()}
+    symbol = split_column(data.names[shows])[1]
+    rms = {
+        way: float(np.sqrt(fit.point.errors[:, shows].mean()) / data.weight[shows])
+        / float(to_si(1.0, symbol) - to_si(0.0, symbol))
+        for way, fit in both.items()
+    }
     better = next((way for way in both if _clear(both[way], both[other(way)])), "")
     outcome = InputHold(
         column=column,
@@ -243,12 +213,6 @@ def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> lis
         for c, error in zip(columns, reached[1:], strict=True)
         if not error > MAYBE_BETTER * reached[0]
     ]
-
-
-def _rms(data: FitData, fit: FittedWindows, channel: int) -> float:
-    symbol_ = split_column(data.names[channel])[1]
-    mean = float(np.sqrt(fit.point.errors[:, channel].mean())) / data.weight[channel]
-    return mean / float(to_si(1.0, symbol_) - to_si(0.0, symbol_))
 
 
 def _clear(fit: FittedWindows, rest: FittedWindows) -> bool:

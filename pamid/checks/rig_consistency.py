@@ -106,7 +106,9 @@ def contradictions(
     slips, recording_, e, judgement = find_slips(recording, evidence, thorough=thorough)
     clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
-        return [_clock_issue(recording, rig, clocks[0].slip)], {}
+        factor = clocks[0].slip.factor
+        text = f"at which rig {rig.name!r} would behave quite differently"
+        return [_clock_issue(recording, text, CLOCKS[factor], 1.0 / factor)], {}
     issues = _slip_issues(
         [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
         evidence,
@@ -152,15 +154,10 @@ def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
     if counted and not 0.5 < ratio * near < 2.0:
         looks = "a count of samples: multiply them by the period"
     text = f"where rig {rig.name!r} is sampled every {usual:g} s"
-    return [_clock_words(recording, text, looks, ratio)]
+    return [_clock_issue(recording, text, looks, ratio)]
 
 
-def _clock_issue(recording: Recording, rig: Rig, slip: Slip) -> QualityIssue:
-    text = f"at which rig {rig.name!r} would behave quite differently"
-    return _clock_words(recording, text, CLOCKS[slip.factor], 1.0 / slip.factor)
-
-
-def _clock_words(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
+def _clock_issue(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
     period = recording.sampling_period_s
     return issue(
         "clock",

@@ -34,6 +34,8 @@ from pamid.recording.recording import MIN_SAMPLES, toml_string
 PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # largest amplitude of a ratio; larger commands are in per cent
 _SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
+#: channel of a column, and its fit by names, words and unit; None without a rig
+Match = tuple[Channel, ColumnFit | None]
 _TURNING = (unit("rad").dimension, unit("rad/s").dimension)
 
 
@@ -47,17 +49,6 @@ class GuessedMapping:
     mapped: int
     channels: int
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class ChosenChannel:
-    """Channel of a column.
-
-    fit               its fit by names, words and unit; None without a rig
-    """
-
-    channel: Channel
-    fit: ColumnFit | None = None
 
 
 @dataclass(frozen=True)
@@ -95,20 +86,18 @@ def guess_of(
     rest = [channel for channel in every if only in channel.name]
     if not rest and only:
         _refuse_filter(only, every, log)
+    matched: dict[str, Match] = {}
     if rig is None:
-        matched = {
-            column: ChosenChannel(replace(channel, unit=text or channel.unit))
+        matched |= {
+            column: (replace(channel, unit=text or channel.unit), None)
             for column, (channel, text) in channel_columns(rest, answers.angles).items()
         }
         measured = rest
     else:
-        matched = {
-            column: ChosenChannel(channel, fit)
-            for column, (channel, fit) in match_channels(rest, rig, log).items()
-        }
+        matched |= match_channels(rest, rig, log)
         if rig.log_names and not matched:
             refuse_foreign_joints(log, rest, rig)
-        chosen = {column: choice.channel for column, choice in matched.items()}
+        chosen = {column: channel for column, (channel, _) in matched.items()}
         notes += notes_on(rest, rig, chosen)
         unmapped = [c.name for c in rest if all(c is not other for other in chosen.values())]
         if unmapped and not rig.log_names:
@@ -226,7 +215,7 @@ def _head(
     log: Log,
     rig_name: str,
     rig: Rig | None,
-    chosen: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, Match],
     notes: Sequence[str],
 ) -> list[str]:
     lines = [
@@ -250,9 +239,9 @@ def _head(
 
 
 def _signal_lines(
-    column: str, chosen: ChosenChannel, answers: Answers, left: list[str], clock: ClockGuess
+    column: str, chosen: Match, answers: Answers, left: list[str], clock: ClockGuess
 ) -> list[str]:
-    symbol, channel, fit = split_column(column)[1], chosen.channel, chosen.fit
+    symbol, (channel, fit) = split_column(column)[1], chosen
     lines = [
         f"[signals.{column}]  # {_about(channel, clock)}",
         f"source = {toml_string(channel.name)}",
@@ -280,9 +269,9 @@ def _signal_lines(
     return [*lines, ""]
 
 
-def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
+def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
     """(unit of the source or "?", remark)."""
-    channel, fit = chosen.channel, chosen.fit
+    channel, fit = chosen
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
@@ -361,7 +350,7 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
 
 def _tail(
     rig: Rig | None,
-    chosen: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, Match],
     rest: Sequence[Channel],
     known: Mapping[str, float],
 ) -> list[str]:
@@ -369,7 +358,7 @@ def _tail(
     outputs = rig.outputs if rig is not None else ()
     if missing := [column for column in outputs if column not in chosen]:
         lines.append(f"# no channel found for: {', '.join(missing)}")
-    mapped = {choice.channel.name for choice in chosen.values()}
+    mapped = {channel.name for channel, _ in chosen.values()}
     left = [channel for channel in rest if channel.name not in mapped]
     if left:
         lines.append("# channels that are not mapped:")

@@ -103,7 +103,11 @@ def match_channels(
     """
     fits = channel_fits(channels, rig)
     for column in dict.fromkeys(column for column, _ in fits):
-        named = {i: fit.score for (c, i), fit in fits.items() if c == column and _is_certain(fit)}
+        named = {
+            i: fit.score
+            for (c, i), fit in fits.items()
+            if c == column and fit.by in ("name", "place")
+        }
         best = [i for i, score in named.items() if score == max(named.values())]
         if len(best) > 1:
             shown = " and ".join(repr(channels[i].name) for i in best[:4])
@@ -138,14 +142,12 @@ def with_stand_ins(recording: Recording, rig: Rig) -> tuple[Recording, list[str]
         if column in lacking and fit.scale is not None
     }
     pairs = best_pairs({pair: fit.score for pair, fit in fits.items()})
-    names, columns, notes = {name: column for column, name in pairs.items()}, {}, []
+    stand_ins = {name: (column, fits[column, name]) for column, name in pairs.items()}
+    columns = {}
     for name, values in recording.columns.items():
-        column = names.get(name, name)
-        columns[column] = values
-        if name in names:
-            fit = fits[column, name]
-            columns[column] = values * fit.scale
-            notes.append(f"{name} is taken as {column}: {fit.why}")
+        column, fit = stand_ins.get(name, (name, NO_FIT))
+        columns[column] = values if fit.scale is None else values * fit.scale
+    notes = [f"{name} is taken as {column}: {fit.why}" for name, (column, fit) in stand_ins.items()]
     return replace(recording, columns=columns), notes
 
 
@@ -196,10 +198,6 @@ def recorded_fit(name: str, wanted: str, sent: bool = False) -> ColumnFit:
 
 def _columns(rig: Rig) -> list[str]:
     return list(dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs]))
-
-
-def _is_certain(fit: ColumnFit) -> bool:
-    return fit.by in ("name", "place")
 
 
 # ---- words and units ---------------------------------------------------------------------------
