@@ -13,8 +13,8 @@ import numpy as np
 
 from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.input_hold import misstated_holds
 from pamid.checks.inspection import require_sound
+from pamid.checks.sampling_slips import misstated_holds
 from pamid.ingest.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect

@@ -18,14 +18,13 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import background_findings, effect_findings, rig_findings
 from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
-from pamid.checks.input_hold import compare_holds
 from pamid.checks.recording_quality import (
     before_a_fit,
     channel_figures,
     examine,
     signals_of,
 )
-from pamid.checks.row_order import misplaced_readings
+from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.ingest.matcher import with_stand_ins
 from pamid.model import registry as library

@@ -17,7 +17,6 @@ channels that are dead, late, or not explained by the rig at all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -456,11 +455,7 @@ def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], sam
     data = fit_data_of(recording, rig)
     if data is None:
         return True
-    y = data.track.y.copy()
-    places = [data.names.index(name) for name in names]
-    y[:, places] = np.roll(y[:, places], samples, axis=0)
-    later = replace(data, track=replace(data.track, y=y))
-    return later.fitted(rig).error < SHIFT_FITS * data.fitted(rig).error
+    return data.shifted(names, samples).fitted(rig).error < SHIFT_FITS * data.fitted(rig).error
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:

@@ -22,6 +22,7 @@ takes one run. After parameters and start states have adapted, the error is to f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -118,6 +119,7 @@ class FitData:
         problem: ShortFit | None = None,
         stepping: Stepping | None = None,
         steps: int = STEPS,
+        restart: bool = False,
     ) -> FittedWindows:
         """Fit a rig to the data.
 
@@ -133,19 +135,30 @@ class FitData:
             Stepping of a fit that only differs in its inputs.
         steps
             Largest number of steps.
+        restart
+            Also start from the states that the readings show, if the fit is poor. A fit that took
+            no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
         best = FittedWindows(rig, point, problem)
-        stuck = problem.unset.any() or not point.s.any()
-        if begin is None and stuck and max(best.shares.values()) > USUAL_ERROR:
-            # from an inertia of zero, or from where the data sheet's run has gone, no step leads to
-            # what was measured
+        again = restart or problem.unset.any() or not point.s.any()
+        if begin is None and again and max(best.shares.values()) > USUAL_ERROR:
+            # from an inertia of zero, or from where the data sheet's run has gone, no step may lead
+            # to what was measured
             start = problem.readings()
             point = iterate(problem, Iteration(start, problem.rule.start), steps).point
             best = min(best, FittedWindows(rig, point, problem), key=lambda fit: fit.point.cost)
         return best
+
+    def shifted(self, columns: Iterable[str], rows: int) -> FitData:
+        """The data with these channels later by a number of rows; the rows at the end that nothing
+        fills keep the last value there."""
+        table, places = self.track.y.copy(), [self.names.index(name) for name in columns]
+        rows_from = np.clip(np.arange(len(table)) - rows, 0, len(table) - 1)
+        table[:, places] = table[rows_from][:, places]
+        return replace(self, track=replace(self.track, y=table))
 
     @cached_property
     def motions(self) -> Array:

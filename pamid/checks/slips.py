@@ -352,7 +352,8 @@ def judge(
         if data is not None:
             data = data if p is None else replace(data, track=replace(data.track, p=p))
             problem = like if like and like.matches_data(data) else None
-            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
+            # what every slip has to beat is the best fit of the recording as it is
+            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS, restart=p is None)
             return Judgement(fit.shares, fit.strain, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
