@@ -13,7 +13,7 @@ every rig that has their ports, and on `EveryPortRig`, a small machine with one 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -527,7 +527,7 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
         findings += [
-            replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
+            outcome(f.check, f.ok, f"{rig.name}, {attachment.label}: {f.detail}", f.advice)
             for f in _behaviour(rig, attachment)
         ]
     return findings
