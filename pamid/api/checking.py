@@ -12,11 +12,9 @@ from pamid.api.options.preparing import CheckArguments
 from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
-from pamid.checks.conformance import CheckOutcome
-from pamid.checks.inspection import Inspection, inspect
+from pamid.checks.findings import CheckOutcome, QualityIssue
+from pamid.checks.inspection import Inspection, checked_ports, inspect
 from pamid.checks.inspection_words import inspection_text
-from pamid.checks.recording_quality import QualityIssue
-from pamid.checks.rig_ports import checked_ports
 from pamid.model.registry import resolved_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
@@ -153,9 +151,7 @@ def check(arguments: CheckArguments) -> CheckResult:
         content["file"],
         content["kind"],
         content["ok"],
-        tuple(
-            CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in content["findings"]
-        ),
+        tuple(CheckOutcome(**f) for f in content["findings"]),
         inspection.recording,
         inspection,
         looked_at

@@ -13,8 +13,9 @@ import numpy as np
 
 from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.input_hold import misstated_holds, unstated_inputs
 from pamid.checks.inspection import require_sound
+from pamid.checks.sampling_slips import misstated_holds
+from pamid.ingest.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE
@@ -127,8 +128,10 @@ def evidence_of(
     model = model or catalogue_rig(str(named))
     if unnamed:
         _require_its_columns(model, read)
-    for recording in read:
-        odd = (*unknown_columns(model, recording), *_known_remarks(model, recording))
+    for k, original in enumerate(read):
+        recording, stand_ins = with_stand_ins(original, model)
+        read[k] = recording
+        odd = (*stand_ins, *unknown_columns(model, recording), *_known_remarks(model, recording))
         for text in (*recording.warnings, *odd):
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(model, read[: len(fitted)], read[len(fitted) :])
@@ -138,7 +141,7 @@ def evidence_of(
         if check:
             doubts |= dict.fromkeys(require_sound(recording, model))
             # inputs of which nobody says what they do between samples, and which are not held
-            for hold in misstated_holds(recording, model, unstated_inputs(model)):
+            for hold in misstated_holds(recording, model):
                 warn(f"{recording.path}: {hold.text(recording)}.")
         if lacks := evidence.lacking(recording):
             warn(

@@ -236,8 +236,8 @@ def match_columns(
         and not ((role == "output" or wanted in rig.ramped) and column in held)
     }
     for wanted, column in best_pairs({pair: fit.score for pair, fit in fits.items()}).items():
-        score, by, scaled = fits[wanted, column]
-        assigned[wanted] = Pair(wanted, column, roles[wanted], by, scaled, score)
+        fit = fits[wanted, column]
+        assigned[wanted] = Pair(wanted, column, roles[wanted], fit.by, fit.scaled, fit.score)
     pairs = tuple(assigned[wanted] for wanted in roles if wanted in assigned)
     used = {q.recorded for q in pairs}
     unused = tuple(name for name in recorded if name not in used)

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import motion, runs_of
 from pamid.base.units import NONE, split_column
+from pamid.checks.findings import QualityIssue, advice, share_words
 from pamid.recording.file_checks import HUGE, TINY
 from pamid.recording.noise import (
     MAY_BE_NOISE,
@@ -67,34 +68,10 @@ GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
 PLUGGED = "Is the sensor plugged in, and is it the right channel?"
+#: share of a recording: a shorter standstill is usual before an experiment or after a step
+LONG_STANDSTILL = 0.4
 # of the runs are equally long: the channel is sampled more slowly and held
 HELD_SHARE = 0.8
-
-
-@dataclass(frozen=True)
-class QualityIssue:
-    """Finding about a recording.
-
-    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth a correction
-    message    the fault, without its places; `text` has everything
-    hint       remedy
-    windows_s  places: (from, to) on the recording's clock; empty for the whole recording
-    figures    the numbers behind it, with their units in the names
-    """
-
-    kind: str
-    columns: tuple[str, ...]
-    severity: str
-    message: str
-    hint: str = ""
-    windows_s: tuple[tuple[float, float], ...] = ()
-    figures: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def text(self) -> str:
-        """Fault, place and remedy."""
-        where = f", {where_words(self.windows_s)}" if self.windows_s else ""
-        return f"{self.message}{where}. {self.hint}".rstrip()
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,19 +176,6 @@ def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[f
     return ()
 
 
-def where_words(windows: Sequence[tuple[float, float]]) -> str:
-    """ "at 3.2 to 3.4 s and 11 more places"."""
-    begin, end = windows[0]
-    where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
-    more = len(windows) - 1
-    return where + (f" and {more} more {'place' if more == 1 else 'places'}" if more else "")
-
-
-def share_words(share: float) -> str:
-    """ "for 4 % of the time"."""
-    return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
-
-
 def interval_mask(size: int, starts: Places, stops: Places) -> Mask:
     """Mask of the samples within the intervals."""
     edges = np.zeros(size + 1, dtype=np.int64)
@@ -256,19 +220,18 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             f"{share_words(share)}"
         )
         issues.append(
-            QualityIssue(
+            advice(
                 "clipped",
-                (s.name,),
-                "advice",
+                s.name,
                 message,
                 "Widen the range of the sensor or of its input, "
                 "or move less far; until then leave these stretches out.",
-                windows,
                 {
                     "level": sign * top,
                     "share": share,
                     "longest_samples": float((stops - starts).max()),
                 },
+                windows,
             )
         )
     return issues, where
@@ -377,14 +340,13 @@ def standstills(
     message = f"{s.name} stands still while the others move, {share_words(share)}"
     hint = "Check its plug, its bus and its driver; leave these stretches out."
     return [
-        QualityIssue(
+        advice(
             "frozen",
-            (s.name,),
-            "advice",
+            s.name,
             message,
             hint,
-            windows,
             {"share": share, "longest_samples": float((stops - starts).max())},
+            windows,
         )
     ], at
 
@@ -435,15 +397,14 @@ def interpolated_gaps(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
         float((stops - starts).sum()) / s.values.size,
     )
     return [
-        QualityIssue(
+        advice(
             "bridged",
-            (s.name,),
-            "advice",
+            s.name,
             f"{s.name} follows a straight line without noise, like an "
             f"interpolated gap, {share_words(share)}",
             "Ingest the raw log again with a smaller max_gap_s, which splits it there.",
-            windows,
             {"share": share},
+            windows,
         )
     ]
 
@@ -476,14 +437,13 @@ def spikes(s: CheckedSignal) -> list[QualityIssue]:
     )
     many = f"{starts.size} {'spike' if starts.size == 1 else 'spikes'}"
     return [
-        QualityIssue(
+        advice(
             "spikes",
-            (s.name,),
-            "advice",
+            s.name,
             f"{s.name} has {many} of up to {size:.3g}{s.unit}",
             "Look for a loose contact or a bus error; replace these samples or leave them out.",
-            windows_of(s.time, starts, stops),
             {"count": float(starts.size), "largest": size},
+            windows_of(s.time, starts, stops),
         )
     ]
 
@@ -518,26 +478,20 @@ def level_issues(
             f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
-        return (
-            [QualityIssue("dead", (s.name,), "advice", message, PLUGGED, (), numbers)]
-            if others_move
-            else []
-        )
+        return [advice("dead", s.name, message, PLUGGED, numbers)] if others_move else []
     spacing, level = (0.0, 0.0) if s.sent else plateaus(y)
     if spacing and any(_steps_as_often(o, (y - level) / spacing) for o in sent):
         spacing = 0.0  # levels that the machine was sent to
     if (step := spacing or s.step) > COARSE_STEP * float(high - low) > 0.0:
         finer = "; something rounds it before the logger, which is finer" if spacing else ""
         return [
-            QualityIssue(
+            advice(
                 "coarse",
-                (s.name,),
-                "advice",
+                s.name,
                 f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its "
                 f"range has only {float(high - low) / step:.0f}{finer}",
                 "Use a finer range of the converter, a finer "
                 "sensor, or larger excitation; an effect smaller than a step cannot be seen.",
-                (),
                 numbers,
             )
         ]
@@ -546,17 +500,7 @@ def level_issues(
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
-        return [
-            QualityIssue(
-                "noisy",
-                (s.name,),
-                "advice",
-                message,
-                "Check shielding, earth and filter.",
-                (),
-                numbers,
-            )
-        ]
+        return [advice("noisy", s.name, message, "Check shielding, earth and filter.", numbers)]
     return []
 
 
@@ -565,3 +509,41 @@ def _steps_as_often(sent: CheckedSignal, values: FloatArray) -> bool:
     crossings = np.count_nonzero(np.diff(np.round(values)))
     changes = np.count_nonzero(~sent.still) - 1
     return bool(sent.still_share > STEPPED and crossings <= CROSSINGS * changes)
+
+
+def standstill(
+    measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal]
+) -> list[QualityIssue]:
+    """Longest stretch in which every measured channel repeats its value, if it is long.
+
+    Repeats carry no information. They are fitted and held out like motion, and a model at rest is
+    exact there. A channel that is constant throughout is another finding.
+    """
+    moving = [s for s in measured if s.span > 0.0]
+    if not moving:
+        return []
+    starts, stops = runs_of(np.logical_and.reduce([s.still for s in moving]))
+    if not starts.size:
+        return []
+    longest = int(np.argmax(stops - starts))
+    first, stop = int(starts[longest]) - 1, int(stops[longest])  # from the value that is repeated
+    time, share = moving[0].time, (stop - first) / moving[0].time.size
+    if share < LONG_STANDSTILL:
+        return []
+    driven = [s.name for s in sent if s.span > 0.0 and not s.still[first + 1 : stop].all()]
+    resting = [s.name for s in (*moving, *sent) if s.span > 0.0 and s.name not in driven]
+    message = (
+        f"{' and '.join(resting)} {'stands' if len(resting) == 1 else 'stand'} still"
+        f"{f' while {driven[0]} moves' if driven else ''} {share_words(share)}"
+    )
+    look = "Check the sensor and the logger there, and cut" if driven else "Cut"
+    return [
+        advice(
+            "standstill",
+            tuple(resting),
+            message,
+            f"{look} the recording to the part that moves.",
+            {"share": share, "longest_samples": float(stop - first)},
+            ((float(time[first]), float(time[stop - 1])),),
+        )
+    ]

@@ -13,7 +13,7 @@ every rig that has their ports, and on `EveryPortRig`, a small machine with one 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.base.progress import tell
+from pamid.checks.findings import CheckOutcome, fault, note, outcome, passed
 from pamid.engine.program import Stepping
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.excitation.aprbs import aprbs
@@ -50,20 +51,6 @@ SMALL_MOVE = 1e-4
 LEAST_EFFECT = 1e-9  # of the largest output: an effect that changes less does nothing
 # of the samples compared: differences across a corner of the equations are not slopes
 QUANTILE = 0.97
-
-
-@dataclass(frozen=True)
-class CheckOutcome:
-    """Outcome of a check: its subject, pass or fail, and the figure or sentence behind it."""
-
-    check: str
-    ok: bool
-    detail: str = ""
-    advice: bool = False  # worth saying, but nothing that makes the file wrong
-
-    @property
-    def wrong(self) -> bool:
-        return not self.ok and not self.advice
 
 
 class EveryPortRig(Rig):
@@ -444,7 +431,7 @@ def background_findings(rig: Rig) -> list[CheckOutcome]:
     try:
         _ = Assembly(rig, background=True).traced
     except PamidError as error:
-        return [CheckOutcome("background", False, str(error))]
+        return [fault("background", str(error))]
     return []
 
 
@@ -469,53 +456,50 @@ def rig_findings(
         tell("bounds")
         bad = finite_everywhere(rig)
     except PamidError as error:
-        return [CheckOutcome("equations", False, str(error))]
+        return [fault("equations", str(error))]
     findings = background_findings(rig) + [
-        CheckOutcome(
+        passed(
             "equations",
-            True,
             f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
             f"{len(rig.outputs)} outputs; every port is used",
         )
     ]
-    findings += [CheckOutcome("finite", False, b) for b in bad] or [
-        CheckOutcome("finite", True, "over random points of the bounds")
+    findings += [fault("finite", b) for b in bad] or [
+        passed("finite", "over random points of the bounds")
     ]
     if isinstance(rig, StepRig):
         with counted_warnings() as warned:
             trial.run(trial.assembly.values())
         texts = warned.sentences("in an excited run from the start")
-        findings += [CheckOutcome("simulator", False, text, advice=True) for text in texts]
+        findings += [note("simulator", text) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
         findings.append(
-            CheckOutcome(
+            note(
                 "finite",
-                False,
                 f"the rig states no period_s, so that it was tried at {Rig.period_s:g} s a sample: "
                 "state that of your recordings (period_s = 1e-5) where the machine is faster",
-                advice=True,
             )
         )
     if slopes and not bad:
         tell("sensitivities")
         findings.append(_slope_finding(rig, None))
     findings += [
-        CheckOutcome("source", False, f"parameter {p.name!r} names no source", advice=True)
+        note("source", f"parameter {p.name!r} names no source")
         for p in rig.parameters
         if not p.source
     ]
     findings += [
-        CheckOutcome("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
+        note("unit", f"signal {signal!r} at port {name!r} has no unit")
         for name, port in rig.ports.items()
         if not isinstance(port.signals, dict)
         for signal in port.signals
         if not port.unit_of(signal)
     ]
-    findings += [CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)]
+    findings += [note("sign", words) for words in driving_words(rig)]
     tell("effects")
     fit = sorted(a.label for a in attachments(rig, effects))
     findings.append(
-        CheckOutcome(
+        outcome(
             "effects",
             bool(fit),
             f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits",
@@ -527,13 +511,11 @@ def rig_findings(
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
     """All findings on an effect: its data sheet, and its behaviour on every rig with its ports."""
-    findings = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
+    findings = [fault("data sheet", w) for w in problems(effect)]
     if effect.act is Effect.act:
         return findings
     findings = findings or [
-        CheckOutcome(
-            "data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters"
-        )
+        passed("data sheet", f"family {effect.family}, {len(effect.parameters)} parameters")
     ]
     places = [(rig, a) for rig in (*rigs, EveryPortRig()) for a in attachments(rig, [effect])]
     if not places:
@@ -541,13 +523,11 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
             f", {s}"
             for s in dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
         )
-        findings.append(
-            CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
-        )
+        findings.append(note("place", f"no rig has a port for it; it needs {needs}"))
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
         findings += [
-            replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
+            outcome(f.check, f.ok, f"{rig.name}, {attachment.label}: {f.detail}", f.advice)
             for f in _behaviour(rig, attachment)
         ]
     return findings
@@ -557,7 +537,7 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
     try:
         off = null_error(rig, attachment)
         findings = [
-            CheckOutcome(
+            outcome(
                 "null",
                 off <= NULL_TOLERANCE,
                 f"at its null it changes the outputs by {off:.2g} of their size "
@@ -565,14 +545,14 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
             )
         ]
         bad = finite_everywhere(rig, attachment)
-        findings += [CheckOutcome("finite", False, b) for b in bad] or [
-            CheckOutcome("finite", True, "over random points of the bounds")
+        findings += [fault("finite", b) for b in bad] or [
+            passed("finite", "over random points of the bounds")
         ]
         if not bad:
             findings.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
             findings.append(
-                CheckOutcome(
+                outcome(
                     "change",
                     change > LEAST_EFFECT,
                     f"at its typical size it changes the outputs by up to "
@@ -582,7 +562,7 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
             )
         return findings
     except PamidError as error:
-        return [CheckOutcome("equations", False, str(error))]
+        return [fault("equations", str(error))]
 
 
 def follows_mean(rig: Rig, attachment: Attachment) -> bool:
@@ -592,10 +572,10 @@ def follows_mean(rig: Rig, attachment: Attachment) -> bool:
 
 def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
     if attachment is not None and follows_mean(rig, attachment):
-        return CheckOutcome("sensitivities", True, "those of its mean course (mean_slope_at)")
+        return passed("sensitivities", "those of its mean course (mean_slope_at)")
     worst, stepped = sensitivity_error(rig, attachment), isinstance(rig, StepRig)
     stepped = stepped and worst > SAME_SLOPE
-    return CheckOutcome(
+    return outcome(
         "sensitivities",
         worst <= SAME_SLOPE,
         f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})"

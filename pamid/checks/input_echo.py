@@ -19,7 +19,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.checks.channel_quality import QualityIssue
+from pamid.checks.findings import QualityIssue, issue
 from pamid.checks.sheet_comparison import SheetComparison, recorded_columns
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
@@ -159,7 +159,7 @@ def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, st
 
 
 def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:
-    return QualityIssue(
+    return issue(
         "echo",
         (output, source),
         "wrong",
@@ -168,6 +168,5 @@ def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:
         "dynamics between them",
         f"Export the measured column as {output}; it seems to hold {source} again. If a controller "
         f'computes {source} from it, write loop = "closed" below [recording] in the TOML.',
-        (),
         {"residual_over_motion": share},
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +16,23 @@ from pamid.base.metrics import motion
 from pamid.base.progress import tell
 from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
-from pamid.checks.conformance import (
-    CheckOutcome,
-    background_findings,
-    effect_findings,
-    rig_findings,
-)
-from pamid.checks.input_hold import compare_holds
-from pamid.checks.input_hold import figures as between_json
+from pamid.checks.conformance import background_findings, effect_findings, rig_findings
+from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
 from pamid.checks.recording_quality import (
-    QualityIssue,
     before_a_fit,
     channel_figures,
     examine,
     signals_of,
 )
-from pamid.checks.row_order import misplaced_readings
+from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
+from pamid.ingest.matcher import with_stand_ins
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE
+from pamid.model.port_flow import rig_map
 from pamid.model.port_guide import TOLERANCES, driving_words, ports_of, tolerance_words
 from pamid.model.rig import Rig, check_rig
 from pamid.model.step_rig import StepRig
@@ -57,6 +52,7 @@ from pamid.recording.recording import (
     read_recording,
 )
 from pamid.schemas import check_file as result
+from pamid.schemas.rig_map import RigMap
 from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
 from pamid.simulation.tracks import noise_remarks
@@ -133,10 +129,8 @@ def inspect(
             "message": f"{path}: {wrong[0].detail}",
             "hint": "Every problem is in `findings`.",
         }
-    listed = tuple(
-        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in findings
-    )
-    return Inspection(result.CheckFile(**summary, findings=listed).as_json(), recording, issues)
+    file = result.CheckFile(**summary, findings=tuple(findings))
+    return Inspection(file.as_json(), recording, issues)
 
 
 def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
@@ -164,22 +158,22 @@ def require_sound(recording: Recording, rig: Rig) -> tuple[str, ...]:
 def _recording(
     recording: Recording, rig_name: str | Rig | None
 ) -> tuple[dict[str, Any], list[CheckOutcome], tuple[QualityIssue, ...]]:
-    findings = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
-    findings += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
+    findings = [passed("file", "uniform stamps, finite numbers, no row missing")]
+    findings += [note("warning", w) for w in recording.warnings]
     findings += [
-        CheckOutcome(
+        note(
             "unit",
-            False,
             f"column {n!r} is read in {split_column(n)[1]!r}: in a name _ multiplies and _per_ "
             f"divides. If a rate is meant, name it {divided_name(n)!r}",
-            advice=True,
         )
         for n in recording.columns
         if divided_name(n)
     ]
     tell("columns")
     name = rig_name or recording.rig
-    rig, against = _against_rig(recording, rig_name) if name else (None, [])
+    rig, against = None, list[CheckOutcome]()
+    if name:
+        recording, rig, against = _against_rig(recording, rig_name)
     tell("quality")
     signals = signals_of(recording, rig)
     with counted_warnings() as warned:
@@ -190,28 +184,22 @@ def _recording(
             if rig is None or any(i.severity == "wrong" for i in issues)
             else compare_holds(recording, rig)
         )
+    findings += [note("simulator", text) for text in warned.sentences("in the runs of this check")]
     findings += [
-        CheckOutcome("simulator", False, text, advice=True)
-        for text in warned.sentences("in the runs of this check")
-    ]
-    findings += [
-        CheckOutcome("between", not hold.wrong, hold.text(recording), advice=hold.wrong)
+        outcome("between", not hold.wrong, hold.text(recording), advice=hold.wrong)
         for hold in between
     ]
     if rig is not None and not any(i.severity == "wrong" for i in issues):
         findings += [
-            CheckOutcome("rows", False, order.text(recording), advice=True)
-            for order in misplaced_readings(recording, rig)
+            note("rows", order.text(recording)) for order in misplaced_readings(recording, rig)
         ]
     findings += [] if rig is None else _noise_findings(recording, rig)
     findings += against + [
-        CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
+        outcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
     if not issues:
         findings.append(
-            CheckOutcome(
-                "quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"
-            )
+            passed("quality", "nothing clipped, frozen, lost, exchanged, late or in another unit")
         )
     period = recording.sampling_period_s
     about = {
@@ -226,9 +214,9 @@ def _recording(
         "columns": {name: _column(recording, name) for name in recording.columns},
         "quality": {
             "channels": channel_figures(recording, rig, signals),
-            "issues": [asdict(issue) for issue in issues],
+            "issues": issues,
         },
-        **({"between": between_json(between)} if between else {}),
+        **({"between": between} if between else {}),
     }
     return about, findings, issues
 
@@ -256,8 +244,8 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
 
 def _against_rig(
     recording: Recording, rig_name: str | Rig | None
-) -> tuple[Rig | None, list[CheckOutcome]]:
-    """Rig, its recorded columns, and the columns that are not part of it.
+) -> tuple[Recording, Rig | None, list[CheckOutcome]]:
+    """Recording with the rig's columns, rig, and findings on columns that are not part of it.
 
     A rig file only runs if the user names it. One that a recording's TOML names is reported, not
     run.
@@ -268,41 +256,36 @@ def _against_rig(
             if rig_name
             else library.catalogue_rig(library.rig_of([recording]))
         )
+        recording, stand_ins = with_stand_ins(recording, rig)
         rig = as_recorded(rig, [recording])
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return None, [CheckOutcome("rig", False, str(error))]
-    findings = background_findings(rig) + _column_findings(recording, rig, wanted)
+        return recording, None, [fault("rig", str(error))]
+    findings = [note("column", text) for text in stand_ins]
+    findings += background_findings(rig) + _column_findings(recording, rig, wanted)
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
-        findings.append(CheckOutcome("form", not stepped, rig.form_note, advice=stepped))
+        findings.append(outcome("form", not stepped, rig.form_note, advice=stepped))
     findings += _known_findings(recording, rig)
     runs = not any(f.wrong for f in findings)
     if runs:
+        findings += [note("sign", words) for words in driving_words(rig)]
         findings += [
-            CheckOutcome("sign", False, words, advice=True) for words in driving_words(rig)
-        ]
-        findings += [
-            CheckOutcome("background", False, term.text, advice=True)
-            for term in without_idle_terms(rig, [recording])[1]
+            note("background", term.text) for term in without_idle_terms(rig, [recording])[1]
         ]
     if runs:
         try:
             require_informative(rig, recording)
         except DataError as error:
-            findings.append(CheckOutcome("excitation", False, f"nothing can be fitted: {error}"))
-    return rig, findings or [
-        CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")
-    ]
+            findings.append(fault("excitation", f"nothing can be fitted: {error}"))
+    every = passed("rig", f"every column of rig {rig.name!r} is there")
+    return recording, rig, findings or [every]
 
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     """Findings on outputs whose noise in fits contradicts the rig or the samples."""
     channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
-    return [
-        CheckOutcome(remark.kind, False, remark.text, advice=True)
-        for remark in noise_remarks(rig, [recording], channels)
-    ]
+    return [note(remark.kind, remark.text) for remark in noise_remarks(rig, [recording], channels)]
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
@@ -311,9 +294,8 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     names = [p.outside_name for p in rig.parameters]
     strange = [key for key in recording.known if not plain.knows(key)]
     findings = [
-        CheckOutcome(
+        fault(
             "known",
-            False,
             f"[known] {key!r} is not a parameter of rig {rig.name!r}. "
             f"{nearest(key, names)}".rstrip(),
         )
@@ -321,8 +303,8 @@ def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     ]
     known = {key: value for key, value in recording.known.items() if key not in strange}
     return findings + [
-        CheckOutcome("known", False, f"{fault.text}. {CURE}", advice=not fault.impossible)
-        for fault in plain.known_objections(known)
+        outcome("known", False, f"{objection.text}. {CURE}", advice=not objection.impossible)
+        for objection in plain.known_objections(known)
     ]
 
 
@@ -338,9 +320,8 @@ def _column_findings(
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
     seen = [c for c in rig.outputs if wanted[c] is not None]
     findings = [
-        CheckOutcome(
+        fault(
             "input",
-            False,
             f"the input {c!r} of rig {rig.name!r} is missing. "
             f"{nearest(c, recording.columns)}".rstrip(),
         )
@@ -348,29 +329,21 @@ def _column_findings(
     ]
     if not seen:
         findings.append(
-            CheckOutcome(
+            fault(
                 "output",
-                False,
                 f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
             )
         )
     findings += [
-        CheckOutcome(
-            "output",
-            False,
-            f"{c} is not recorded: effects that only it shows stay unknown",
-            advice=True,
-        )
+        note("output", f"{c} is not recorded: effects that only it shows stay unknown")
         for c in rig.outputs
         if wanted[c] is None and seen
     ]
     findings += [
-        CheckOutcome(
+        note(
             "column",
-            False,
             f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
             f"{nearest(c, wanted)}".rstrip(),
-            advice=True,
         )
         for c in strange
     ]
@@ -379,13 +352,13 @@ def _column_findings(
 
 def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     """Problem that stopped the reader, and problems of the remaining stages that can still run."""
-    outcomes: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
+    outcomes: dict[str, CheckOutcome] = {first.message: fault(first.code, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
         try:
             return stage()
         except PamidError as error:
-            outcomes.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
+            outcomes.setdefault(error.message, fault(error.code, str(error)))
             return None
 
     names = attempt(lambda: read_header(path))
@@ -403,15 +376,13 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     if time.size < MIN_SAMPLES and first.code != "empty":
         outcomes.setdefault(
             "short",
-            CheckOutcome(
-                "too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"
-            ),
+            fault("too-short", f"{time.size} samples, at least {MIN_SAMPLES} are needed"),
         )
     suffixes = [
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
     ]
     outcomes |= {
-        n: CheckOutcome("unit", False, f"column {n!r} does not end in a known unit", advice=True)
+        n: note("unit", f"column {n!r} does not end in a known unit")
         for n in suffixes
         if not n.rsplit("_", 1)[1].isdigit()
     }
@@ -437,7 +408,7 @@ def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     try:
         module = library.load_file(path)
     except PamidError as error:
-        return {"kind": "python"}, [CheckOutcome("file", False, str(error))]
+        return {"kind": "python"}, [fault("file", str(error))]
     return _classes(
         path,
         [
@@ -453,7 +424,7 @@ def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     try:
         rig = library.rig_named(str(path))
     except PamidError as error:
-        return {"kind": "rig"}, [CheckOutcome("model", False, str(error))]
+        return {"kind": "rig"}, [fault("model", str(error))]
     effects = library.effects()
     findings, ports = _built(rig, effects, slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
@@ -467,30 +438,25 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
         return about, [
-            CheckOutcome(
+            fault(
                 "file",
-                False,
                 "it holds neither a rig nor an effect (a class derived from pamid.Rig or "
                 "pamid.Effect)",
             )
         ]
     findings: list[CheckOutcome] = []
     if len(rigs) > 1:
-        findings.append(
-            CheckOutcome("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file")
-        )
+        findings.append(fault("file", f"it holds {len(rigs)} rigs; keep one rig in one file"))
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]
         findings += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
             findings.append(
-                CheckOutcome(
+                note(
                     "name",
-                    False,
                     f"{effect.name!r} is the name of an effect of the catalogue, which it "
                     "would replace",
-                    advice=True,
                 )
             )
     ports: list[dict[str, Any]] = []
@@ -508,28 +474,38 @@ def _rig(
         rig = kind()
         check_rig(rig, str(path))
     except PamidError as error:
-        return [CheckOutcome("declarations", False, str(error))], []
+        return [fault("declarations", str(error))], []
     except Exception as error:  # a rig's __init__ may raise anything
         return [
-            CheckOutcome(
-                "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
-            )
+            fault("declarations", f"{kind.__name__}() failed: {type(error).__name__}: {error}")
         ], []
     findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)
-        findings += _named(rig.name, [CheckOutcome(TOLERANCES, False, w, True) for w in words])
+        findings += _named(rig.name, [note(TOLERANCES, w) for w in words])
     return findings, ports
 
 
 def _built(
     rig: Rig, effects: dict[str, type[Effect]], *, slopes: bool = True
 ) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
-    findings = [CheckOutcome("remark", False, text, advice=True) for text in rig.remarks]
+    findings = [note("remark", text) for text in rig.remarks]
     findings += rig_findings(rig, effects.values(), slopes=slopes)
     built = not any(f.wrong and f.check == "equations" for f in findings)
     return _named(rig.name, findings), ports_of(rig, effects.values()) if built else []
 
 
 def _named(name: str, findings: list[CheckOutcome]) -> list[CheckOutcome]:
-    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in findings]
+    return [outcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in findings]
+
+
+def checked_ports(source: Path | type[Rig]) -> RigMap | None:
+    """Ports of a rig, or of a rig file or model that the user named (which is run).
+
+    None if it does not build.
+    """
+    try:
+        rig = library.rig_named(str(source)) if isinstance(source, Path) else source()
+        return rig_map(rig, rig.outputs)
+    except PamidError:
+        return None

@@ -24,7 +24,6 @@ from pamid.checks.channel_quality import (
     CheckedSignal,
     Mask,
     Places,
-    QualityIssue,
     clipping,
     has_noise_around,
     independent,
@@ -34,18 +33,18 @@ from pamid.checks.channel_quality import (
     measurable,
     repeat_chance,
     sampled_slowly,
-    share_words,
     shows_only_noise,
     signal_of,
     spikes,
+    standstill,
     standstills,
     windows_of,
 )
-from pamid.checks.input_ranges import beyond_range
-from pamid.checks.sent_columns import sent_columns
-from pamid.checks.standstill import standstill
+from pamid.checks.findings import QualityIssue, advice, issue, share_words
 from pamid.excitation.aprbs import coverage
+from pamid.ingest.channel_words import names_command
 from pamid.model.rig import Rig
+from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
 
 __all__ = ["QualityIssue", "channel_figures", "examine"]
@@ -60,6 +59,9 @@ FEW_STEPS, FEW_LEVELS = 10, 2
 TIMID = 0.1  # of the usual amplitude
 IDLE = 0.5  # of the time without a change of the commands
 AT_LIMITS = 0.6  # of the time
+RANGE_SLACK = 0.01  # of a stated range: noise of a read-back input
+# prefixes of commanded columns, in addition to the words of `names_command`
+SENT = ("command", "reference", "setpoint", "external")
 VACUUM_PA = -105e3  # gauge: lower pressures do not exist
 # reading of an absolute sensor on a vented volume, up to 600 m above sea level
 VENTED_PA = (94e3, 106e3)
@@ -112,17 +114,17 @@ def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     """Issues that make a fit nonsense (wrong), or that it would take for the machine (advice)."""
-    from pamid.checks.rig_consistency import SLIP_WORDS
+    from pamid.checks.slips import ORDER
 
     absurd = _absurd(recording)
     issues = [absurd] if absurd else _rig_issues(recording, rig, thorough=False)[0]
-    return tuple(i for i in issues if i.severity == "wrong" or i.kind in SLIP_WORDS)
+    return tuple(i for i in issues if i.severity == "wrong" or i.kind in ORDER)
 
 
 def _absurd(recording: Recording) -> QualityIssue | None:
     names = tuple(name for name, values in recording.columns.items() if not measurable(values))
     return (
-        QualityIssue(
+        issue(
             "range",
             names,
             "wrong",
@@ -143,9 +145,8 @@ def _rig_issues(
     many runs of the model.
     """
     # the engine is needed only here
-    from pamid.checks.idle_inputs import idle_input_issues
     from pamid.checks.input_echo import echoed_inputs
-    from pamid.checks.rig_consistency import clock, contradictions
+    from pamid.checks.rig_consistency import clock, contradictions, idle_input_issues
     from pamid.checks.sheet_comparison import compared_with_sheet
 
     if issues := clock(recording, rig):
@@ -217,13 +218,11 @@ def _constant(
             if s.sent and rig is not None and driven:
                 continue
             issues.append(
-                QualityIssue(
+                advice(
                     "dead" if dead else "constant",
-                    (s.name,),
-                    "advice",
+                    s.name,
                     f"{s.name} is constant ({s.values[0]:g}{s.unit}) throughout",
                     hint,
-                    (),
                     {"value": float(s.values[0])},
                 )
             )
@@ -254,14 +253,12 @@ def _held_and_clipped(
             "Hz), held between"
         )
         all_issues.append(
-            QualityIssue(
+            advice(
                 "sampled-slowly",
                 columns,
-                "advice",
                 message,
                 "Ingest the raw log with the period of its "
                 "slowest channel, or leave `period_s` out.",
-                (),
                 {"every_samples": float(every)},
             )
         )
@@ -329,20 +326,19 @@ def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIss
     columns = tuple(s.name for s in measured)
     which = "all measured channels" if len(columns) > 1 else columns[0]
     return [
-        QualityIssue(
+        advice(
             "dropped",
             columns,
-            "advice",
             f"{int(held.sum())} samples were lost and filled by repeating the last "
             f"one in {which}, {share_words(float(held.mean()))}",
             "Check the logger's load and the bus; ingest the raw log without filling, or leave "
             "these stretches out.",
-            windows,
             {
                 "samples": float(held.sum()),
                 "share": float(held.mean()),
                 "longest_samples": float((stops - starts).max()),
             },
+            windows,
         )
     ]
 
@@ -361,26 +357,22 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
             issues.append(
-                QualityIssue(
+                advice(
                     "pressure",
-                    (s.name,),
-                    "advice",
+                    s.name,
                     f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum",
                     "Is its sign or its unit wrong?",
-                    (),
                     {"low_pa": float(y.min())},
                 )
             )
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
             issues.append(
-                QualityIssue(
+                advice(
                     "unit",
-                    (s.name,),
-                    "advice",
+                    s.name,
                     f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, "
                     "unusual for a pressure that drives something",
                     "Are its values in another unit, such as bar or Pa?",
-                    (),
                     {"size_pa": size},
                 )
             )
@@ -392,13 +384,11 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
     """Columns in kelvin beyond the temperature of any room or machine."""
     return [
-        QualityIssue(
+        advice(
             "unit",
-            (s.name,),
-            "advice",
+            s.name,
             f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
             "Are its values in degrees Celsius?",
-            (),
             {"high_k": float(s.values.max())},
         )
         for s in signals
@@ -417,16 +407,15 @@ def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
     if not long.any():
         return []
     return [
-        QualityIssue(
+        advice(
             "absolute-pressure",
-            (s.name,),
-            "advice",
+            s.name,
             f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls "
             "below: a vented volume on an absolute sensor",
             "Recordings hold gauge pressures: set pressure = "
             '"absolute" in the mapping of `pamid ingest`.',
-            windows_of(s.time, starts[long], stops[long]),
             {"floor_kpa": floor / 1e3},
+            windows_of(s.time, starts[long], stops[long]),
         )
     ]
 
@@ -443,7 +432,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     if few:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
-        issues.append(QualityIssue("short", (), "wrong", few, hint, (), figures))
+        issues.append(issue("short", (), "wrong", few, hint, figures))
     for name in _excited_columns(recording, rig):
         issues += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
@@ -452,15 +441,14 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
         at = size >= size.max()
         if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
             issues.append(
-                QualityIssue(
+                advice(
                     "at-limits",
-                    (name,),
-                    "advice",
+                    name,
                     f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time",
                     "Lower the gains or ask for less: a command at its "
                     "limit says little about the rig.",
-                    windows_of(recording.time, *runs_of(at)),
                     {"share": float(at.mean())},
+                    windows_of(recording.time, *runs_of(at)),
                 )
             )
     return issues
@@ -525,13 +513,63 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
     if not messages:
         return []
     return [
-        QualityIssue(
+        advice(
             "excitation",
-            (name,),
-            "advice",
+            name,
             f"{name} {' and '.join(messages)}",
             "`pamid generate-aprbs` makes an excitation that covers range and frequencies.",
-            windows,
             numbers,
+            windows,
         )
     ]
+
+
+def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
+    """Findings on inputs beyond the range that the rig states."""
+    issues = []
+    for name, (low, high) in rig.ranges.items():
+        column = match_column(recording.columns, name)
+        if column is None:
+            continue
+        values, slack = recording.signal(name), RANGE_SLACK * (high - low)
+        out = (values < low - slack) | (values > high + slack)
+        if not out.any():
+            continue
+        share = float(out.mean())
+        issues.append(
+            advice(
+                "beyond-range",
+                column,
+                f"{name} should be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
+                f"from {values.min():.4g} to {values.max():.4g}, outside for {share:.0%} of the "
+                "time",
+                "Check its unit and its zero; if it really goes there, widen ranges in the rig "
+                "file.",
+                {"share": share, "low": float(values.min()), "high": float(values.max())},
+                windows_of(recording.time, *runs_of(out)),
+            )
+        )
+    return issues
+
+
+def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
+    """Commanded columns, which may stand still, jump, and sit at their limits.
+
+    They are the inputs and references of the rig, and of other columns those with the name or the
+    course of a command. A held signal changes by jumps with standstills between them, and by more
+    than a converter's step. A frozen sensor moves from sample to sample in between.
+    """
+    columns = recording.columns
+    if rig is None:
+        return {name for name, values in columns.items() if _seems_sent(name, values)}
+    sent = {
+        match_column(columns, input_) for input_ in (*rig.inputs, *(k.reference for k in rig.loops))
+    }
+    known = sent | {match_column(columns, output) for output in rig.outputs}
+    guessed = {n for n, values in columns.items() if n not in known and _seems_sent(n, values)}
+    return guessed | {name for name in sent if name is not None}
+
+
+def _seems_sent(name: str, values: NDArray[np.float64]) -> bool:
+    called = name.startswith(SENT) or names_command(name)
+    return called or stands(values) or held_by_jumps(values)

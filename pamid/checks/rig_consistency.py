@@ -17,7 +17,6 @@ channels that are dead, late, or not explained by the rig at all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -28,23 +27,24 @@ from pamid.base.units import (
     NONE,
     duration_text,
     from_si,
+    is_unit,
     quantity_of,
     split_column,
     unit,
     with_unit,
 )
-from pamid.checks.channel_quality import PLUGGED, QualityIssue
+from pamid.checks.channel_quality import PLUGGED
+from pamid.checks.findings import QualityIssue, advice, issue
 from pamid.checks.sheet_comparison import (
     SheetComparison,
     magnitude_sensor_signs,
     recorded_columns,
     shapes,
 )
-from pamid.checks.short_fit import fit_data_of
+from pamid.checks.short_fit import RUNAWAY, fit_data_of
 from pamid.checks.slips import (
     CLOCKS,
     MOST_NAMED_SLIPS,
-    RUNAWAY,
     UNEXPLAINED_MOTION,
     UNNAMED,
     Explanation,
@@ -57,6 +57,7 @@ from pamid.model.sampling import stated_period
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 from pamid.simulation.correlation_time import timescale_of
+from pamid.simulation.input_effects import IDLE_CURE, idle_text, input_effects
 from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
@@ -104,7 +105,9 @@ def contradictions(
     slips, recording_, e, judgement = find_slips(recording, evidence, thorough=thorough)
     clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
-        return [_clock_issue(recording, rig, clocks[0].slip)], {}
+        factor = clocks[0].slip.factor
+        text = f"at which rig {rig.name!r} would behave quite differently"
+        return [_clock_issue(recording, text, CLOCKS[factor], 1.0 / factor)], {}
     issues = _slip_issues(
         [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
         evidence,
@@ -150,23 +153,17 @@ def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
     if counted and not 0.5 < ratio * near < 2.0:
         looks = "a count of samples: multiply them by the period"
     text = f"where rig {rig.name!r} is sampled every {usual:g} s"
-    return [_clock_words(recording, text, looks, ratio)]
+    return [_clock_issue(recording, text, looks, ratio)]
 
 
-def _clock_issue(recording: Recording, rig: Rig, slip: Slip) -> QualityIssue:
-    text = f"at which rig {rig.name!r} would behave quite differently"
-    return _clock_words(recording, text, CLOCKS[slip.factor], 1.0 / slip.factor)
-
-
-def _clock_words(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
+def _clock_issue(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
     period = recording.sampling_period_s
-    return QualityIssue(
+    return issue(
         "clock",
-        ("time_s",),
+        "time_s",
         "wrong",
         f"samples are {period:g} s apart, {text}",
         f"The stamps look like {looks}." if looks else "Are the stamps seconds?",
-        (),
         {"period_s": period, "ratio": ratio},
     )
 
@@ -190,10 +187,10 @@ def _slip_issues(
 def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
     first = max(group, key=lambda member: member.gain)
     slip, names = first.slip, tuple(name for member in group for name in member.slip.names)
-    message, hint = SLIP_WORDS[slip.kind](slip, names, before, rig)
+    message, hint = _slip_words(slip, names, before.names, rig)
     figures = first.figures
     rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
-    others = [_other_words(other) for other in rivals][:MOST_NAMED_SLIPS]
+    others = [other.words for other in rivals][:MOST_NAMED_SLIPS]
     if others and slip.kind in ("unit", "offset", "gain"):
         hint += f" Or {', or '.join(others)} explains it as well."
     if first.wrong:
@@ -207,119 +204,70 @@ def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> 
     if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
         evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
     severity = "wrong" if first.wrong else "advice"
-    return QualityIssue(slip.kind, names, severity, f"{message}: {evidence}", hint, (), figures)
+    return issue(slip.kind, names, severity, f"{message}: {evidence}", hint, figures)
 
 
-def _other_words(slip: Slip) -> str:
-    if slip.kind != "offset":
-        return slip.words
-    value, unit_ = _in_column_unit(-slip.offset, slip.names[0])
-    return f"{slip.names[0]} offset by {value:.4g}{unit_}"
-
-
-def _unit_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
+def _slip_words(
+    slip: Slip, names: tuple[str, ...], outputs: Sequence[str], rig: Rig
 ) -> tuple[str, str]:
-    many, symbol = listed(list(names)), split_column(names[0])[1]
-    verb = "seems" if len(names) == 1 else "seem"
-    if " " in slip.meaning:
+    """Fault and remedy of a slip of these columns."""
+    symbol, many = split_column(names[0])[1], listed(list(names))
+    shift = slip.offset / unit(symbol).factor
+    shown = f"{-shift:.4g}{'' if symbol == NONE else f' {symbol}'}"
+    mapping, exceptional = "the mapping of `pamid ingest`", f"; if rig {rig.name!r} really is"
+    if slip.kind == "unit" and slip.geared:
         return (
-            f"{many} {verb} to be {slip.meaning}",
+            f"{many} {'seems' if len(names) == 1 else 'seem'} to be {slip.meaning}",
             f"Multiply by {slip.factor:g}, or let rig {rig.name!r} measure it there.",
         )
-    if slip.meaning == "percent":
-        how = 'Divide by 100: unit = "percent" in the mapping of `pamid ingest`.'
-        return f"the values of {many} look like percent, not {symbol}", how
-    named = [
-        f"{n} to {with_unit(split_column(n)[0], slip.meaning)}" for n in names if slip.readable
-    ]
-    rename = f"Rename {listed(named)}, or set" if named else "Set"
-    return (
-        f"the values of {many} look like {slip.meaning}, not {symbol}",
-        f'{rename} unit = "{slip.meaning}" in the mapping of `pamid ingest`.',
-    )
-
-
-def _sign_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
-) -> tuple[str, str]:
-    other = ""
-    if len(before.names) == 1 and names[0] not in before.names:
-        other = f" (or that of {before.names[0]})"
-    offset, entry = "", "sign = -1"
-    if slip.offset:
-        value, unit_ = _in_column_unit(slip.offset, names[0])
-        offset = f" and is then offset by {-value:.4g}{unit_} against rig {rig.name!r}"
-        entry += f" and offset = {value:.4g}"
-    return (
-        f"{names[0]} has the opposite sign{other}{offset}",
-        f"Turn its sign, or set {entry} for it in the mapping of `pamid ingest`; if rig "
-        f"{rig.name!r} really is built so, change the rig file.",
-    )
-
-
-def _offset_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
-) -> tuple[str, str]:
-    value, unit_ = _in_column_unit(slip.offset, names[0])
-    return (
-        f"{names[0]} is offset by {-value:.4g}{unit_} against rig {rig.name!r}",
-        f"Zero it, or set offset = {value:.4g} for it in the mapping of `pamid ingest`; else a "
-        f"constant is missing from rig {rig.name!r}.",
-    )
-
-
-def _gain_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
-) -> tuple[str, str]:
-    others = [c for c in before.names if c not in names]
+    if slip.kind == "unit":
+        looks = f"the values of {many} look like {slip.meaning}, not {symbol}"
+        if slip.meaning == "percent":
+            return looks, f'Divide by 100: unit = "percent" in {mapping}.'
+        named = [
+            f"{n} to {with_unit(split_column(n)[0], slip.meaning)}"
+            for n in names
+            if is_unit(slip.meaning)
+        ]
+        rename = f"Rename {listed(named)}, or set" if named else "Set"
+        return looks, f'{rename} unit = "{slip.meaning}" in {mapping}.'
+    if slip.kind == "sign":
+        lone = len(outputs) == 1 and names[0] not in outputs
+        other = f" (or that of {outputs[0]})" if lone else ""
+        entry = f"sign = -1 and offset = {shift:.4g}" if slip.offset else "sign = -1"
+        offset = f" and is then offset by {shown} against rig {rig.name!r}" if slip.offset else ""
+        return (
+            f"{names[0]} has the opposite sign{other}{offset}",
+            f"Turn its sign, or set {entry} for it in {mapping}{exceptional} built so, change the "
+            "rig file.",
+        )
+    if slip.kind == "exchanged":
+        return (
+            f"{names[0]} and {names[1]} are exchanged",
+            f"Exchange the two columns in {mapping}{exceptional} plugged so, change the rig file.",
+        )
+    if slip.kind == "absolute-pressure":
+        sheet = [p for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"]
+        stated = listed([p.outside_name for p in sheet]) if sheet else ""
+        gauge = f"; if they are gauge pressures, state {stated} under [known]" if sheet else ""
+        return (
+            f"{many} {'lies' if len(names) == 1 else 'lie'} about one atmosphere too high, as "
+            "absolute pressures do",
+            f'Set pressure = "absolute" in {mapping}{gauge}.',
+        )
+    if slip.kind == "offset":
+        return (
+            f"{names[0]} is offset by {shown} against rig {rig.name!r}",
+            f"Zero it, or set offset = {shift:.4g} for it in {mapping}; else a constant is missing "
+            f"from rig {rig.name!r}.",
+        )
+    others = listed([c for c in outputs if c not in names])
     return (
         f"{names[0]} reads {1.0 / slip.factor:.2g} times what rig {rig.name!r} predicts from "
-        f"{listed(others)}",
-        f"Multiply its scale in the mapping of `pamid ingest` by {slip.factor:.4g}, or correct the "
-        f"ratio in rig {rig.name!r}.{slip.cause_words}",
+        f"{others}",
+        f"Multiply its scale in {mapping} by {slip.factor:.4g}, or correct the ratio in rig "
+        f"{rig.name!r}.{slip.cause_words}",
     )
-
-
-def _in_column_unit(size: float, column: str) -> tuple[float, str]:
-    """Convert an SI difference to the unit of a column, with that unit after a space."""
-    symbol = split_column(column)[1]
-    value = size / unit(symbol).factor
-    return value, "" if symbol == NONE else f" {symbol}"
-
-
-def _exchange_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
-) -> tuple[str, str]:
-    return (
-        f"{names[0]} and {names[1]} are exchanged",
-        f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
-        "plugged so, change the rig file.",
-    )
-
-
-def _pressure_words(
-    slip: Slip, names: tuple[str, ...], before: SheetComparison, rig: Rig
-) -> tuple[str, str]:
-    sheet = [
-        p.outside_name for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"
-    ]
-    gauge = f"; if they are gauge pressures, state {listed(sheet)} under [known]." if sheet else "."
-    return (
-        f"{listed(list(names))} {'lies' if len(names) == 1 else 'lie'} about one atmosphere too "
-        "high, as absolute pressures do",
-        f'Set pressure = "absolute" in the mapping of `pamid ingest`{gauge}',
-    )
-
-
-SLIP_WORDS = {
-    "unit": _unit_words,
-    "sign": _sign_words,
-    "exchanged": _exchange_words,
-    "absolute-pressure": _pressure_words,
-    "offset": _offset_words,
-    "gain": _gain_words,
-}
 
 
 def _unexplained_channels(
@@ -359,13 +307,11 @@ def _unexplained_channels(
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit is off by {left[k]:.2g} times the motion"
     return [
-        QualityIssue(
+        advice(
             "far-off",
             tuple(columns[i] for i in shown),
-            "advice",
             text,
-            advice(every) + _blind(columns[k], e, k),
-            (),
+            _unit_advice(every) + _blind(columns[k], e, k),
             {"error": float(missed[k])},
         )
     ]
@@ -389,7 +335,7 @@ def _relative_errors(e: SheetComparison) -> Array:
     return np.minimum(np.minimum(*shares), RUNAWAY)
 
 
-def advice(slips: Sequence[Slip]) -> str:
+def _unit_advice(slips: Sequence[Slip]) -> str:
     """Sentence that refers a reader to units and signs."""
     by_name = sorted(slips, key=lambda s: [t.names for t in slips].index(s.names))
     parts = [
@@ -439,14 +385,13 @@ def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qua
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
             issues.append(
-                QualityIssue(
+                issue(
                     "dead",
-                    (column,),
+                    column,
                     "wrong",
                     f"{column} is constant ({shown}) throughout, where the "
                     f"model of rig {rig.name!r} moves",
                     f"{PLUGGED} Leave the column out if it was not measured.",
-                    (),
                     {"value": value},
                 )
             )
@@ -489,14 +434,12 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             "raw log."
         )
         issues.append(
-            QualityIssue(
+            advice(
                 "delay",
                 columns,
-                "advice",
                 f"{listed(columns)} {many} {duration_text(abs(delay))} "
                 f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}",
                 hint,
-                (),
                 {"delay_s": delay},
             )
         )
@@ -512,11 +455,7 @@ def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], sam
     data = fit_data_of(recording, rig)
     if data is None:
         return True
-    y = data.track.y.copy()
-    places = [data.names.index(name) for name in names]
-    y[:, places] = np.roll(y[:, places], samples, axis=0)
-    later = replace(data, track=replace(data.track, y=y))
-    return later.fitted(rig).error < SHIFT_FITS * data.fitted(rig).error
+    return data.shifted(names, samples).fitted(rig).error < SHIFT_FITS * data.fitted(rig).error
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
@@ -538,3 +477,26 @@ def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
 
 def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
+    """Findings on inputs that move in the recording, but whose term has no effect."""
+    noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
+    issues = []
+    for name, change in input_effects(
+        e.simulate, e.u, e.inputs, e.model if e.ran else None
+    ).items():
+        values = e.u[:, e.inputs.index(name)]
+        if text := idle_text(name, values, change, e.names, noise):
+            symbol = split_column(name)[1]
+            low, high = (float(from_si(x, symbol)) for x in (values.min(), values.max()))
+            issues.append(
+                advice(
+                    "idle-input",
+                    recorded_columns((name,), recording),
+                    f"in the data sheet's model of rig {rig.name!r} {text}",
+                    IDLE_CURE,
+                    {"low": low, "high": high, "most_of_noise": float((change / noise).max())},
+                )
+            )
+    return issues

@@ -22,18 +22,23 @@ takes one run. After parameters and start states have adapted, the error is to f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import motion
+from pamid.checks.sheet_comparison import OPENING_SAMPLES, shapes
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
+from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import choose_stepping, measured_outputs
+from pamid.simulation.initial_state import state_from_readings
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.expression import symbol
@@ -45,6 +50,9 @@ WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
 LEAST_SIGMA = 0.01  # of a channel's spread: assumed noise of a noiseless channel
 STEPS = 30
 SETTLED_GAIN = 1e-5  # relative gain of a step
+RUNAWAY = 1e6  # error as a share of the motion: no more is counted
+LEAST_NOISES = 5.0  # smallest motion, in noises
+USUAL_ERROR = 0.2  # of the motion of a channel: a recording that suits its rig leaves no more
 FURTHEST = 300.0  # largest logarithm of a factor on the data sheet, beyond any bound
 
 
@@ -81,6 +89,14 @@ class FittedWindows:
         return float(np.sqrt(self.point.errors.mean()))
 
     @property
+    def shares(self) -> dict[str, float]:
+        """Root mean square error of each channel, as a share of its motion."""
+        data = self.problem.trial
+        errors = np.sqrt(self.point.errors.mean(axis=0)) / data.weight / data.motions
+        errors = np.where(np.isfinite(errors), errors, RUNAWAY)
+        return dict(zip(data.names, errors.tolist(), strict=True))
+
+    @property
     def strain(self) -> float:
         """Sum of squares of the parameters' distances from the data sheet, in prior spreads."""
         return float(self.point.s @ self.point.s)
@@ -103,6 +119,7 @@ class FitData:
         problem: ShortFit | None = None,
         stepping: Stepping | None = None,
         steps: int = STEPS,
+        restart: bool = False,
     ) -> FittedWindows:
         """Fit a rig to the data.
 
@@ -118,11 +135,43 @@ class FitData:
             Stepping of a fit that only differs in its inputs.
         steps
             Largest number of steps.
+        restart
+            Also start from the states that the readings show, if the fit is poor. A fit that took
+            no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         point = iterate(problem, Iteration(start, problem.rule.start), steps).point
-        return FittedWindows(rig, point, problem)
+        best = FittedWindows(rig, point, problem)
+        again = restart or problem.unset.any() or not point.s.any()
+        if begin is None and again and max(best.shares.values()) > USUAL_ERROR:
+            # from an inertia of zero, or from where the data sheet's run has gone, no step may lead
+            # to what was measured
+            start = problem.readings()
+            point = iterate(problem, Iteration(start, problem.rule.start), steps).point
+            best = min(best, FittedWindows(rig, point, problem), key=lambda fit: fit.point.cost)
+        return best
+
+    def shifted(self, columns: Iterable[str], rows: int) -> FitData:
+        """The data with these channels later by a number of rows; the rows at the end that nothing
+        fills keep the last value there."""
+        table, places = self.track.y.copy(), [self.names.index(name) for name in columns]
+        rows_from = np.clip(np.arange(len(table)) - rows, 0, len(table) - 1)
+        table[:, places] = table[rows_from][:, places]
+        return replace(self, track=replace(self.track, y=table))
+
+    @cached_property
+    def motions(self) -> Array:
+        """Per channel: root mean square of the motion within the windows, at least the noise.
+
+        Level and trend are left out, because a separate start state produces both.
+        """
+        y, length = self.track.y, self.windows[0].stop - self.windows[0].start
+        parts = np.concatenate([y[w.start : w.stop] for w in self.windows])
+        return np.maximum(
+            np.sqrt((shapes(parts, length) ** 2).mean(axis=(1, 2))),
+            np.maximum(LEAST_NOISES * noise_level(y), 1e-12 * np.abs(y).max(axis=0)),
+        )
 
 
 def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
@@ -206,16 +255,42 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             and np.array_equal(ours.track.p, theirs.track.p)
         )
 
+    @property
+    def unset(self) -> NDArray[np.bool_]:
+        """Free parameters that are zero in the data sheet, at the end of their range: an inertia
+        that nobody has measured."""
+        bounds = [self.runner.assembly.parameters[i] for i in self.runner.free]
+        values = self.trial.track.p[list(self.runner.free)]
+        return np.array(
+            [v == b.low == 0.0 for v, b in zip(values, bounds, strict=True)], dtype=bool
+        )
+
     def sheet(self) -> FitPoint:
         """Parameters of the data sheet, and the states of its run."""
+        s = np.zeros(len(self.runner.free))
+        return self.at(s, self._run_states(s))
+
+    def readings(self) -> FitPoint:
+        """Unset parameters as large as their spread, and the states that the readings show."""
+        s = self.unset.astype(float)
+        p, x = self.parameters(s)[0], self._run_states(s)
+        fresh = self.runner.memory(p)
+        for k, window in enumerate(self.trial.windows):
+            opening = Window(window.start, min(window.start + OPENING_SAMPLES, window.stop))
+            x[k] = state_from_readings(
+                self.runner, fresh.copy(), opening, p, self.trial.weight, x[k]
+            )
+        return self.at(s, x)
+
+    def _run_states(self, s: Array) -> Array:
+        """States at the windows' starts, of a run with parameters s."""
         a, t = self.runner.assembly, self.trial.track
-        n = self.runner.start_states
+        n, p = self.runner.start_states, self.parameters(s)[0]
         program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states})
-        memory = program.memory(a.start(t.p), stepping=self.runner.stepping, period_s=t.period_s)
-        Y, _, _ = program.run(memory, t.u, t.p, period_s=t.period_s, stepping=self.runner.stepping)
+        memory = program.memory(a.start(p), stepping=self.runner.stepping, period_s=t.period_s)
+        Y, _, _ = program.run(memory, t.u, p, period_s=t.period_s, stepping=self.runner.stepping)
         led = Y[[w.start for w in self.trial.windows]][:, Y.shape[1] - n :]
-        x = np.where(np.isfinite(led), led, a.start(t.p)[:n])
-        return self.at(np.zeros(len(self.runner.free)), x)
+        return np.where(np.isfinite(led), led, a.start(p)[:n])
 
     def parameters(self, s: Array) -> tuple[Array, Array]:
         """Values (SI) at scaled parameters s, within their bounds, and their slopes by s.

@@ -32,7 +32,6 @@ from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     from_si,
-    is_unit,
     kindred_units,
     quantity_of,
     split_column,
@@ -46,10 +45,16 @@ from pamid.checks.sheet_comparison import (
     same_quantity_columns,
     shapes,
 )
-from pamid.checks.short_fit import FEWEST_WINDOWS, FitData, ShortFit, fit_data_of
+from pamid.checks.short_fit import (
+    FEWEST_WINDOWS,
+    RUNAWAY,
+    USUAL_ERROR,
+    FitData,
+    ShortFit,
+    fit_data_of,
+)
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
-from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import input_table, output_table
 
@@ -95,6 +100,7 @@ UNSEEN_WEIGHT = 1e-6
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
 # of the variance within windows: a column that shares less with its prediction is not a copy of it
 LEAST_SHARED = 0.25
+OTHER_SIDE = "measured on the other side of the gear"
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
 PREFIXED = ("A", "V", "W", "N", "Pa", "J", "m", "Hz", "Ohm")
 PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
@@ -109,11 +115,8 @@ MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
 JUDGING_STEPS = 12  # of a fit
-EXACT, RUNAWAY = 0.01, 1e6  # bounds of errors, as shares of the motion
-LEAST_NOISES = 5.0  # smallest motion, in noises
-# what a recording that suits its rig leaves at most: share of the motion of a channel, and distance
-# of the data sheet, in prior spreads
-USUAL_ERROR, USUAL_BEND = 0.2, 4.0
+EXACT = 0.01  # smallest error that counts, as a share of the motion
+USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
 # of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
 FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
@@ -157,12 +160,16 @@ class Slip:
         return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
 
     @property
-    def readable(self) -> bool:
-        """True if a column may be named in this unit."""
-        return is_unit(self.meaning)
+    def geared(self) -> bool:
+        """True if its meaning is the side of a gear, and not a unit."""
+        return self.meaning.startswith(OTHER_SIDE)
 
     @property
     def words(self) -> str:
+        if self.kind == "offset":
+            symbol = split_column(self.names[0])[1]
+            shown = f"{-self.offset / unit(symbol).factor:.4g}"
+            return f"{self.names[0]} offset by {shown}{'' if symbol == NONE else f' {symbol}'}"
         what = "parameter" if self.kind == "parameter" else "column"
         return f"the {what} {' and '.join(self.names)} times {self.factor_words}"
 
@@ -190,7 +197,7 @@ class Slip:
 
     @property
     def meaning_words(self) -> str:
-        return self.meaning if " " in self.meaning else f"as if written in {self.meaning}"
+        return self.meaning if self.geared else f"as if written in {self.meaning}"
 
     def corrected(self, recording: Recording) -> Recording:
         """Recording after the correction; a slip of the data sheet leaves it unchanged."""
@@ -345,27 +352,12 @@ def judge(
         if data is not None:
             data = data if p is None else replace(data, track=replace(data.track, p=p))
             problem = like if like and like.matches_data(data) else None
-            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS)
-            errors = np.sqrt(fit.point.errors.mean(axis=0)) / data.weight / _moves(data)
-            errors = np.where(np.isfinite(errors), errors, RUNAWAY)
-            by_channel = dict(zip(data.names, errors.tolist(), strict=True))
-            return Judgement(by_channel, fit.strain, problem=fit.problem)
+            # what every slip has to beat is the best fit of the recording as it is
+            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS, restart=p is None)
+            return Judgement(fit.shares, fit.strain, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
     return _judged_by_sheet(e)
-
-
-def _moves(data: FitData) -> Array:
-    """Per channel: root mean square of the motion within the windows, at least the noise.
-
-    Level and trend are left out, because a separate start state produces both.
-    """
-    y, length = data.track.y, data.windows[0].stop - data.windows[0].start
-    parts = np.concatenate([y[w.start : w.stop] for w in data.windows])
-    return np.maximum(
-        np.sqrt((shapes(parts, length) ** 2).mean(axis=(1, 2))),
-        np.maximum(LEAST_NOISES * noise_level(y), 1e-12 * np.abs(y).max(axis=0)),
-    )
 
 
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
@@ -441,7 +433,7 @@ def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
     named = list(_units_of_column(column, symbol))
     if quantity_of(symbol) in GEARED:
         for name, ratio in gears.items():
-            words = f"measured on the other side of the gear, {name} = {ratio:g}"
+            words = f"{OTHER_SIDE}, {name} = {ratio:g}"
             named += [Slip("unit", (column,), f, 0.0, words) for f in (ratio, 1.0 / ratio)]
     yield from named
     if quantity_of(symbol) != "temperature":
@@ -646,7 +638,7 @@ def _predicted_slips(
             return []
         like = before.problem
         problem = like if like and like.matches_data(data) else ShortFit.of(data, data.rig)
-        for k, (name, motion_) in enumerate(zip(data.names, _moves(data), strict=True)):
+        for k, (name, motion_) in enumerate(zip(data.names, data.motions, strict=True)):
             y, model = _prediction(data, k, problem)
             (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y, model, float(motion_))

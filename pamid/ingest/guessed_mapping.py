@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pamid.base.errors import FileError, listed
+from pamid.base.errors import FileError, listed, nearest
 from pamid.base.units import NONE, quantity_of, split_column, unit
 from pamid.ingest.channel_columns import channel_columns
 from pamid.ingest.channels import Channel, Log, interleaved_rows
@@ -24,17 +24,8 @@ from pamid.ingest.guessed_clock import (
     with_diagnosis,
 )
 from pamid.ingest.mapping import UNANSWERED
-from pamid.ingest.matcher import SAME_NAME, best_pairs, pair_fit
+from pamid.ingest.matcher import ColumnFit, match_channels, notes_on, refuse_foreign_joints
 from pamid.ingest.parts import merged_parts
-from pamid.ingest.robot_names import (
-    NameFit,
-    chosen_by,
-    fits_by_name,
-    notes_on,
-    refuse_foreign_joints,
-    require_clear,
-    robot_values,
-)
 from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, moves_in_steps
@@ -43,6 +34,8 @@ from pamid.recording.recording import MIN_SAMPLES, toml_string
 PAUSE = 100.0  # times the usual step
 EQUAL_TO = 1.05  # largest amplitude of a ratio; larger commands are in per cent
 _SI = ("rad", "m", "rad/s", "m/s", "N m", "N", NONE)
+#: channel of a column, and its fit by names, words and unit; None without a rig
+Match = tuple[Channel, ColumnFit | None]
 _TURNING = (unit("rad").dimension, unit("rad/s").dimension)
 
 
@@ -56,19 +49,6 @@ class GuessedMapping:
     mapped: int
     channels: int
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class ChosenChannel:
-    """Channel of a column.
-
-    fit               its fit by the names of a robot's log, if any
-    by_channel_name   the column has the channel's name, without a rig
-    """
-
-    channel: Channel
-    fit: NameFit | None = None
-    by_channel_name: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,18 +83,21 @@ def guess_of(
     log, parts = merged_parts(log)
     usual = rig.period_s if rig is not None else None
     clock, every, notes = _clock_and_channels(log, usual)
-    rest = chosen_by(only, every, log) if only else every
+    rest = [channel for channel in every if only in channel.name]
+    if not rest and only:
+        _refuse_filter(only, every, log)
+    matched: dict[str, Match] = {}
     if rig is None:
-        matched = {
-            column: ChosenChannel(replace(channel, unit=text or channel.unit), by_channel_name=True)
+        matched |= {
+            column: (replace(channel, unit=text or channel.unit), None)
             for column, (channel, text) in channel_columns(rest, answers.angles).items()
         }
         measured = rest
     else:
-        matched = _assign(rest, rig, log)
+        matched |= match_channels(rest, rig, log)
         if rig.log_names and not matched:
             refuse_foreign_joints(log, rest, rig)
-        chosen = {column: choice.channel for column, choice in matched.items()}
+        chosen = {column: channel for column, (channel, _) in matched.items()}
         notes += notes_on(rest, rig, chosen)
         unmapped = [c.name for c in rest if all(c is not other for other in chosen.values())]
         if unmapped and not rig.log_names:
@@ -214,43 +197,15 @@ def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str
     return stay, [f"not mapped, of other lengths than the {usual} rows of the others: {names}"]
 
 
-# ---- which channel is what ---------------------------------------------------------------------
-
-
-def _assign(channels: Sequence[Channel], rig: Rig, log: Log) -> dict[str, ChosenChannel]:
-    """Column of the rig -> channel, best fits first, in the rig's order."""
-    columns = list(
-        dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs])
+def _refuse_filter(only: str, channels: Sequence[Channel], log: Log) -> None:
+    """Raise FileError because no channel name contains `only`."""
+    names = [channel.name for channel in channels]
+    words = list(dict.fromkeys(part for name in names for part in name.split("/") if part))
+    raise FileError(
+        f"{log.path}: no channel name contains {only!r}.",
+        nearest(only, words) or f"Its channels are: {', '.join(names[:20])}.",
+        code="missing-channel",
     )
-    named = fits_by_name(channels, rig)
-    require_clear(named, channels, log)
-    nameless = robot_values(channels) if rig.log_names else {}
-    scores = {}
-    for i, channel in enumerate(channels):
-        for column in sorted(columns, key=rig.optional.__contains__):
-            # names of joints identify a column better than words for its quantity
-            sent = column in rig.inputs and column not in rig.optional
-            score = _score(channel, column, sent)
-            if score < SAME_NAME and i in nameless:
-                score = 0.0
-            fit = named.get((i, column))
-            scores[column, i] = max(score, fit.score / 100.0 if fit else 0.0)
-    pairs = best_pairs(scores)
-    return {
-        column: ChosenChannel(channels[pairs[column]], named.get((pairs[column], column)))
-        for column in columns
-        if column in pairs
-    }
-
-
-def _score(channel: Channel, column: str, sent: bool) -> float:
-    """How well a channel fits a column of the rig, by its unit in the log or in its name; sent: an
-    input that the rig needs."""
-    stem, symbol = split_column(channel.name.rpartition("/")[2])
-    dimension = unit(symbol).dimension if symbol != NONE else None
-    if channel.unit and is_readable(channel.unit):
-        dimension = read_unit(channel.unit).dimension
-    return pair_fit(stem, dimension, column, sent, percent=True).score
 
 
 # ---- the text ----------------------------------------------------------------------------------
@@ -260,7 +215,7 @@ def _head(
     log: Log,
     rig_name: str,
     rig: Rig | None,
-    chosen: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, Match],
     notes: Sequence[str],
 ) -> list[str]:
     lines = [
@@ -284,9 +239,9 @@ def _head(
 
 
 def _signal_lines(
-    column: str, chosen: ChosenChannel, answers: Answers, left: list[str], clock: ClockGuess
+    column: str, chosen: Match, answers: Answers, left: list[str], clock: ClockGuess
 ) -> list[str]:
-    symbol, channel, fit = split_column(column)[1], chosen.channel, chosen.fit
+    symbol, (channel, fit) = split_column(column)[1], chosen
     lines = [
         f"[signals.{column}]  # {_about(channel, clock)}",
         f"source = {toml_string(channel.name)}",
@@ -314,13 +269,13 @@ def _signal_lines(
     return [*lines, ""]
 
 
-def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
+def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
     """(unit of the source or "?", remark)."""
-    channel, fit = chosen.channel, chosen.fit
+    channel, fit = chosen
     symbol, logged = split_column(column)[1], channel.unit.strip()
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
-    if chosen.by_channel_name:
+    if fit is None:
         if counts_rows(channel.values):
             return NONE, "it counts rows"
         hint = f"the log has {toml_string(logged)}; " if logged else ""
@@ -339,7 +294,7 @@ def _unit(column: str, chosen: ChosenChannel, angles: str) -> tuple[str, str]:
             f"the log has {toml_string(hint)}, the column is a {quantity_of(symbol)}; or scale "
             f"= {symbol} per {toml_string(hint)} in place of it"
         )
-    if fit is not None and fit.si:
+    if fit.si:
         for si_symbol in _SI:
             if unit(si_symbol).dimension == unit(symbol).dimension:
                 return si_symbol, "by the log's format" if symbol != NONE else ""
@@ -395,7 +350,7 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
 
 def _tail(
     rig: Rig | None,
-    chosen: Mapping[str, ChosenChannel],
+    chosen: Mapping[str, Match],
     rest: Sequence[Channel],
     known: Mapping[str, float],
 ) -> list[str]:
@@ -403,7 +358,7 @@ def _tail(
     outputs = rig.outputs if rig is not None else ()
     if missing := [column for column in outputs if column not in chosen]:
         lines.append(f"# no channel found for: {', '.join(missing)}")
-    mapped = {choice.channel.name for choice in chosen.values()}
+    mapped = {channel.name for channel, _ in chosen.values()}
     left = [channel for channel in rest if channel.name not in mapped]
     if left:
         lines.append("# channels that are not mapped:")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,35 +23,18 @@ SAME_PERIOD = 1e-3  # largest relative difference of the periods of equal clocks
 OTHER_LENGTH = 0.02  # relative difference in length from which on runs are separate recordings
 
 
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """Channels that occur once per part: part -> (name with `*`, channel)."""
-
-    members: Mapping[str, Mapping[str, Channel]]
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Channels of the longest part, under their names with `*`."""
-        longest = max(self.members.values(), key=lambda part: max(_lengths(part.values())))
-        return tuple(replace(channel, name=name) for name, channel in longest.items())
-
-    def text(self) -> str:
-        """A sentence for the head of a mapping."""
-        return (
-            f"{len(self.members)} parts: {ANY} stands for {listed(self.members)}; each becomes a "
-            "recording"
-        )
-
-
 def merged_parts(log: Log) -> tuple[Log, str]:
     """The log with one channel, named with `*`, for the channels of all parts, and a sentence about
     them; the unchanged log and "" if it is one recording."""
     parts = _largest_family(log.channels)
-    if parts is None:
+    if not parts:
         return log, ""
-    inside = {id(c) for part in parts.members.values() for c in part.values()}
+    inside = {id(channel) for part in parts.values() for channel in part.values()}
     others = [channel for channel in log.channels if id(channel) not in inside]
-    return replace(log, channels=(*parts.channels, *others)), parts.text()
+    longest = max(parts.values(), key=lambda part: max(_lengths(part.values())))
+    merged = [replace(channel, name=name) for name, channel in longest.items()]
+    text = f"{len(parts)} parts: {ANY} stands for {listed(parts)}; each becomes a recording"
+    return replace(log, channels=(*merged, *others)), text
 
 
 def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
@@ -104,13 +87,13 @@ def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
     return {match[1]: channel for match, channel in matched if match}
 
 
-def _largest_family(channels: Sequence[Channel]) -> Parts | None:
-    """Parts with the largest number of channels."""
+def _largest_family(channels: Sequence[Channel]) -> Mapping[str, Mapping[str, Channel]]:
+    """Parts with the largest number of channels: part -> name with `*` -> channel."""
     families: dict[tuple[str, ...], dict[str, dict[str, Channel]]] = {}
     for channel in channels:
         for family, key, pattern in _places(channel.name):
             families.setdefault(family, {}).setdefault(key, {})[pattern] = channel
-    best: Parts | None = None
+    best: dict[str, dict[str, Channel]] = {}
     most = 0
     for members in families.values():
         whole = {key: part for key, part in members.items() if len(part) > 1}
@@ -122,7 +105,7 @@ def _largest_family(channels: Sequence[Channel]) -> Parts | None:
             and count > most
             and _are_recordings(list(whole.values()))
         ):
-            best, most = Parts(whole), count
+            best, most = whole, count
     return best
 
 

@@ -71,27 +71,13 @@ volt = watt / ampere = V
 ohm = volt / ampere
 """
 
+_COUNTS = (
+    "count counts cnt cnts tick ticks inc incs increments lsb digits digit raw bits adc pulses"
+)
 #: words that are not units or are ambiguous, with the remedy
 _ADVICE = {
     **dict.fromkeys(
-        (
-            "count",
-            "counts",
-            "cnt",
-            "cnts",
-            "tick",
-            "ticks",
-            "inc",
-            "incs",
-            "increments",
-            "lsb",
-            "digits",
-            "digit",
-            "raw",
-            "bits",
-            "adc",
-            "pulses",
-        ),
+        _COUNTS.split(),
         "A count has no fixed size. Give scale, the column's unit per count; for an encoder with "
         "4-fold evaluation that is 360 / (4 * lines) degrees.",
     ),
@@ -101,27 +87,12 @@ _ADVICE = {
     "c": "Write degC.",
     "f": "Write degF.",
 }
+#: spelling in logs=spelling of pint, in this order
 _SPELLINGS = (
-    ("VDC", "V"),
-    ("VAC", "V"),
-    ("°C", "degC"),
-    ("℃", "degC"),
-    ("°F", "degF"),
-    ("°", "deg"),
-    ("µ", "u"),
-    ("μ", "u"),
-    ("Ω", "ohm"),
-    ("²", "2"),
-    ("³", "3"),
-    ("⁻", "-"),
-    ("¹", "1"),
-    ("·", "*"),
-    ("⋅", "*"),
-    ("×", "*"),
-    ("%", "percent"),
-    ("U/min", "rpm"),
-    ("^", "**"),
+    "VDC=V VAC=V °C=degC ℃=degC °F=degF °=deg µ=u μ=u Ω=ohm ²=2 ³=3 ⁻=- ¹=1 ·=* ⋅=* ×=* %=percent "
+    "U/min=rpm ^=**"
 )
+_PREFIXED = "kPa MPa hPa mbar ms us mm cm kg mrad kN mV mA"
 _MARK = re.compile(
     r"(?P<unit>.*?[a-z2])[ _]?\(?(?:(?P<gauge>g|gauge|rel\.?|ü)|(?P<absolute>a|abs\.?|absolute?))\)?",  # noqa: E501
     re.IGNORECASE,
@@ -260,7 +231,8 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
 def _normal(text: str) -> str:
     """Unit symbol in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is a
     difference."""
-    for written, meant in _SPELLINGS:
+    for spelling in _SPELLINGS.split():
+        written, meant = spelling.split("=")
         text = text.replace(written, meant)
     words = frozenset(_names())
     text = re.sub(r"\b[A-Z][a-z]{3,}\b", lambda m: _plain_word(m[0], words), text)
@@ -295,19 +267,4 @@ def _names() -> list[str]:
         for line in _DEFINITIONS.strip().splitlines()
         for name in re.sub(";[^=]*", "", line).split("=")
     ]
-    return [
-        "kPa",
-        "MPa",
-        "hPa",
-        "mbar",
-        "ms",
-        "us",
-        "mm",
-        "cm",
-        "kg",
-        "mrad",
-        "kN",
-        "mV",
-        "mA",
-        *(name for name in words if re.fullmatch(r"[A-Za-z_]+", name)),
-    ]
+    return [*_PREFIXED.split(), *(name for name in words if re.fullmatch(r"[A-Za-z_]+", name))]

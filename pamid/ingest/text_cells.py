@@ -33,32 +33,11 @@ _THOUSANDS = re.compile(
 #: could be 1.234 or 1234
 _UNCLEAR = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}$") for mark in ".,"}
 
-MISSING_WORDS = (
-    "nan",
-    "NaN",
-    "NAN",
-    "-nan",
-    "+nan",
-    "NA",
-    "N/A",
-    "n/a",
-    "#N/A",
-    "null",
-    "NULL",
-    "None",
-    "none",
-    "-",
-    "--",
-    "---",
-    "1.#QNAN",
-    "-1.#QNAN",
-    "1.#IND",
-    "-1.#IND",
-    "1,#QNAN",
-    "-1,#QNAN",
-    "1,#IND",
-    "-1,#IND",
+_MISSING = (
+    "nan NaN NAN -nan +nan NA N/A n/a #N/A null NULL None none - -- --- 1.#QNAN -1.#QNAN 1.#IND "
+    "-1.#IND 1,#QNAN -1,#QNAN 1,#IND -1,#IND"
 )
+MISSING_WORDS = tuple(_MISSING.split())
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
 TEXT_CELL = 300  # bytes of a date or a word until it is a number

@@ -276,25 +276,25 @@ def _by_signals(
         f"signal{'s' if len(heard) > 1 else ''}"
     )
     scale = "(0: late stamps on even sampling, 1: jittered sampling)"
-    if error <= COEFFICIENT_ERROR and abs(coefficient) <= CLEAR:
+    sure = error <= COEFFICIENT_ERROR
+    cure: Literal["late-stamps", "jittered-sampling"] | None = None
+    why = f"{shape}; the signals do not decide: {correlations} {scale}"
+    if sure and abs(coefficient) <= CLEAR:
+        cure = "late-stamps"
         why = (
             f"{shape}, and the signals do not follow that: {correlations} {scale}; at the stamps "
             f"{best.signal} is {1.0 / best.ratio:.1f} times rougher than at even instants"
         )
-        return StampDiagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
-    if error <= COEFFICIENT_ERROR and abs(coefficient - 1.0) <= CLEAR:
+    elif sure and abs(coefficient - 1.0) <= CLEAR:
+        cure = "jittered-sampling"
         why = (
             f"{shape}, and the signals follow that: {correlations} {scale}; at even instants "
             f"{best.signal} is {best.ratio:.1f} times rougher than at the stamps"
         )
-        return StampDiagnosis(
-            "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
-        )
-    if _immaterial(signals.values(), float(high - low), period):
+    elif _immaterial(signals.values(), float(high - low), period):
+        cure = "late-stamps"
         why = f"{shape}, in which no signal changes by more than its resolution"
-        return StampDiagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
-    why = f"{shape}; the signals do not decide: {correlations} {scale}"
-    return StampDiagnosis("undecided", None, why, period, numbers, tuple(heard))
+    return StampDiagnosis(cure or "undecided", cure, why, period, numbers, tuple(heard))
 
 
 def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> bool:

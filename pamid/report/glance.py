@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.share_words import minutes_text
-from pamid.checks.row_order import OF_THE_LOG
+from pamid.checks.sampling_slips import OF_THE_LOG
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_leaders
 from pamid.report.captions import SPELLING, added_line, closest, regime_label, set_figures

@@ -14,7 +14,7 @@ from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 from PIL import Image
 
-from pamid.checks.recording_quality import QualityIssue
+from pamid.checks.findings import QualityIssue
 from pamid.recording.file_checks import HUGE
 from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording

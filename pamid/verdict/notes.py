@@ -9,7 +9,7 @@ import numpy as np
 from pamid.base.metrics import motion
 from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
-from pamid.checks.row_order import OF_THE_LOG, misplaced_readings
+from pamid.checks.sampling_slips import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.input_response import idle_inputs
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds

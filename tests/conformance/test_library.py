@@ -41,7 +41,6 @@ CODE_LOADING = ("rig_named", "noted_rig", "noted_effects", "effects_with", "load
 MAY_LOAD = {
     "pamid/model/registry.py",
     "pamid/checks/inspection.py",
-    "pamid/checks/rig_ports.py",
     "pamid/correction/identified_model.py",
     "pamid/correction/port_network.py",
     "pamid/simulation/virtual_rig.py",

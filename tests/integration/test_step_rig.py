@@ -18,7 +18,7 @@ from pendulums import SteppedTwin, WrittenPendulum
 import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sensitivity_error
-from pamid.checks.input_hold import compare_holds
+from pamid.checks.sampling_slips import compare_holds
 from pamid.checks.sheet_comparison import compared_with_sheet
 from pamid.checks.slips import slips_of_recording
 from pamid.correction.identified_model import load_identified

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 
 from cli.frame import run
-from pamid.checks.recording_quality import QualityIssue, blocking
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import blocking
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named

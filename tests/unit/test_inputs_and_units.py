@@ -9,7 +9,7 @@ import pytest
 
 import pamid
 from pamid.base.errors import FileError, UsageError
-from pamid.checks.input_hold import compare_holds
+from pamid.checks.sampling_slips import compare_holds
 from pamid.model.assembly import Assembly
 from pamid.model.parameter import Parameter
 from pamid.model.rig import check_rig
@@ -72,7 +72,7 @@ def recorded(way: str, noise: float = 0.0, samples: int = 2500) -> Recording:
 def test_both_ways_are_tried_and_the_true_one_fits(truth: str, taken: str) -> None:
     (one,) = compare_holds(recorded(truth, 0.002), varied(between={"force_n": taken}))
     assert (one.column, one.better, one.wrong) == ("force_n", truth, truth != taken)
-    errors = {"held": one.held, "linear": one.linear}
+    errors = {"held": one.rms_held, "linear": one.rms_linear}
     assert min(errors, key=errors.__getitem__) == truth
     assert one.channel == "position_mm"
 

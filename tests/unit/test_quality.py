@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
-from pamid.checks.recording_quality import QualityIssue, examine
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording

@@ -3,6 +3,7 @@ not there."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from pamid.base.errors import FileError
 from pamid.ingest.channels import Channel, Log, RobotValue
 from pamid.ingest.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.ingest.mapping import load_mapping
+from pamid.ingest.matcher import with_stand_ins
 from pamid.model.rig import Rig
+from pamid.recording.recording import recording_of
 from pamid.simulators.kinds.mujoco import rig_of
 from pamid.simulators.mujoco_mechanism import read_mechanism
 
@@ -139,3 +142,34 @@ def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> 
     assert made["m2_command"] == "/joint_states/effort/elbow"
     assert "m1_command_rad" not in made
     assert any(note.startswith("no channel found for m1_command_rad") for note in found.notes)
+
+
+NUMBERED = TWO.replace('name="m1"', 'name="torque_1"').replace('name="m2"', 'name="torque_2"')
+
+
+@pytest.mark.parametrize(
+    ("ending", "unit", "factor"), [("", "", 1.0), ("_nm", "", 1.0), ("", "kN*m", 1000.0)]
+)
+def test_a_numbered_torque_stands_for_the_command_of_its_motor(
+    tmp_path: Path, ending: str, unit: str, factor: float
+) -> None:
+    log = plain("shoulder_angle_rad", "elbow_angle_rad", f"torque_2{ending}", f"torque_1{ending}")
+    log = replace(
+        log, channels=(*log.channels[:3], *(replace(c, unit=unit) for c in log.channels[3:]))
+    )
+    guess = guess_of(log, model(tmp_path, NUMBERED), "arm.xml")
+    assert sources(guess, tmp_path)["torque_1_command"] == f"torque_1{ending}"
+    signals = load_mapping(tmp_path / "map.toml").signals
+    assert signals["torque_1_command"].scale == pytest.approx(0.25 * factor)  # its gear is 4
+    volts = plain("shoulder_angle_rad", "elbow_angle_rad", "torque_1_v", "torque_2_v")
+    assert "signals.torque_1_command" not in guess_of(volts, model(tmp_path, NUMBERED), "").text
+
+
+def test_a_recorded_torque_is_taken_as_the_command_that_is_missing(tmp_path: Path) -> None:
+    columns = {name: np.sin(STAMPS) for name in ("torque_1_nm", "torque_2_nm", "elbow_angle_rad")}
+    rig = model(tmp_path, NUMBERED)
+    recording, notes = with_stand_ins(recording_of(STAMPS, columns), rig)
+    assert list(recording.columns) == ["torque_1_command", "torque_2_command", "elbow_angle_rad"]
+    assert recording.columns["torque_1_command"] == pytest.approx(0.25 * np.sin(STAMPS))
+    assert notes[0].startswith("torque_1_nm is taken as torque_1_command: 4 of effort per unit")
+    assert with_stand_ins(recording, rig) == (recording, [])

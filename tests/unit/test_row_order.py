@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pamid
-from pamid.checks.row_order import OF_THE_LOG, RowOrder, misplaced_readings
+from pamid.checks.sampling_slips import OF_THE_LOG, RowOrder, misplaced_readings
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import convert
 from pamid.ingest.mapping import mapping_of

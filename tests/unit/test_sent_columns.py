@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.checks.recording_quality import examine
-from pamid.checks.sent_columns import sent_columns
+from pamid.checks.recording_quality import examine, sent_columns
 from pamid.model.registry import rig_named
 from pamid.recording.held_signal import held_by_jumps
 from pamid.recording.recording import Recording, recording_of

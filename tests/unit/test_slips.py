@@ -5,13 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.checks.recording_quality import QualityIssue, blocking, examine
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import blocking, examine
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -55,7 +60,7 @@ def changed(recording: Recording, change: Callable[[Columns], Columns]) -> Recor
     return replace(recording, columns={**recording.columns, **change(recording.columns)})
 
 
-def slips_of(recording: Recording, rig: str) -> list[QualityIssue]:
+def slips_of(recording: Recording, rig: str | Rig) -> list[QualityIssue]:
     return [issue for issue in examine(recording, rig_named(rig)) if issue.kind in SLIPS]
 
 
@@ -184,3 +189,43 @@ def test_two_slips_are_found_together(motor: Recording) -> None:
     """Neither explains anything without the other."""
     recording = changed(motor, lambda c: {ANGLE: np.radians(c[ANGLE]), CURRENT: 1e3 * c[CURRENT]})
     assert {i.columns for i in slips_of(recording, "dc-motor")} == {(ANGLE,), (CURRENT,)}
+
+
+class LightWrist(Rig):
+    """A hand on a geared motor whose rotor nobody has measured: its armature is zero."""
+
+    name = "light-wrist"
+    inputs = {"torque_nm": "N m"}
+    outputs = {"angle_rad": "rad"}
+    states = (State("angle", "rad"), State("speed", "rad/s"))
+    parameters = (
+        Parameter("inertia", 5e-6, 5e-7, 5e-5, "kg m2", source="drawing"),
+        Parameter("damping", 1e-3, 1e-4, 1e-2, "N m s/rad", source="bench"),
+        Parameter("armature", 0.0, 0.0, 1.0, "kg m2", spread=0.02, log=False, source="none"),
+    )
+    period_s = 0.005
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        torque = u.torque_nm - p.damping * x.speed
+        return {"angle": x.speed, "speed": torque / (p.inertia + p.armature)}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        return {"angle_rad": x.angle}
+
+
+def test_a_missing_inertia_is_no_slip_of_units() -> None:
+    """The rotor is 2000 times as heavy as the hand; no column is in another unit."""
+    torque = 0.05 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 60), 40)
+    angle, speed, rows = 0.0, 0.0, []
+    for u in torque:
+        rows.append(angle)
+        for _ in range(10):
+            speed += 5e-4 * (u - 1e-3 * speed) / 0.01
+            angle += 5e-4 * speed
+    noise = 1e-4 * np.random.default_rng(5).standard_normal(len(rows))
+    columns = {"torque_nm": torque, "angle_rad": np.array(rows) + noise}
+    recording = recording_of(0.005 * np.arange(len(rows)), columns)
+    assert not slips_of(recording, LightWrist())
+    milli = changed(recording, lambda c: {"torque_nm": 1e3 * c["torque_nm"]})
+    (issue,) = slips_of(milli, LightWrist())
+    assert (issue.kind, issue.columns, issue.severity) == ("unit", ("torque_nm",), "wrong")

@@ -17,7 +17,7 @@ from pamid.base.files import LOG, open_data
 from pamid.base.json_file import read_json
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channel_words import names_command, tokens
+from pamid.ingest.channel_words import JOINT_QUANTITIES, names_command, tokens
 from pamid.ingest.channels import Log, RobotValue
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.parquet import columns_of
@@ -27,14 +27,6 @@ PAUSE_S, PAUSE_FRAMES = 10.0, 1000.0  # between episodes, the longer of the two
 #: columns that say where a frame belongs: no signals
 _PLACES = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 _EXACT = 1e-3  # s: stamps this near to frame / fps are that, rounded
-_SAID_BY = {
-    "pos": "position",
-    "position": "position",
-    "vel": "velocity",
-    "velocity": "velocity",
-    "effort": "effort",
-    "torque": "effort",
-}
 
 
 def data_set_of(path: Path) -> Path | None:
@@ -162,10 +154,10 @@ def _enter(
 def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
     """Role of a value by its name: "shoulder_pan.pos" is a position of shoulder_pan."""
     element, _, ending = name.rpartition(".")
-    quantity = _SAID_BY.get(ending, "") if element else ""
+    quantity = JOINT_QUANTITIES.get(ending, "") if element else ""
     if not quantity:
         element = name
-        quantity = next((_SAID_BY[w] for w in tokens(group) if w in _SAID_BY), "")
+        quantity = next((JOINT_QUANTITIES[w] for w in tokens(group) if w in JOINT_QUANTITIES), "")
     return RobotValue(group, element, place, size, quantity, names_command(group))
 
 

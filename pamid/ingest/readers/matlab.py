@@ -14,18 +14,23 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.matlab_sizes import charge_matlab
 from pamid.ingest.readers.hdf5 import charge_hdf5
-from pamid.ingest.readers.octave import read_octave_text
+from pamid.ingest.readers.text import decode
 
 OPAQUE = (
     "an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries "
     "x, the timetable of a Dataset"
 )
+
+
+CELL_TEXT_BYTES = 80  # bytes of a short text and of its place in a list
+OCTAVE_STRUCTS = ("struct", "scalar struct")
 
 
 def read_matlab(path: Path) -> Log:
@@ -201,6 +206,45 @@ def _unit(struct: dict[str, Any]) -> str:
             if isinstance(owner.get(key), str):
                 return str(owner[key])
     return ""
+
+
+# ---- text that Octave's `save` writes unless a format is given -----------------------------------
+
+
+def read_octave_text(path: Path) -> Log:
+    """Matrices as channels without stamps, also those inside structs; everything else is left out
+    by name."""
+    builder = ChannelBuilder(path)
+    text, _ = decode(builder.budget)
+    for block in text.split("# name: ")[1:]:
+        lines = block.split("\n")
+        tags = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
+        head = {key: value.strip() for key, _, value in tags}
+        kind = head.get("type", "unknown")
+        if (
+            kind == "matrix"
+            and head.get("rows", "").isdecimal()
+            and head.get("columns", "").isdecimal()
+        ):
+            _matrix(builder, path, lines, int(head["rows"]), int(head["columns"]))
+        elif kind not in OCTAVE_STRUCTS:
+            builder.leave_out(lines[0], f"{kind}, save it with -v7")
+    builder.note("text saved by Octave")
+    return builder.log(path, "mat")
+
+
+def _matrix(builder: ChannelBuilder, path: Path, lines: list[str], rows: int, columns: int) -> None:
+    written = sum(len(line.split()) for line in lines[1:] if not line.startswith("#"))
+    builder.budget.charge(lines[0], max(written, rows * columns), raw=CELL_TEXT_BYTES * written)
+    cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
+    if len(cells) != rows * columns:
+        raise FileError(
+            f"{path}: {lines[0]} has {len(cells)} values, but its header has {rows} x {columns}.",
+            "The file is damaged or truncated. Save it again.",
+            code="damaged",
+        )
+    numbers = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
+    builder.add(lines[0], numbers.reshape(rows, columns))
 
 
 KIND = Kind(

@@ -1,0 +1,99 @@
+"""Findings of a check: records of `pamid.schemas.check_file`, and how they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pamid.schemas.check_file import Finding, Issue
+
+Windows = Sequence[tuple[float, float]]
+
+
+class CheckOutcome(Finding):
+    """Outcome of a check: its subject, pass or fail, and the figure or sentence behind it."""
+
+    @property
+    def wrong(self) -> bool:
+        return not self.ok and not self.advice
+
+
+def outcome(check: str, ok: bool, detail: str, advice: bool = False) -> CheckOutcome:
+    """Outcome of a check; advice: worth knowing, but nothing that makes the file wrong."""
+    return CheckOutcome(check=check, ok=ok, advice=advice, detail=detail)
+
+
+def passed(check: str, detail: str) -> CheckOutcome:
+    """Outcome of a check that found nothing."""
+    return outcome(check, True, detail)
+
+
+def fault(check: str, detail: str) -> CheckOutcome:
+    """Outcome that makes the file wrong."""
+    return outcome(check, False, detail)
+
+
+def note(check: str, detail: str) -> CheckOutcome:
+    """Outcome that is worth knowing."""
+    return outcome(check, False, detail, advice=True)
+
+
+class QualityIssue(Issue):
+    """Finding about a recording.
+
+    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth a correction
+    message    the fault, without its places; `text` has everything
+    windows_s  places: (from, to) on the recording's clock; empty for the whole recording
+    """
+
+    @property
+    def text(self) -> str:
+        """Fault, place and remedy."""
+        where = f", {where_words(self.windows_s)}" if self.windows_s else ""
+        return f"{self.message}{where}. {self.hint}".rstrip()
+
+
+def issue(
+    kind: str,
+    columns: str | Sequence[str],
+    severity: str,
+    message: str,
+    hint: str = "",
+    figures: dict[str, float] | None = None,
+    windows: Windows = (),
+) -> QualityIssue:
+    """Finding about one column or several; figures: the numbers behind it, with their units in the
+    names."""
+    return QualityIssue(
+        kind=kind,
+        columns=(columns,) if isinstance(columns, str) else tuple(columns),
+        severity="wrong" if severity == "wrong" else "advice",
+        message=message,
+        hint=hint,
+        windows_s=tuple(windows),
+        figures=figures or {},
+    )
+
+
+def advice(
+    kind: str,
+    columns: str | Sequence[str],
+    message: str,
+    hint: str = "",
+    figures: dict[str, float] | None = None,
+    windows: Windows = (),
+) -> QualityIssue:
+    """Finding that is worth knowing, or worth a correction."""
+    return issue(kind, columns, "advice", message, hint, figures, windows)
+
+
+def where_words(windows: Windows) -> str:
+    """ "at 3.2 to 3.4 s and 11 more places"."""
+    begin, end = windows[0]
+    where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
+    more = len(windows) - 1
+    return where + (f" and {more} more {'place' if more == 1 else 'places'}" if more else "")
+
+
+def share_words(share: float) -> str:
+    """ "for 4 % of the time"."""
+    return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
