@@ -16,7 +16,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import math
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -30,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
+from timing import cpu
 from transcription import transcribed
 
 from pamid.engine import jit_cache as machine
@@ -73,17 +73,6 @@ class Row:
     target: str = ""
     met: bool | None = None
     ratio: str = ""
-
-
-def cpu(call: Callable[[], object], repeats: int = 7) -> float:
-    """Median CPU seconds of a call, after one that is not counted."""
-    call()
-    taken = []
-    for _ in range(repeats):
-        begun = time.process_time()
-        call()
-        taken.append(time.process_time() - begun)
-    return statistics.median(taken)
 
 
 def once(call: Callable[[], Any]) -> tuple[float, Any]:
