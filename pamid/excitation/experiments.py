@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError
 from pamid.base.units import quantity_of, split_column, to_si
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.washout import washed_out
 from pamid.excitation.waveforms import (
     APART,
     amplitude_sweep,
     odd_multisine,
     slow_reversals,
     speed_runs,
+    washed_out,
 )
 from pamid.model.rig import Rig
 
