@@ -51,7 +51,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         area = m.area * (1.0 + rough(maps[0], way)) * (1.0 + rough(maps[1], pressure - 4e5))
         area *= 1.0 + barrel.barrel * np.sin(way / 0.02)
         push = area * pressure
-        force = push + m.preload + resisted(way, speed, push, abs(pressure), z, piston, k * h, h)
+        force = push + m.preload + resisted(way, speed, (push, abs(pressure)), z, piston, k * h, h)
         force += sliding(speed, piston)
         lost += h / barrel.bleed_s * (force - lost)
         y[k, 0] = force - barrel.bleed * lost

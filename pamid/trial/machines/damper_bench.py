@@ -57,7 +57,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         pressed += h * (fluid.rubber * speed - pressed / fluid.rubber_s)
         force = thick * speed + pressed
         force += m.stiffness * u[k, 0] + m.preload
-        force += resisted(u[k, 0], speed, force, abs(u[k, 1]), z, rod, k * h, h)
+        force += resisted(u[k, 0], speed, (force, abs(u[k, 1])), z, rod, k * h, h)
         y[k, 0] = force + sliding(speed, rod)
 
 
