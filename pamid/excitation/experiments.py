@@ -100,10 +100,6 @@ Columns = dict[str, Array]
 Settings = tuple[dict[str, float], ...]
 
 
-def _as_it_is(bench: Bench) -> Settings:
-    return ({},)
-
-
 @dataclass(frozen=True)
 class Experiment:
     """An entry of the menu.
@@ -122,7 +118,7 @@ class Experiment:
     commanded: bool = False
     pushed: bool = False
     in_turn: bool = False
-    settings: Callable[[Bench], Settings] = _as_it_is
+    settings: Callable[[Bench], Settings] = lambda bench: ({},)
     shows: Mapping[str, str] = field(default_factory=dict)
 
     def reason(self, rig: Rig) -> str:

@@ -121,10 +121,12 @@ class StarterMachine:
             elif isinstance(there, ForceSizes):
                 faults += force_faults(port, there, less)
         faults += [clock_fault(self.clock, self.period_s)] if self.clock else []
-        return {
-            f.name: replace(f, exact=f.exact | {self.twins[f.name]}) if f.name in self.twins else f
-            for f in (*faults, *self.further)
-        }
+        at_ports = {}
+        for f in (*faults, *self.further):
+            name = f.name if f.name.startswith("nameless:") else f"{f.name}@{f.port}"
+            twin = {self.twins[name]} if name in self.twins else set()
+            at_ports[name] = replace(f, name=name, exact=f.exact | twin)
+        return at_ports
 
     @property
     def withheld_columns(self) -> Mapping[str, tuple[str, ...]]:

@@ -9,13 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, fixed
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    known_fault,
-    nameless_fault,
-)
+from pamid.trial.faults import around, between, fixed, known_fault, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
 from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, turned
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
