@@ -16,13 +16,11 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-import statistics
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from timing import cpu
 
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -31,19 +29,8 @@ from pamid.simulation.free_runs import choose_stepping
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 sys.path[:0] = [str(TESTS / "unit"), str(TESTS / "support")]  # test_two_link.py and its helpers
 
-SAMPLES, PERIOD_S, ROUNDS = 66667, 0.003, 9
+SAMPLES, PERIOD_S = 66667, 0.003
 WANTED_S = 0.15
-
-
-def seconds(work: Callable[[], object]) -> float:
-    """Median CPU seconds of a piece of work, the first time left out."""
-    work()
-    taken = []
-    for _ in range(ROUNDS):
-        begun = time.process_time()
-        work()
-        taken.append(time.process_time() - begun)
-    return statistics.median(taken)
 
 
 def measured() -> dict[str, float]:
@@ -65,7 +52,7 @@ def measured() -> dict[str, float]:
         )
         assert bad < 0, "the arm became unstable"
 
-    return {"free": seconds(run), "nine": seconds(lambda: run(9)), "substeps": step.substeps}
+    return {"free": cpu(run), "nine": cpu(lambda: run(9)), "substeps": step.substeps}
 
 
 def beside_mujoco() -> tuple[float, float]:
@@ -86,7 +73,7 @@ def beside_mujoco() -> tuple[float, float]:
         for _ in range(SAMPLES):
             mujoco.mj_version()
 
-    return seconds(stepped) - seconds(idle), furthest_acceleration()
+    return cpu(stepped) - cpu(idle), furthest_acceleration()
 
 
 def main() -> None:

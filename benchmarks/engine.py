@@ -1,13 +1,10 @@
-"""CPU time of the engine and of grey-box fits on the one-dof rig, against their targets and against
-scipy.
+"""CPU time of the engine and of grey-box fits on the one-dof rig, against their targets.
 
     OMP_NUM_THREADS=1 python benchmarks/engine.py
 
 One process, one thread, CPU seconds, medians of several calls. The record is 200 s at 3 ms (66667
 samples) of the rig's own closed loop, replayed on its recorded command. Compilation is timed apart;
-everything else runs from the cache. scipy integrates a Python transcription of the same expressions
-(plain floats, functions of `math`, common parts computed once); it is slow, so it runs on a short
-stretch and is scaled, and the row says from what.
+everything else runs from the cache.
 """
 
 import os
@@ -16,7 +13,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import math
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -28,9 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares
-from transcription import transcribed
+from timing import cpu
 
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
@@ -40,7 +34,6 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
-from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import choose_stepping, input_table
 from pamid.simulation.tracks import track_of
@@ -59,9 +52,6 @@ SPECIMEN = {
     "dead_volume_cm3": 7.0,
     "polytropic": 1.15,
 }
-RESTARTED = 300  # samples over which scipy is restarted at every sample
-ONE_CALL = 1_000  # samples it does in one call
-SCIPY_FIT = 333  # samples of scipy's fit
 # one parameter each beside the rig's nine: twelve columns
 HELD_OPEN = ("coulomb-friction", "dead-time", "leak")
 
@@ -73,17 +63,6 @@ class Row:
     target: str = ""
     met: bool | None = None
     ratio: str = ""
-
-
-def cpu(call: Callable[[], object], repeats: int = 7) -> float:
-    """Median CPU seconds of a call, after one that is not counted."""
-    call()
-    taken = []
-    for _ in range(repeats):
-        begun = time.process_time()
-        call()
-        taken.append(time.process_time() - begun)
-    return statistics.median(taken)
 
 
 def once(call: Callable[[], Any]) -> tuple[float, Any]:
@@ -214,93 +193,6 @@ def driver_seconds(folder: Path) -> tuple[float, float]:
     return times[0], times[1]
 
 
-# ---- the same in scipy --------------------
-
-
-class Transcription:
-    """Rates and outputs of a setting in plain Python."""
-
-    def __init__(self, s: Setting) -> None:
-        t = s.assembly.traced
-        arrays = {
-            "state": ("x", list(t.rates)),
-            "input": ("u", list(t.inputs)),
-            "parameter": ("p", list(s.assembly.keys)),
-        }
-        self.rates = transcribed(list(t.rates.values()), arrays)
-        self.outputs = transcribed(list(t.outputs.values()), arrays)
-        self.s = s
-        self.start = s.assembly.start(s.p)
-
-    def restarted(self, method: str, samples: int, **options: Any) -> Array:
-        """solve_ivp anew for every sample, the input being held over it."""
-        p, x, u = self.s.p.tolist(), self.start, self.s.u.tolist()
-        out = []
-        for k in range(samples):
-            out.append(self.outputs(x.tolist(), u[k], p))
-            x = solve_ivp(
-                lambda t, x, k=k: self.rates(x.tolist(), u[k], p),
-                (0.0, PERIOD_S),
-                x,
-                method=method,
-                **options,
-            ).y[:, -1]
-        return np.array(out)
-
-    def one_call(self, samples: int, p: list[float], method: str = "LSODA") -> Array:
-        """One call over all samples, held input looked up, steps no longer than a sample."""
-        u = self.s.u.tolist()
-        stamps = np.arange(samples) * PERIOD_S
-
-        def slope(t: float, x: Array) -> list[float]:
-            return self.rates(x.tolist(), u[min(int(t / PERIOD_S + 1e-9), samples - 1)], p)
-
-        x = solve_ivp(
-            slope,
-            (0.0, stamps[-1]),
-            self.start,
-            method=method,
-            t_eval=stamps,
-            max_step=PERIOD_S,
-            rtol=1e-4,
-            atol=1e-8,
-        ).y.T
-        return np.array([self.outputs(x[k].tolist(), u[k], p) for k in range(samples)])
-
-
-def scipy_fit(python: Transcription, measured: Array, noise: Array) -> tuple[float, int]:
-    """least_squares with finite differences over the rig's nine parameters, single shooting on a
-    short stretch."""
-    s = python.s
-    free = rig_columns(s.assembly)
-    start = s.assembly.values({"inertia_kg_m2": 0.0896})
-    bounds = [s.assembly.parameters[i] for i in free]
-    spread = np.array([b.spread * (b.value if b.log else 1.0) for b in bounds])
-    count = 0
-
-    def residuals(z: Array) -> Array:
-        nonlocal count
-        count += 1
-        p = start.copy()
-        p[free] = start[free] + z * spread
-        model = python.one_call(SCIPY_FIT, p.tolist())
-        return np.concatenate([((model - measured[:SCIPY_FIT]) / noise).ravel(), z])
-
-    low = np.array([(b.low - b.value) for b in bounds]) / spread
-    high = np.array([(b.high - b.value) for b in bounds]) / spread
-    seconds, _ = once(
-        lambda: least_squares(
-            residuals,
-            np.clip(np.zeros(len(free)), low + 1e-6, high - 1e-6),
-            bounds=(low, high),
-            xtol=1e-4,
-            ftol=1e-4,
-            diff_step=1e-4,
-        )
-    )
-    return seconds, count
-
-
 # ---- the table --------------------
 
 
@@ -363,71 +255,19 @@ def engine_rows(plain: Setting, wide: Setting, everything: Setting) -> list[Row]
     return rows
 
 
-def fit_rows(short: Recording, long: Recording) -> tuple[list[Row], float]:
-    rows, twenty = [], math.nan
+def fit_rows(short: Recording, long: Recording) -> list[Row]:
+    rows = []
     for recording, seconds, target in ((short, 20, 1.0), (long, 200, 10.0)):
         for background in (False, True):
             problem = problem_of(recording, background)
             done = fit_robustly(problem)
             state = "converged" if done.converged else f"not converged: {done.why}"
             taken = cpu(lambda problem=problem: fit_robustly(problem), 3)
-            twenty = taken if seconds == 20 and not background else twenty
             what = (
                 f"fit of {seconds} s, {len(problem.free)} "
                 f"parameters{' (with background)' if background else ''}"
             )
             rows.append(Row(what, taken, f"<= {target:g} s", taken <= target, state))
-    return rows, twenty
-
-
-def scipy_rows(plain: Setting, short: Recording, free: float, twenty: float) -> list[Row]:
-    python = Transcription(plain)
-    ours = plain.run()
-    rows = []
-    for what, samples, call in (
-        (
-            "solve_ivp LSODA, restarted every sample",
-            RESTARTED,
-            lambda: python.restarted("LSODA", RESTARTED, rtol=1e-6, atol=1e-9),
-        ),
-        (
-            "solve_ivp RK45, restarted, max_step = period",
-            RESTARTED,
-            lambda: python.restarted("RK45", RESTARTED, max_step=PERIOD_S),
-        ),
-        (
-            "solve_ivp LSODA, one call, max_step = period",
-            ONE_CALL,
-            lambda: python.one_call(ONE_CALL, plain.p.tolist()),
-        ),
-    ):
-        seconds, found = once(call)
-        whole = seconds * SAMPLES / samples
-        apart = float(np.abs(np.degrees(found[:, 0] - ours[:samples, 0])).max())
-        rows.append(
-            Row(
-                f"{what} (from {samples} samples)",
-                whole,
-                "> 100 x",
-                whole > 100.0 * free,
-                f"{whole / free:.0f} x ours; {apart:.1e} deg apart",
-            )
-        )
-    a = plain.assembly
-    track = track_of(a, short, a.program.outputs)
-    seconds, count = scipy_fit(
-        Transcription(replace(plain, u=track.u)), track.y, noise_level(track.y)
-    )
-    whole = seconds * len(track) / SCIPY_FIT
-    rows.append(
-        Row(
-            f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)",
-            whole,
-            "> 100 x",
-            whole > 100.0 * twenty,
-            f"{whole / twenty:.0f} x ours",
-        )
-    )
     return rows
 
 
@@ -457,8 +297,7 @@ def main() -> None:
         wide = setting(Assembly(rig, tuple(a for a in found if a.label in HELD_OPEN)), long)
         everything = setting(Assembly(rig, tuple(found)), long)
         rows = engine_rows(plain, wide, everything)
-        fits, twenty = fit_rows(short, long)
-        rows += fits
+        rows += fit_rows(short, long)
         for what, a in (("plain rig", plain.assembly), ("all effects", everything.assembly)):
             cold, cached = compile_seconds(a, folder / what)
             rows += [
@@ -470,7 +309,6 @@ def main() -> None:
             Row("compile the sweep (once per installation), cold", cold),
             Row("load the sweep from its cache", cached),
         ]
-        rows += scipy_rows(plain, short, rows[0].seconds, twenty)
         show(rows)
 
 

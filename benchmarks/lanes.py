@@ -20,7 +20,8 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 import numpy as np
-from engine import PERIOD_S, SAMPLES, Setting, cpu, once, recorded, setting
+from engine import PERIOD_S, SAMPLES, Setting, once, recorded, setting
+from timing import cpu
 
 from pamid.engine.llvm_ir import LANES
 from pamid.engine.program import Stepping

@@ -36,7 +36,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -45,6 +44,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import cpu
 
 if TYPE_CHECKING:
     from pamid.model.rig import Rig
@@ -64,18 +64,6 @@ SAMPLES, STEP_S, MOST = 66667, 0.003, 20
 ROUNDS = 5
 TWENTIETH = 20
 HOME = np.array([-1.2, 0.5, -1.5, -0.8, 0.6, -0.4, 0.3])  # rad
-
-
-def seconds(work: Callable[[], object], rounds: int = ROUNDS, *, warm: bool = True) -> float:
-    """Median CPU seconds of a piece of work, the first time left out."""
-    if warm:
-        work()
-    taken = []
-    for _ in range(rounds):
-        begun = time.process_time()
-        work()
-        taken.append(time.process_time() - begun)
-    return statistics.median(taken)
 
 
 def main() -> None:
@@ -150,8 +138,8 @@ def _runs(way: str, rig: Rig, u: Array, rounds: int) -> None:
         )
         assert bad < 0, f"the arm became unstable in sample {bad}"
 
-    free = seconds(lambda: run(0), rounds, warm=rounds > 1)
-    slopes = seconds(lambda: run(count), rounds, warm=rounds > 1)
+    free = cpu(lambda: run(0), rounds, warm=rounds > 1)
+    slopes = cpu(lambda: run(count), rounds, warm=rounds > 1)
     print(
         f"  {way + ':':26s} {free:8.3f}   with {count} exact sensitivities {slopes:8.3f}"
         if way == "compiled"
@@ -168,7 +156,7 @@ def _rollouts(path: Path, u: Array, count: int) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     start = np.zeros(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-    free = seconds(lambda: rollout.rollout(model, data, start, u), 3)
+    free = cpu(lambda: rollout.rollout(model, data, start, u), 3)
     print(
         f"  {'mujoco.rollout:':26s} {free:8.3f}   {count + 1} of them, as differences want "
         f"{(count + 1) * free:8.3f}"
@@ -184,10 +172,10 @@ def _rollouts(path: Path, u: Array, count: int) -> None:
             step()
             mujoco.mj_step(model, data)
 
-    both = seconds(
+    both = cpu(
         lambda: transitions(lambda: mujoco.mjd_transitionFD(model, data, 1e-6, 1, A, B, None, None))
     )
-    plain = seconds(lambda: transitions(lambda: None))
+    plain = cpu(lambda: transitions(lambda: None), ROUNDS)
     print(
         f"  {'mjd_transitionFD:':26s} {TWENTIETH * (both - plain):8.3f}   {2 * nv + nu} columns: "
         "by states and commands"

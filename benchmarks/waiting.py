@@ -3,7 +3,7 @@ ready.
 
     python benchmarks/waiting.py [--stories]
 
-Medians of REPEATS calls, each with the first, uncounted one before it. Beside every figure stands
+Medians of several calls, each with the first, uncounted one before it. Beside every figure stands
 that of a peer in the same run (pandas for reading; an empty Python process for whole commands),
 since machines differ: the ratio is what can be compared. `--stories` runs the stories, a minute or
 more.
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -32,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "suppo
 from browser import CHROMIUM, browser
 from synthetic_run import make_run
 from test_report_page import LONG, PERIOD_S, long_residual
+from timing import cpu
 
 from pamid.checks.recording_quality import examine
 from pamid.ingest.log_reader import read_log
@@ -40,25 +40,7 @@ from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 
 ROOT = Path(__file__).resolve().parent.parent
-REPEATS = 5
 SECONDS = PERIOD_S * LONG
-
-
-def cpu(call: Callable[[], object], repeats: int = REPEATS) -> float:
-    """Median CPU seconds of a call, its child processes included."""
-
-    def used() -> float:
-        return sum(
-            r.ru_utime + r.ru_stime
-            for r in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-        )
-
-    took = []
-    for _ in range(repeats + 1):
-        begun = used()
-        call()
-        took.append(used() - begun)
-    return statistics.median(took[1:] or took)
 
 
 def process(*words: str) -> Callable[[], object]:
@@ -83,7 +65,7 @@ def page_ready_s(folder: Path) -> float:
     )
     page, times = write_report(run).page, []
     with browser() as opened:
-        for _ in range(REPEATS):
+        for _ in range(5):
             tab = opened.page()
             tab.open(page)
             times.append(tab.evaluate("pamidReady") / 1000.0)
@@ -144,7 +126,8 @@ def main() -> None:
                     check=True,
                     capture_output=True,
                 ),
-                repeats=0,
+                repeats=1,
+                warm=False,
             )
             row(f"notebooks/{story.name}", took, "an empty Python", empty)
 

@@ -26,7 +26,6 @@ from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.estimation.grey_box import fit_model
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.parallel.result_store import Plain
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.model import read
 from pamid.schemas.trial_case_files import (
@@ -159,7 +158,7 @@ class CaseWork(Work[Case, dict[str, Any]]):
 
     what = "case"
 
-    def __call__(self, item: Case) -> Plain:
+    def __call__(self, item: Case) -> dict[str, Any]:
         try:
             with tempfile.TemporaryDirectory() as place:
                 return _result(item, **examine(item, Path(place)))
@@ -168,9 +167,6 @@ class CaseWork(Work[Case, dict[str, Any]]):
         # the tool's own fault: it counts against it, and must not cost the other cases
         except Exception as error:
             return _result(item, failed=PamidError(fault_text(error), code="unexpected").as_dict())
-
-    def restored(self, item: Case, plain: Plain) -> dict[str, Any]:
-        return plain
 
     def name(self, item: Case) -> str:
         return str(item.number)

@@ -37,16 +37,16 @@ def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, 
     if set(rig.outputs) <= set(recorded) and not states:
         return text, ()
     text = _Equations(text, rig, set(recorded), hidden).without()
-    while (shorter := _Unused(text, rig).without()) != text:
+    while (shorter := _Unused(text).without()) != text:
         text = shorter
     return text, states
 
 
-class _Text:
-    """Source text with its syntax tree; removes spans."""
+class SourceText:
+    """Source text of a rig with its syntax tree; edits spans of it."""
 
-    def __init__(self, text: str, rig: Rig) -> None:
-        self.text, self.rig, self.tree = text, rig, ast.parse(text)
+    def __init__(self, text: str) -> None:
+        self.text, self.tree = text, ast.parse(text)
         assert text.isascii(), "places in the tree are counted in bytes"
         lengths = [len(line) for line in text.splitlines(keepends=True)]
         self.begins = np.concatenate([[0], np.cumsum(lengths)])
@@ -54,11 +54,12 @@ class _Text:
         self.edits: list[tuple[int, int, str]] = []
 
     def edited(self) -> str:
-        """Text after the edits. An edit inside another one is dropped."""
+        """Text after the edits. What is to be replaced within another edit is dropped."""
         outer = [
             e
             for e in set(self.edits)
-            if not any(o[0] <= e[0] and e[1] <= o[1] and o[:2] != e[:2] for o in self.edits)
+            if e[0] == e[1]
+            or not any(o[0] <= e[0] and e[1] <= o[1] and o[:2] != e[:2] for o in self.edits)
         ]
         text = self.text
         for first, last, new in sorted(outer, reverse=True):
@@ -77,6 +78,9 @@ class _Text:
 
     def replace(self, node: ast.AST, new: str) -> None:
         self.edits.append((*self.span(node), new))
+
+    def insert(self, at: int, new: str) -> None:
+        self.edits.append((at, at, new))
 
     def thin(self, parts: Sequence[tuple[int, int]], stays: Sequence[bool]) -> None:
         """Remove the discarded items of a list, with their commas."""
@@ -129,12 +133,12 @@ class _Text:
         return [node for node in self.kind.body if isinstance(node, ast.FunctionDef)]
 
 
-class _Equations(_Text):
+class _Equations(SourceText):
     """Removes outputs and states from the equations."""
 
     def __init__(self, text: str, rig: Rig, recorded: set[str], hidden: Collection[str]) -> None:
-        super().__init__(text, rig)
-        self.recorded, self.hidden = recorded, set(hidden)
+        super().__init__(text)
+        self.rig, self.recorded, self.hidden = rig, recorded, set(hidden)
         self.lost: dict[str, set[str]] = {}  # port -> signals that it no longer has
 
     def without(self) -> str:
@@ -216,7 +220,7 @@ class _Equations(_Text):
             yield str(getattr(key, "value", "")), list(ast.walk(value))
 
 
-class _Unused(_Text):
+class _Unused(SourceText):
     """Removes unused definitions."""
 
     def without(self) -> str:

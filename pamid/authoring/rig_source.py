@@ -10,14 +10,14 @@ from __future__ import annotations
 import ast
 import keyword
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pamid.authoring.column_match import Match, Pair
-from pamid.authoring.pruned_source import declared, pruned_source
+from pamid.authoring.pruned_source import SourceText, declared, pruned_source
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
 from pamid.base.units import (
@@ -72,13 +72,6 @@ class _Gain:
     symbol: str
 
 
-@dataclass(frozen=True)
-class _Edit:
-    first: int
-    last: int
-    text: str
-
-
 class RigSource:
     """Source of a rig for a recording, derived from a template rig."""
 
@@ -87,8 +80,9 @@ class RigSource:
         self.rig: Rig = match.rig()
         self.by_wanted = {pair.wanted: pair for pair in match.pairs}
         recorded = [column for column in self.rig.outputs if column in self.by_wanted]
-        self.source, self.unobserved = pruned_source(self.rig, recorded)
-        self.tree = ast.parse(self.source)
+        source, self.unobserved = pruned_source(self.rig, recorded)
+        self.source = SourceText(source)
+        self.tree = self.source.tree
         used = {n.attr for n in ast.walk(self.tree) if isinstance(n, ast.Attribute)}
         self.columns = [column for column in self.rig.inputs if column in used] + recorded
         for pair in match.pairs:
@@ -97,16 +91,11 @@ class RigSource:
         self.loops = bool(self.rig.loops) and all(
             {q.reference, q.command, q.reading} <= plain for q in self.rig.loops
         )
-        lengths = [len(line) for line in self.source.encode().splitlines(keepends=True)]
-        self.begins = np.concatenate([[0], np.cumsum(lengths)])
 
     def text(self) -> str:
         """Complete text of the file."""
-        content = self.source.encode()
-        assert content.isascii(), "places in the tree are counted in bytes"
-        for edit in sorted(self._edits(), key=lambda e: -e.first):
-            content = content[: edit.first] + edit.text.encode() + content[edit.last :]
-        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", content.decode())
+        self._edit()
+        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", self.source.edited())
         tree = ast.parse(text)
         imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
         body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
@@ -116,16 +105,16 @@ class RigSource:
 
     # ---- what changes ---------------------------------------------------------------------------
 
-    def _edits(self) -> Iterator[_Edit]:
-        kind = next(n for n in self.tree.body if isinstance(n, ast.ClassDef))
-        (named,) = re.finditer(rf"class {kind.name}\(", self.source)
-        yield _Edit(named.start() + 6, named.end() - 1, self.name)
+    def _edit(self) -> None:
+        kind = self.source.kind
+        (named,) = re.finditer(rf"class {kind.name}\(", self.source.text)
+        self.source.edits.append((named.start() + 6, named.end() - 1, self.name))
         settled = self._settled()
         for node in kind.body:
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-                yield from self._assignment(node, node.targets[0].id, settled)
+                self._assignment(node, node.targets[0].id, settled)
             elif isinstance(node, ast.FunctionDef):
-                yield from self._function(node)
+                self._function(node)
 
     def _settled(self) -> dict[str, str]:
         """Class attributes that are replaced."""
@@ -149,18 +138,16 @@ class RigSource:
         tables["hold_s"] = tuple(_short(slower * hold) for hold in rig.hold_s)
         return {name: _literal(value) for name, value in tables.items()}
 
-    def _assignment(
-        self, node: ast.Assign, name: str, settled: Mapping[str, str]
-    ) -> Iterator[_Edit]:
-        whole = _Edit(*self._span(node), "")
+    def _assignment(self, node: ast.Assign, name: str, settled: Mapping[str, str]) -> None:
+        source = self.source
         if name in ("loops", "controller") and not self.loops:
-            yield whole
+            source.replace(node, "")
         elif name == "loops":
             for text in (n for n in ast.walk(node) if isinstance(n, ast.Constant)):
                 if text.value in self.by_wanted:
-                    yield _Edit(*self._span(text), _literal(self._found(str(text.value))))
+                    source.replace(text, _literal(self._found(str(text.value))))
         elif name == "controller":
-            yield _Edit(*self._span(node.value), _literal(self._controller()))
+            source.replace(node.value, _literal(self._controller()))
         elif name in settled:
             extra = ""
             if name == "period_s":
@@ -175,21 +162,21 @@ class RigSource:
                     if other not in written and settled[other] != "{}"
                 )
             if settled[name] in ("{}", "()"):
-                yield whole
+                source.replace(node, "")
             else:
-                yield _Edit(*self._span(node.value), settled[name] + extra)
+                source.replace(node.value, settled[name] + extra)
             if name == "outputs":
-                yield _Edit(whole.last, whole.last, self._left_over())
+                source.insert(source.span(node)[1], self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
             # a map that is off by 2 % would be traded for the scale, which is unknown
             comment = (
                 "# background: state by how much the maps may be off when the scales are known"
             )
-            yield replace(whole, text=comment)
+            source.replace(node, comment)
         elif name == "parameters":
-            yield from self._parameters(node)
+            self._parameters(node)
 
-    def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
+    def _parameters(self, node: ast.Assign) -> None:
         """Edits that turn the template's data-sheet values into guesses with wide priors."""
         assert isinstance(node.value, ast.Tuple)
         for sourced in node.value.elts:
@@ -198,24 +185,23 @@ class RigSource:
             if sourced is not call:
                 (source,) = sourced.args
                 origin = f"GUESS, from {self.rig.name}: {ast.literal_eval(source)}"
-                yield _Edit(*self._span(source), _literal(origin))
+                self.source.replace(source, _literal(origin))
             for word in call.keywords:
                 if word.arg in ("spread", "factor"):
                     spread = float(ast.literal_eval(word.value))
                     wider = max(spread, GUESS) if word.arg == "factor" else GUESS * spread
-                    yield _Edit(*self._span(word.value), _literal(wider))
-        end = self._span(node.value)[1] - 1
+                    self.source.replace(word.value, _literal(wider))
+        end = self.source.span(node.value)[1] - 1
         for gain in filter(None, map(self._gain, self.match.pairs)):
             low, high = _short(gain.value / SCALE), _short(gain.value * SCALE)
-            yield _Edit(
-                end,
+            self.source.insert(
                 end,
                 f'    Parameter.positive("{gain.name}", {gain.value!r}, {low!r}, {high!r}, '
                 f'"{gain.symbol}", factor={GUESS!r}).with_source("GUESS: read the scale of it"),'
                 "\n    ",
             )
 
-    def _function(self, function: ast.FunctionDef) -> Iterator[_Edit]:
+    def _function(self, function: ast.FunctionDef) -> None:
         for node in ast.walk(function):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                 pair = self.by_wanted.get(node.attr) if node.value.id == "u" else None
@@ -223,7 +209,7 @@ class RigSource:
                     gain = self._gain(pair)
                     read = f"u.{pair.recorded}"
                     text = f"(p.{gain.name} * {read})" if gain else read
-                    yield _Edit(*self._span(node), text)
+                    self.source.replace(node, text)
             elif isinstance(node, ast.Dict):
                 for key, value in zip(node.keys, node.values, strict=True):
                     pair = (
@@ -233,12 +219,12 @@ class RigSource:
                     )
                     if key is None or pair is None or pair.role != "output":
                         continue
-                    yield _Edit(*self._span(key), _literal(pair.recorded))
+                    self.source.replace(key, _literal(pair.recorded))
                     gain = self._gain(pair)
                     if gain:
-                        first, last = self._span(value)
-                        yield _Edit(first, first, f"p.{gain.name} * (")
-                        yield _Edit(last, last, ")")
+                        first, last = self.source.span(value)
+                        self.source.insert(first, f"p.{gain.name} * (")
+                        self.source.insert(last, ")")
 
     # ---- columns --------------------------------------------------------------------------------
 
@@ -364,15 +350,6 @@ class RigSource:
         face = [name for name in _FACE if name in words]
         mine = [f"from pamid import {', '.join(face)}", *blocks.pop("equations", [])]
         return "\n\n".join("\n".join(lines) for lines in (*blocks.values(), mine)) + "\n\n\n"
-
-    def _span(self, node: ast.AST) -> tuple[int, int]:
-        """First and last character of a node in the source."""
-        assert isinstance(node, ast.expr | ast.stmt)
-        assert node.end_lineno is not None and node.end_col_offset is not None
-        return (
-            int(self.begins[node.lineno - 1]) + node.col_offset,
-            int(self.begins[node.end_lineno - 1]) + node.end_col_offset,
-        )
 
 
 def _short(value: float, digits: int = 2) -> float:

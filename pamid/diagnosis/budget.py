@@ -13,13 +13,11 @@ from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
-from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import ObjectWork, WorkerPool
-from pamid.parallel.result_store import Plain
+from pamid.parallel.jobs import Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import WHOLE, Replay, noise_floor
 
@@ -107,21 +105,15 @@ def gap_budget(
 
 
 @dataclass(frozen=True, eq=False)
-class _Baseline(ObjectWork[int, GreyBox]):
+class _Baseline(Work[int, GreyBox]):
     """Items are seeds."""
 
     what = "fitting"
     evidence: DataSplit
     progress: Progress = field(compare=False)
 
-    def result(self, item: int) -> GreyBox:
+    def __call__(self, item: int) -> GreyBox:
         return fit_model(self.evidence, seed=item, progress=self.progress)
-
-    def plain_form(self, item: int, result: GreyBox) -> Plain:
-        return grey_box_plain(result)
-
-    def restored(self, item: int, plain: Plain) -> GreyBox:
-        return grey_box_restored(self.evidence, plain)
 
 
 def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:

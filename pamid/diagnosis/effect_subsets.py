@@ -27,8 +27,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Addition
 from pamid.model.step_rig import StepRig
-from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
-from pamid.parallel.result_store import Plain
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -49,7 +48,7 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class ResponseWork(ObjectWork[ScreenedCandidate, Response]):
+class ResponseWork(Work[ScreenedCandidate, Response]):
     """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
     columns that span the effect of its parameters and window starts."""
 
@@ -59,7 +58,7 @@ class ResponseWork(ObjectWork[ScreenedCandidate, Response]):
     ground: Array
     spanned: Array
 
-    def result(self, item: ScreenedCandidate) -> Response:
+    def __call__(self, item: ScreenedCandidate) -> Response:
         assembly, p = item.ended
         assert item.stepping is not None
         problem = self.reference.problem(self.evidence, assembly)
@@ -89,12 +88,6 @@ class ResponseWork(ObjectWork[ScreenedCandidate, Response]):
             columns - self.spanned @ (self.spanned.T @ columns),
             np.concatenate([[[0.0, np.inf]], room]),
         )
-
-    def plain_form(self, item: ScreenedCandidate, result: Response) -> Plain:
-        return {"columns": result.columns, "room": result.room}
-
-    def restored(self, item: ScreenedCandidate, plain: Plain) -> Response:
-        return Response(plain["columns"], plain["room"])
 
     def name(self, item: ScreenedCandidate) -> str:
         return item.added.label

@@ -29,11 +29,9 @@ from pamid.diagnosis.screening import (
     promising,
     screen,
 )
-from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import COARSE, model_with, rechecked, settles
 from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
@@ -41,8 +39,7 @@ from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
-from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
-from pamid.parallel.result_store import Plain
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -75,7 +72,7 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class _ScreeningWork(ObjectWork[Addition, ScreenedCandidate]):
+class _ScreeningWork(Work[Addition, ScreenedCandidate]):
     """A candidate on top of a model."""
 
     what = "screening"
@@ -84,70 +81,26 @@ class _ScreeningWork(ObjectWork[Addition, ScreenedCandidate]):
     sizes: Sizes
     hints: GapHints
 
-    def result(self, item: Addition) -> ScreenedCandidate:
+    def __call__(self, item: Addition) -> ScreenedCandidate:
         return screen(self.evidence, self.reference, item, self.sizes, self.hints)
-
-    def plain_form(self, item: Addition, result: ScreenedCandidate) -> Plain:
-        return _screened_plain(result)
-
-    def restored(self, item: Addition, plain: Plain) -> ScreenedCandidate:
-        fits, assemble = plain["fits"], self.reference.extended_model
-        return _screened_restored(
-            item, assemble(self.evidence, item, self.sizes) if fits else None, plain
-        )
 
     def name(self, item: Addition) -> str:
         return item.label
 
 
 @dataclass(frozen=True, eq=False)
-class _AdvanceWork(ObjectWork[ScreenedCandidate, ScreenedCandidate]):
+class _AdvanceWork(Work[ScreenedCandidate, ScreenedCandidate]):
     """A screened candidate some steps further."""
 
     what = "screening further"
     evidence: DataSplit
     reference: ScreeningBaseline
 
-    def result(self, item: ScreenedCandidate) -> ScreenedCandidate:
+    def __call__(self, item: ScreenedCandidate) -> ScreenedCandidate:
         return advance(self.evidence, self.reference, item)
-
-    def plain_form(self, item: ScreenedCandidate, result: ScreenedCandidate) -> Plain:
-        return _screened_plain(result)
-
-    def restored(self, item: ScreenedCandidate, plain: Plain) -> ScreenedCandidate:
-        return _screened_restored(item.added, item.assembly, plain)
 
     def name(self, item: ScreenedCandidate) -> str:
         return item.added.label
-
-
-def _screened_plain(screened: ScreenedCandidate) -> Plain:
-    return {
-        "first": screened.first,
-        "gain": screened.gain,
-        "why": screened.why,
-        "fits": screened.assembly is not None,
-        "p": screened.p,
-        "starts": screened.starts,
-        "stepping": screened.stepping and [screened.stepping.substeps, screened.stepping.implicit],
-        "rival": screened.rival and _screened_plain(screened.rival),
-        "promised": screened.promised,
-    }
-
-
-def _screened_restored(a: Addition, assembly: Assembly | None, plain: Plain) -> ScreenedCandidate:
-    return ScreenedCandidate(
-        a,
-        assembly,
-        plain["first"],
-        plain["gain"],
-        plain["why"],
-        plain["p"],
-        tuple(plain["starts"]),
-        plain["stepping"] and Stepping(*plain["stepping"]),
-        plain["rival"] and _screened_restored(a, assembly, plain["rival"]),
-        plain["promised"],
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,11 +116,11 @@ class RefitStart:
     p: Array | None = None
     first: dict[str, float] = field(default_factory=dict)
     ranges: dict[str, Range] = field(default_factory=dict)
-    assembly: Assembly | None = field(default=None, compare=False, repr=False)
+    assembly: Assembly | None = field(kw_only=True, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
-class RefitWork(ObjectWork[RefitStart, CandidateModel]):
+class RefitWork(Work[RefitStart, CandidateModel]):
     """A model refitted from a fit of another one, and replayed over the held-out part."""
 
     what = "refitting"
@@ -179,7 +132,7 @@ class RefitWork(ObjectWork[RefitStart, CandidateModel]):
     def known(self) -> tuple[KnownSlopes | None, ...]:
         return known_along(self.after)
 
-    def result(self, item: RefitStart) -> CandidateModel:
+    def __call__(self, item: RefitStart) -> CandidateModel:
         assembly, known = self._assembly(item), self.known
         # All parameters are fitted jointly. With the rig's parameters held, an effect would also
         # explain their errors.
@@ -193,12 +146,6 @@ class RefitWork(ObjectWork[RefitStart, CandidateModel]):
             assembly = wider
             done = refit(self.evidence, assembly, self.after, p=done.p, known=known)
         return replayed(self.evidence, assembly, done)
-
-    def plain_form(self, item: RefitStart, result: CandidateModel) -> Plain:
-        return candidate_plain(result)
-
-    def restored(self, item: RefitStart, plain: Plain) -> CandidateModel:
-        return candidate_restored(self.evidence, self._assembly(item), plain)
 
     def _assembly(self, item: RefitStart) -> Assembly:
         assembly = item.assembly or model_with(self.evidence, item.attached, self.sizes)
@@ -295,7 +242,10 @@ def opposite_signs(
     tried = tried[:MIRRORED_MOST]
     starts = [
         RefitStart(
-            c.attached, ranges=ranges, first={key: 0.5 * low for key, (low, _) in ranges.items()}
+            c.attached,
+            ranges=ranges,
+            first={key: 0.5 * low for key, (low, _) in ranges.items()},
+            assembly=None,
         )
         for c, ranges in tried
     ]
@@ -324,13 +274,13 @@ def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
 
 
 @dataclass(frozen=True, eq=False)
-class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
+class _StepRefinement(Work[CandidateModel, CandidateModel]):
     """A model with finer steps, where it needs them."""
 
     what = "refining the integration steps of"
     evidence: DataSplit
 
-    def result(self, item: CandidateModel) -> CandidateModel:
+    def __call__(self, item: CandidateModel) -> CandidateModel:
         best = item
         for _ in range(STEP_HALVINGS):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
@@ -354,12 +304,6 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
                 break
             best = replayed(self.evidence, best.assembly, done)
         return best
-
-    def plain_form(self, item: CandidateModel, result: CandidateModel) -> Plain:
-        return {} if result is item else candidate_plain(result)
-
-    def restored(self, item: CandidateModel, plain: Plain) -> CandidateModel:
-        return candidate_restored(self.evidence, item.assembly, plain) if plain else item
 
     def name(self, item: CandidateModel) -> str:
         return item.label

@@ -14,7 +14,6 @@ from pamid.estimation.problem import Fit, Problem
 from pamid.model.background import pull_of
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.result_store import Plain
 from pamid.schemas.estimates import Estimate
 
 Array = NDArray[np.float64]
@@ -94,7 +93,7 @@ class _BootstrapWork(Work[int, Array]):
     fitted: Fit
     seed: int
 
-    def __call__(self, item: int) -> Plain:
+    def __call__(self, item: int) -> Array:
         f, problem, random = (
             self.fitted,
             self.fitted.problem,
@@ -122,11 +121,7 @@ class _BootstrapWork(Work[int, Array]):
             iterations=8,
             tolerance=1e-2,
         )
-        return {"scaled": problem.scale.inside(done.p[list(problem.free)])}
-
-    def restored(self, item: int, plain: Plain) -> Array:
-        scaled: Array = plain["scaled"]
-        return scaled
+        return problem.scale.inside(done.p[list(problem.free)])
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:

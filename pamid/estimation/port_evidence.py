@@ -27,7 +27,6 @@ from pamid.base.errors import PamidError
 from pamid.estimation.smoother import ReplayedModel, Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 # of more ports than this only those with this share of the largest evidence, computed with the
@@ -84,13 +83,10 @@ class _SmoothingWork(Work[Ports, LatentFit]):
     def smoother(self, ports: Ports) -> Smoother:
         return self.smoothers.setdefault(ports, Smoother(self.evidence, self.base, ports))
 
-    def __call__(self, item: Ports) -> Plain:
+    def __call__(self, item: Ports) -> LatentFit:
         smoother = self.smoother(item)
-        return {"found": (smoother.best if self.moving else smoother.rough).score}
-
-    def restored(self, item: Ports, plain: Plain) -> LatentFit:
-        evidence, size, time_s = plain["found"]
-        return evidence, size, time_s
+        evidence, size, time_s = (smoother.best if self.moving else smoother.rough).score
+        return float(evidence), float(size), float(time_s)
 
     def name(self, item: Ports) -> str:
         return " and ".join(item) or "no port"

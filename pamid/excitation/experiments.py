@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError
 from pamid.base.units import quantity_of, split_column, to_si
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.washout import washed_out
 from pamid.excitation.waveforms import (
     APART,
     amplitude_sweep,
     odd_multisine,
     slow_reversals,
     speed_runs,
+    washed_out,
 )
 from pamid.model.rig import Rig
 
@@ -100,10 +100,6 @@ Columns = dict[str, Array]
 Settings = tuple[dict[str, float], ...]
 
 
-def _as_it_is(bench: Bench) -> Settings:
-    return ({},)
-
-
 @dataclass(frozen=True)
 class Experiment:
     """An entry of the menu.
@@ -122,7 +118,7 @@ class Experiment:
     commanded: bool = False
     pushed: bool = False
     in_turn: bool = False
-    settings: Callable[[Bench], Settings] = _as_it_is
+    settings: Callable[[Bench], Settings] = lambda bench: ({},)
     shows: Mapping[str, str] = field(default_factory=dict)
 
     def reason(self, rig: Rig) -> str:

@@ -132,207 +132,28 @@ def nested_loops(t: Array) -> Array:
     )
 
 
+def washed_out(wave: Array, share: float) -> Array:
+    """A wave (samples,) less its running mean over this share of its length, as if it were at rest
+    before and after, and less what mean that leaves; within +-1 as before.
+
+    What is left of a slow part falls with the square of its frequency, so that even the second
+    integral, the way of a mass that is pushed, stays about where it was.
+    """
+    half = max(round(0.5 * share * len(wave)), 1)
+    total = np.concatenate([np.zeros(half + 1), np.cumsum(wave)])
+    total = np.concatenate([total, np.full(half, total[-1])])
+    left = wave - (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
+    left = left - left.mean()
+    highest = float(np.abs(left).max())
+    return left / highest if highest > 1.0 else left
+
+
 # ---- signals with settings ---------------------------------------------------------------------
-
-
-def prbs(
-    duration_s: float,
-    period_s: float,
-    amplitude: float,
-    hold_s: tuple[float, float] = (0.1, 1.0),
-    seed: int = 0,
-    offset: float = 0.0,
-    part: float = 0.0,
-    rest: float = 0.0,
-) -> Array:
-    """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
-
-    hold_s  shortest and longest time at one level: their ratio, rounded, is the order n of the
-    shift register, whose
-            sequence of 2^n - 1 shortest times is repeated
-    part    of that sequence by which this one begins later: parts of one sequence that are sent
-    together are as good
-            as independent, if they lie further apart than the rig remembers
-
-    rest    where it starts and stays for the shortest hold, as `aprbs` does
-
-    The two levels are offset +- amplitude.
-    """
-    from scipy.signal import max_len_seq
-
-    check_request(duration_s, period_s, amplitude, hold_s)
-    order = round(hold_s[1] / hold_s[0])
-    if not 2 <= order <= LONGEST_ORDER:
-        raise UsageError(
-            f"Holds of {hold_s[0]:g} to {hold_s[1]:g} s make a PRBS of order {order}.",
-            f"The longest hold is 2 to {LONGEST_ORDER} times the shortest.",
-        )
-    count, clock = round(duration_s / period_s), round(hold_s[0] / period_s)
-    first = np.random.default_rng(seed).integers(1, 2**order)
-    later = round(part * (2**order - 1))
-    bits, _ = max_len_seq(
-        order, state=[int(first) >> k & 1 for k in range(order)], length=later + -(-count // clock)
-    )
-    levels = offset + amplitude * (2.0 * bits[later:] - 1.0)
-    return np.concatenate([np.full(clock, rest), np.repeat(levels, clock)])[:count]
-
-
-def multisine(
-    duration_s: float,
-    period_s: float,
-    amplitude: float,
-    band_hz: tuple[float, float],
-    periods: int = 2,
-    seed: int | list[int] = 0,
-    offset: float = 0.0,
-) -> Array:
-    """Odd harmonics of equal height from band_hz[0] to band_hz[1], shape (round(duration_s /
-    period_s),).
-
-    Phases are drawn and then improved by clipping, until offset +- amplitude holds as much power as
-    it can: crest factor 1.41 to 1.5 for bands of a decade or more, up to 1.65 for narrow ones and
-    for 10 000 harmonics and more (a sine has 1.41). What a rig answers between the odd harmonics it
-    has bent itself. `periods` equal periods fill the duration; the signal begins where it is next
-    to the offset.
-    """
-    count = _samples(duration_s, period_s, amplitude, band_hz)
-    if not 1 <= periods <= count // 8:
-        raise UsageError(f"{periods} periods do not go into {count} samples.")
-    one = count // periods
-    base = 1.0 / (one * period_s)
-    lines = np.arange(1, one // 2, 2)
-    lines = lines[
-        (lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))
-    ]
-    if not lines.size:
-        raise UsageError(
-            f"Odd harmonics lie {2.0 * base:.3g} Hz apart: none from {band_hz[0]:g} to "
-            f"{band_hz[1]:g} Hz.",
-            "Take fewer periods, a longer signal or a wider band.",
-        )
-    spectrum = np.zeros(one // 2 + 1, dtype=complex)
-    spectrum[lines] = np.exp(1j * _flat_phases(lines, np.random.default_rng(seed)))
-    wave = np.fft.irfft(spectrum, one)
-    wave = np.roll(wave, -int(np.argmin(np.abs(wave))))
-    return np.asarray(offset + amplitude * np.resize(wave / np.abs(wave).max(), count))
-
-
-def chirp(
-    duration_s: float,
-    period_s: float,
-    amplitude: float,
-    band_hz: tuple[float, float],
-    sweep: str = "log",
-    offset: float = 0.0,
-) -> Array:
-    """A sine about the offset whose frequency climbs through the band, "linear" or "log", shape
-    (n,).
-
-    Frequencies are lowered by up to a part of a cycle, so that it ends where it began, at the
-    offset.
-    """
-    from scipy.signal import chirp as swept
-
-    count = _samples(duration_s, period_s, amplitude, band_hz)
-    low, high = band_hz
-    length = count * period_s
-    cycles = length * (
-        (high - low) / math.log(high / low) if sweep == "log" else 0.5 * (low + high)
-    )
-    if cycles < 1.0:
-        raise UsageError(
-            f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz."
-        )
-    whole = math.floor(cycles * (1.0 + 1e-12)) / cycles
-    method = {"log": "logarithmic", "linear": "linear"}[sweep]
-    wave = swept(period_s * np.arange(count), low * whole, length, high * whole, method, phi=-90)
-    return np.asarray(offset + amplitude * wave)
-
-
-def steps(
-    duration_s: float,
-    period_s: float,
-    amplitude: float,
-    hold_s: tuple[float, float] = (2.0, 2.0),
-    seed: int = 0,
-    offset: float = 0.0,
-) -> Array:
-    """Steps to offset + amplitude and offset - amplitude by turns, shape (n,), a rest at the offset
-    before and after.
-
-    hold_s: shortest and longest time at one level, drawn uniformly.
-    """
-    check_request(duration_s, period_s, amplitude, hold_s)
-    count = round(duration_s / period_s)
-    heights = np.resize([1.0, -1.0], math.ceil(duration_s / hold_s[0]))
-    rest = np.zeros(max(1, round(hold_s[0] / period_s)))
-    held = np.repeat(heights, _lengths(heights.size, hold_s, period_s, seed))[
-        : count - 2 * rest.size
-    ]
-    return offset + amplitude * np.concatenate([rest, held, rest])
-
-
-def staircase(
-    period_s: float,
-    amplitude: float,
-    levels: int = 8,
-    hold_s: tuple[float, float] = (1.0, 1.0),
-    seed: int = 0,
-    offset: float = 0.0,
-) -> Array:
-    """There and back at heights that grow from a fifteenth of the amplitude to all of it, each by
-    the same factor; a rest at the offset before and after. Small commands weigh as much as large
-    ones, and nothing drifts away."""
-    heights = np.geomspace(SMALLEST_DUTY, 1.0, max(levels, 2))
-    stairs = np.concatenate([[0.0], np.stack([heights, -heights], axis=1).ravel(), [0.0]])
-    check_request(stairs.size * hold_s[1], period_s, amplitude, hold_s, levels)
-    return offset + amplitude * np.repeat(stairs, _lengths(stairs.size, hold_s, period_s, seed))
-
-
-def _samples(
-    duration_s: float, period_s: float, amplitude: float, band_hz: tuple[float, float]
-) -> int:
-    check_request(duration_s, period_s, amplitude, (period_s, period_s))
-    if not 0.0 < band_hz[0] < band_hz[1] < 0.5 / period_s:
-        raise UsageError(
-            f"The band is {band_hz[0]:g} to {band_hz[1]:g} Hz; it must rise and end below half of "
-            f"the sampling rate, {0.5 / period_s:g} Hz."
-        )
-    return round(duration_s / period_s)
-
-
-def _lengths(
-    count: int, hold_s: tuple[float, float], period_s: float, seed: int
-) -> NDArray[np.int64]:
-    """Holds in samples."""
-    drawn = np.random.default_rng(seed).uniform(*hold_s, count)
-    return np.maximum(1, np.round(drawn / period_s)).astype(np.int64)
-
-
-def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array:
-    """Phases of these harmonics, drawn and improved by clipping the wave and taking the phases of
-    what is left: van der Ouderaa, Schoukens and Renneboog (1988), with a limit that rises to the
-    peak."""
-    phases = random.uniform(0.0, 2.0 * np.pi, lines.size)
-    grid = 2 ** math.ceil(math.log2(16 * int(lines[-1])))
-    best, lowest = phases, math.inf
-    for limit in np.linspace(*CLIP, int(np.clip(CLIPPED // grid, *CLIPPINGS))):
-        spectrum = np.zeros(grid // 2 + 1, dtype=complex)
-        spectrum[lines] = np.exp(1j * phases)
-        wave = np.fft.irfft(spectrum, grid)
-        if crest(wave) < lowest:
-            best, lowest = phases, crest(wave)
-        edge = limit * np.abs(wave).max()
-        phases = np.angle(np.fft.rfft(np.clip(wave, -edge, edge))[lines])
-    return best
-
-
-# ---- several columns ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A signal and its settings, as the functions above take them; `plan_for` gives those not named
+    """A signal and its settings, as the functions below take them; `plan_for` gives those not named
     their usual values.
 
     duration_s  of all columns, those that take turns share it; 0: as long as one pass takes
@@ -356,6 +177,151 @@ class Plan:
     def settings(self) -> dict[str, Any]:
         """Settings that this kind of signal uses, by name."""
         return {name: getattr(self, name) for name in SIGNAL_SETTINGS[self.signal]}
+
+
+def prbs(plan: Plan, amplitude: float, seed: int, part: float = 0.0) -> Array:
+    """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
+
+    The ratio of longest to shortest hold, rounded, is the order n of the shift register, whose
+    sequence of 2^n - 1 shortest holds is repeated. `part` of that sequence by which this one begins
+    later: parts of one sequence that are sent together are as good as independent, if they lie
+    further apart than the rig remembers. The two levels are offset +- amplitude; it starts and
+    stays at `rest` for the shortest hold, as `aprbs` does.
+    """
+    from scipy.signal import max_len_seq
+
+    hold_s, period_s = plan.hold_s, plan.period_s
+    check_request(plan.duration_s, period_s, amplitude, hold_s)
+    order = round(hold_s[1] / hold_s[0])
+    if not 2 <= order <= LONGEST_ORDER:
+        raise UsageError(
+            f"Holds of {hold_s[0]:g} to {hold_s[1]:g} s make a PRBS of order {order}.",
+            f"The longest hold is 2 to {LONGEST_ORDER} times the shortest.",
+        )
+    count, clock = round(plan.duration_s / period_s), round(hold_s[0] / period_s)
+    first = np.random.default_rng(seed).integers(1, 2**order)
+    later = round(part * (2**order - 1))
+    bits, _ = max_len_seq(
+        order, state=[int(first) >> k & 1 for k in range(order)], length=later + -(-count // clock)
+    )
+    levels = plan.offset + amplitude * (2.0 * bits[later:] - 1.0)
+    return np.concatenate([np.full(clock, plan.rest), np.repeat(levels, clock)])[:count]
+
+
+def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
+    """Odd harmonics of equal height within the band, shape (round(duration_s / period_s),).
+
+    Phases are drawn and then improved by clipping, until offset +- amplitude holds as much power as
+    it can: crest factor 1.41 to 1.5 for bands of a decade or more, up to 1.65 for narrow ones and
+    for 10 000 harmonics and more (a sine has 1.41). What a rig answers between the odd harmonics it
+    has bent itself. `periods` equal periods fill the duration; the signal begins where it is next
+    to the offset.
+    """
+    band_hz, periods, count = plan.band_hz, plan.periods, _samples(plan, amplitude)
+    if not 1 <= periods <= count // 8:
+        raise UsageError(f"{periods} periods do not go into {count} samples.")
+    one = count // periods
+    base = 1.0 / (one * plan.period_s)
+    lines = np.arange(1, one // 2, 2)
+    lines = lines[
+        (lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))
+    ]
+    if not lines.size:
+        raise UsageError(
+            f"Odd harmonics lie {2.0 * base:.3g} Hz apart: none from {band_hz[0]:g} to "
+            f"{band_hz[1]:g} Hz.",
+            "Take fewer periods, a longer signal or a wider band.",
+        )
+    spectrum = np.zeros(one // 2 + 1, dtype=complex)
+    spectrum[lines] = np.exp(1j * _flat_phases(lines, np.random.default_rng(seed)))
+    wave = np.fft.irfft(spectrum, one)
+    wave = np.roll(wave, -int(np.argmin(np.abs(wave))))
+    return np.asarray(plan.offset + amplitude * np.resize(wave / np.abs(wave).max(), count))
+
+
+def chirp(plan: Plan, amplitude: float) -> Array:
+    """A sine about the offset whose frequency climbs through the band, "linear" or "log", shape
+    (n,).
+
+    Frequencies are lowered by up to a part of a cycle, so that it ends where it began, at the
+    offset.
+    """
+    from scipy.signal import chirp as swept
+
+    count = _samples(plan, amplitude)
+    low, high = plan.band_hz
+    length = count * plan.period_s
+    log = plan.sweep == "log"
+    cycles = length * ((high - low) / math.log(high / low) if log else 0.5 * (low + high))
+    if cycles < 1.0:
+        raise UsageError(
+            f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz."
+        )
+    whole = math.floor(cycles * (1.0 + 1e-12)) / cycles
+    method, time = "logarithmic" if log else "linear", plan.period_s * np.arange(count)
+    wave = swept(time, low * whole, length, high * whole, method, phi=-90)
+    return np.asarray(plan.offset + amplitude * wave)
+
+
+def steps(plan: Plan, amplitude: float, seed: int) -> Array:
+    """Steps to offset + amplitude and offset - amplitude by turns, shape (n,), a rest at the offset
+    before and after; holds are drawn uniformly."""
+    check_request(plan.duration_s, plan.period_s, amplitude, plan.hold_s)
+    count = round(plan.duration_s / plan.period_s)
+    heights = np.resize([1.0, -1.0], math.ceil(plan.duration_s / plan.hold_s[0]))
+    rest = np.zeros(max(1, round(plan.hold_s[0] / plan.period_s)))
+    held = np.repeat(heights, _lengths(heights.size, plan, seed))[: count - 2 * rest.size]
+    return plan.offset + amplitude * np.concatenate([rest, held, rest])
+
+
+def staircase(plan: Plan, amplitude: float, seed: int) -> Array:
+    """There and back at heights that grow from a fifteenth of the amplitude to all of it, each by
+    the same factor; a rest at the offset before and after. Small commands weigh as much as large
+    ones, and nothing drifts away."""
+    levels = plan.levels or 8
+    heights = np.geomspace(SMALLEST_DUTY, 1.0, max(levels, 2))
+    stairs = np.concatenate([[0.0], np.stack([heights, -heights], axis=1).ravel(), [0.0]])
+    seconds = stairs.size * plan.hold_s[1]
+    check_request(seconds, plan.period_s, amplitude, plan.hold_s, levels)
+    return plan.offset + amplitude * np.repeat(stairs, _lengths(stairs.size, plan, seed))
+
+
+def _samples(plan: Plan, amplitude: float) -> int:
+    low, high = plan.band_hz
+    check_request(plan.duration_s, plan.period_s, amplitude, (plan.period_s, plan.period_s))
+    if not 0.0 < low < high < 0.5 / plan.period_s:
+        raise UsageError(
+            f"The band is {low:g} to {high:g} Hz; it must rise and end below half of "
+            f"the sampling rate, {0.5 / plan.period_s:g} Hz."
+        )
+    return round(plan.duration_s / plan.period_s)
+
+
+def _lengths(count: int, plan: Plan, seed: int) -> NDArray[np.int64]:
+    """Holds in samples."""
+    drawn = np.random.default_rng(seed).uniform(*plan.hold_s, count)
+    return np.maximum(1, np.round(drawn / plan.period_s)).astype(np.int64)
+
+
+def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array:
+    """Phases of these harmonics, drawn and improved by clipping the wave and taking the phases of
+    what is left: van der Ouderaa, Schoukens and Renneboog (1988), with a limit that rises to the
+    peak."""
+    phases = random.uniform(0.0, 2.0 * np.pi, lines.size)
+    grid = 2 ** math.ceil(math.log2(16 * int(lines[-1])))
+    best, lowest = phases, math.inf
+    for limit in np.linspace(*CLIP, int(np.clip(CLIPPED // grid, *CLIPPINGS))):
+        spectrum = np.zeros(grid // 2 + 1, dtype=complex)
+        spectrum[lines] = np.exp(1j * phases)
+        wave = np.fft.irfft(spectrum, grid)
+        if crest(wave) < lowest:
+            best, lowest = phases, crest(wave)
+        edge = limit * np.abs(wave).max()
+        phases = np.angle(np.fft.rfft(np.clip(wave, -edge, edge))[lines])
+    return best
+
+
+# ---- several columns ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -486,14 +452,10 @@ _MAKERS: dict[str, Callable[..., Array]] = {
     "aprbs": lambda p, a, seed: aprbs(
         p.duration_s, p.period_s, a, p.hold_s, p.levels, seed=seed, offset=p.offset, rest=p.rest
     ),
-    "prbs": lambda p, a, seed, part: prbs(
-        p.duration_s, p.period_s, a, p.hold_s, seed, p.offset, part, p.rest
-    ),
-    "multisine": lambda p, a, seed: multisine(
-        p.duration_s, p.period_s, a, p.band_hz, p.periods, seed, p.offset
-    ),
-    "chirp": lambda p, a: chirp(p.duration_s, p.period_s, a, p.band_hz, p.sweep, p.offset),
-    "steps": lambda p, a, seed: steps(p.duration_s, p.period_s, a, p.hold_s, seed, p.offset),
-    "staircase": lambda p, a, seed: staircase(p.period_s, a, p.levels, p.hold_s, seed, p.offset),
+    "prbs": prbs,
+    "multisine": multisine,
+    "chirp": chirp,
+    "steps": steps,
+    "staircase": staircase,
     "torque-loops": _torque_loops,
 }

@@ -16,6 +16,7 @@ the numbers.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 from collections.abc import Callable, Mapping
@@ -70,6 +71,11 @@ class SentSignals:
     def samples(self) -> int:
         return len(next(iter(self.columns.values())))
 
+    @property
+    def rows(self) -> Array:
+        """Time and columns, a row each."""
+        return np.stack([self.time, *self.columns.values()])
+
 
 def format_of(path: Path, chosen: str | None = None) -> str:
     """The format to write a path in: the one chosen, else the one of its suffix, else CSV.
@@ -113,9 +119,8 @@ def write_excitation(
     if chosen.content is not None:
         files[path] = chosen.content(signals)
         about = {**about, "format": form, "interpolation": f"hold: {chosen.heed}"}
-    note = ExcitationFile(
-        generator=generator, file=path.name, sha256=_sha256(files[path]), **about
-    ).as_json()
+    digest = hashlib.sha256(files[path]).hexdigest()
+    note = ExcitationFile(generator=generator, file=path.name, sha256=digest, **about).as_json()
     files = {**(others or {}), **files, path.with_suffix(".json"): json_bytes(note, path.stem)}
     make_folder(path.parent)
     write_together(files)
@@ -125,12 +130,6 @@ def write_excitation(
 def change_points(samples: Array) -> NDArray[np.intp]:
     """Samples at which the value differs from the one before; the first is one."""
     return np.append(0, np.flatnonzero(np.diff(samples)) + 1)
-
-
-def _sha256(data: bytes) -> str:
-    import hashlib
-
-    return hashlib.sha256(data).hexdigest()
 
 
 # ---- Simulink ----------------------------------------------------------------------------------
@@ -151,14 +150,6 @@ def _mat_structures(signals: SentSignals) -> bytes:
             for column, word in _words(signals.columns, "").items()
         }
     )
-
-
-def _mat_rows(signals: SentSignals) -> bytes:
-    return _mat({MATRIX: np.stack([signals.time, *signals.columns.values()])}, version="4")
-
-
-def _mat_columns(signals: SentSignals) -> bytes:
-    return _mat({MATRIX: np.stack([signals.time, *signals.columns.values()], axis=1)})
 
 
 def _mat(variables: dict[str, Any], version: str = "5") -> bytes:
@@ -306,10 +297,10 @@ FORMATS: dict[str, Format] = {
     "mat": Format(".mat", _mat_structures, _SIMULINK),
     "mat-file": Format(
         ".mat",
-        _mat_rows,
+        lambda signals: _mat({MATRIX: signals.rows}, version="4"),
         "From File: interpolation zero-order hold, sample time = sampling_period_s",
     ),
-    "mat-matrix": Format(".mat", _mat_columns, _SIMULINK),
+    "mat-matrix": Format(".mat", lambda signals: _mat({MATRIX: signals.rows.T.copy()}), _SIMULINK),
     "st": Format(
         ".st", _structured_text, "change points, each value until the next one; REAL has 24 bits"
     ),

@@ -19,19 +19,21 @@ import platform
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
-from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import FileError, PamidError
-from pamid.parallel.jobs import Failed, Work, result_or_failure
-from pamid.parallel.result_store import Plain, code_sha256, digest
+from pamid.parallel.jobs import Failed, Work, packed_or_failure
+from pamid.parallel.packing import Packed
+from pamid.parallel.result_store import code_sha256, digest
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
+    from distributed import Future as DaskFuture
 
 T = TypeVar("T")
 
@@ -147,80 +149,66 @@ class Cluster:
     address: str
     patience: Patience = DEFAULT_PATIENCE
     # by digest: the parts of works that are there already
-    sent: dict[str, Future] = field(default_factory=dict)
+    sent: dict[str, DaskFuture] = field(default_factory=dict)
 
     def __call__(
         self, work: Work[T, Any], items: Sequence[T]
-    ) -> Iterator[tuple[int, Plain | Failed]]:
+    ) -> Iterator[tuple[int, Packed | Failed]]:
         import dask
 
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "2GiB"}):
             parts = {f.name: self._part(getattr(work, f.name)) for f in fields(work) if f.compare}  # type: ignore[arg-type]
-            kind = _packed(type(work))
+            kind = _pickled(type(work))
             once = time.monotonic_ns()
-            waiting = {
-                self.client.submit(
+            executor = self.client.get_executor(pure=False)
+            waiting: dict[Future[Packed | Failed], int] = {
+                executor.submit(
                     _done,
                     kind,
                     parts,
-                    _packed(item),
+                    _pickled(item),
                     code_sha256(),
-                    pure=False,
                     key=f"{work.what}-{i}-{once}",
                 ): i
                 for i, item in enumerate(items)
             }
-        ended: SimpleQueue[Future] = SimpleQueue()
-        for future in waiting:
-            future.add_done_callback(ended.put)
+        alone = 0.0
         try:
             while waiting:
-                future = self._next(ended)
-                i = waiting.pop(future)
-                yield i, self._outcome(future, work.label(items[i]))
-                future.release()
+                ended = wait(waiting, LISTEN_S, FIRST_COMPLETED).done
+                for future in ended:
+                    i = waiting.pop(future)
+                    yield i, self._outcome(future, work.label(items[i]))
+                if self.client.status != "running":
+                    raise self._lost()
+                there = ended or self.client.scheduler_info(n_workers=-1)["workers"]
+                alone = 0.0 if there else alone + LISTEN_S
+                if alone >= self.patience.alone_s:
+                    raise PamidError(
+                        f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
+                        "Start some; what was finished is kept, go on with --resume.",
+                        code="cluster",
+                    )
         finally:
             if waiting and self.client.status == "running":
-                self.client.cancel(list(waiting), force=True)
+                executor.shutdown(wait=False)
 
-    def _part(self, value: Any) -> Future:
+    def _part(self, value: Any) -> DaskFuture:
         """Something that many jobs need, as a task of its own: where every worker that held it has
         died, the scheduler still knows it."""
         key = f"part-{digest(value)}"
         if key not in self.sent:
-            self.sent[key] = self.client.submit(_unpacked, _packed(value), key=key)
+            self.sent[key] = self.client.submit(_unpickled, _pickled(value), key=key)
         return self.sent[key]
 
-    def _next(self, ended: SimpleQueue[Future]) -> Future:
-        """The next that has ended; PamidError where there is nobody left to wait for."""
-        alone = 0.0
-        while True:
-            if self.client.status != "running":
-                raise self._lost()
-            try:
-                return ended.get(timeout=LISTEN_S)
-            except Empty:
-                there = (
-                    self.client.status == "running"
-                    and self.client.scheduler_info(n_workers=-1)["workers"]
-                )
-                alone = 0.0 if there else alone + LISTEN_S
-            if alone >= self.patience.alone_s:
-                raise PamidError(
-                    f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
-                    "Start some; what was finished is kept, go on with --resume.",
-                    code="cluster",
-                )
-
-    def _outcome(self, future: Future, label: str) -> Plain | Failed:
+    def _outcome(self, future: Future[Packed | Failed], label: str) -> Packed | Failed:
         from distributed import KilledWorker
 
-        if future.status == "cancelled":
+        if future.cancelled():
             raise self._lost()
-        error = future.exception() if future.status == "error" else None
+        error = future.exception()
         if error is None:
-            outcome: Plain | Failed = future.result()
-            return outcome
+            return future.result()
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1
             return Failed(label, f"its worker was killed {times} times, perhaps for want of memory")
@@ -234,7 +222,7 @@ class Cluster:
         )
 
 
-def _packed(value: Any) -> bytes:
+def _pickled(value: Any) -> bytes:
     """Bytes for a worker. What a rig or effect file defines is sent along: the file need not be
     there."""
     import cloudpickle
@@ -242,14 +230,14 @@ def _packed(value: Any) -> bytes:
     for name, module in list(sys.modules.items()):
         if name.startswith("pamid_user_"):
             cloudpickle.register_pickle_by_value(module)
-    packed: bytes = cloudpickle.dumps(value)
-    return packed
+    pickled: bytes = cloudpickle.dumps(value)
+    return pickled
 
 
-def _unpacked(packed: bytes) -> Any:
+def _unpickled(pickled: bytes) -> Any:
     import cloudpickle
 
-    return cloudpickle.loads(packed)
+    return cloudpickle.loads(pickled)
 
 
 @lru_cache
@@ -258,13 +246,13 @@ def _hold_blas() -> None:
     threadpool_limits(limits=1, user_api="blas")
 
 
-def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Plain | Failed:
+def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Packed | Failed:
     """On a worker; code: that of the machine which asks (a worker may have been replaced since they
     were compared)."""
     _hold_blas()
-    work, one = _unpacked(kind)(**parts), _unpacked(item)
+    work, one = _unpickled(kind)(**parts), _unpickled(item)
     return (
-        result_or_failure(work, one)
+        packed_or_failure(work, one)
         if code == code_sha256()
         else Failed(work.label(one), "its worker runs another pamid")
     )

@@ -3,37 +3,50 @@ cluster.
 
 Whoever does them, a result is known by the digest of all that went into it and is the same to the
 last bit: it does not depend on who did the job, how many did, or whether it was read back from an
-earlier attempt. What crosses to another process or into a file is plain data; a job of objects
-(`ObjectWork`) that is done in this process hands them over as they are. The compiled sweeps release
-Python's lock, so threads share the work where little else runs; a diagnosis, in which much else
-does, shares the cores as processes. BLAS is held to one thread per job: the matrices are small.
+earlier attempt. A job done in this process hands its result over as it is; from another process or
+a file it comes packed (`pamid.parallel.packing`). The compiled sweeps release Python's lock, so
+threads share the work where little else runs; a diagnosis, in which much else does, shares the
+cores as processes. BLAS is held to one thread per job: the matrices are small.
 """
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import signal
+import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from weakref import WeakValueDictionary
 
 from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import PamidError
 from pamid.base.progress import Progress, silent
-from pamid.parallel.result_store import Plain, Store, code_sha256, digest, plain
+from pamid.parallel.packing import Numbers, Packed, Question
+from pamid.parallel.result_store import Store, code_sha256, digest
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
+LARGE = 1 << 16  # bytes, from which equal arrays of results are held once
 ATTEMPTS = 3  # times that a job's process may die before the job is held to be the reason
 
 
@@ -41,16 +54,13 @@ class Work(Generic[T, R]):
     """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass
     from it.
 
-    Calling it returns plain data (see result_store.py); `restored` makes of that what the caller
-    wants. A field that is declared with compare=False must not change the result.
+    Its result is made of plain data, of objects of pamid, and of parts of the item and the work
+    (`pamid.parallel.packing`). A field that is declared with compare=False must not change it.
     """
 
     what: ClassVar[str]
 
-    def __call__(self, item: T) -> Plain:
-        raise NotImplementedError
-
-    def restored(self, item: T, plain: Plain) -> R:
+    def __call__(self, item: T) -> R:
         raise NotImplementedError
 
     def name(self, item: T) -> str:
@@ -65,23 +75,6 @@ class Work(Generic[T, R]):
         return f"{self.what} {self.name(item)}".rstrip()
 
 
-class ObjectWork(Work[T, R]):
-    """Jobs whose results are objects, made plain only to be sent or kept.
-
-    `restored(item, plain(plain_form(item, found)))` equals `found` to the last bit, the memory
-    layout of its arrays included: they have one digest (`pamid.parallel.result_store.digest`).
-    """
-
-    def result(self, item: T) -> R:
-        raise NotImplementedError
-
-    def plain_form(self, item: T, result: R) -> Plain:
-        raise NotImplementedError
-
-    def __call__(self, item: T) -> Plain:
-        return self.plain_form(item, self.result(item))
-
-
 @dataclass(frozen=True)
 class Failed:
     """A job without a result: what it was, and why it failed. The other jobs go on."""
@@ -90,12 +83,12 @@ class Failed:
     why: str
 
 
-class Executor(Protocol):
+class Jobs(Protocol):
     """Those who do jobs: (number of the item, result) as they come; `Failed` is a result, too."""
 
     def __call__(
         self, work: Work[T, Any], items: Sequence[T]
-    ) -> Iterator[tuple[int, Plain | Failed]]: ...
+    ) -> Iterator[tuple[int, Packed | Failed]]: ...
 
 
 @dataclass(eq=False)
@@ -108,10 +101,11 @@ class WorkerPool:
 
     jobs: int = 1
     store: Store | None = None
-    executor: Executor | None = None
+    executor: Jobs | None = None
     worked: int = 0
     from_store: int = 0
     failed: list[Failed] = field(default_factory=list)
+    _arrays: WeakValueDictionary[str, Numbers] = field(default_factory=WeakValueDictionary)
 
     @property
     def failed_jobs(self) -> list[dict[str, str]]:
@@ -146,71 +140,73 @@ class WorkerPool:
         keys = self._keys(work, items)
         todo = []
         for i in sorted(range(len(items)), key=lambda i: -work.cost(items[i])):
-            stored = self.store.get(keys[i]) if self.store else None
-            if stored is None:
-                todo.append(i)
+            stored = self._stored(keys[i], work, items[i])
+            if stored:
+                yield i, stored[0]
             else:
-                self.from_store += 1
-                yield i, work.restored(items[i], stored)
+                todo.append(i)
         if self.executor is None and self.jobs <= 1:
             for i in todo:
-                outcome = attempted(work, items[i], partial(self._here, work, items[i], keys[i:]))
+                outcome = attempted(work, items[i], partial(self._here, work, items[i], keys[i]))
                 self.failed += [outcome] if isinstance(outcome, Failed) else []
                 yield i, outcome
             return
-        for k, done in self._executor()(work, [items[i] for i in todo]) if todo else ():
+        do = self.executor or LocalJobs(self.jobs)
+        for k, done in do(work, [items[i] for i in todo]) if todo else ():
             i = todo[k]
             if isinstance(done, Failed):
                 self.failed.append(done)
                 yield i, done
             else:
-                self._store_result(keys[i:], work.label(items[i]), done)
-                yield i, work.restored(items[i], done)
+                self._count(keys[i], work.label(items[i]), done)
+                yield i, self._unpacked(done, work, items[i])
 
     def one(self, work: Work[T, R], item: T) -> R:
         """A single job, done here and now; its errors are its caller's."""
-        keys = self._keys(work, [item])
-        stored = self.store.get(keys[0]) if self.store else None
-        if stored is None:
-            return self._here(work, item, keys)
-        self.from_store += 1
-        return work.restored(item, stored)
+        (key,) = self._keys(work, [item])
+        stored = self._stored(key, work, item)
+        return stored[0] if stored else self._here(work, item, key)
 
-    def _here(self, work: Work[T, R], item: T, keys: list[str]) -> R:
-        """The result, worked out in this process; keys: its own first."""
+    def _stored(self, key: str, work: Work[T, R], item: T) -> tuple[R] | tuple[()]:
+        """The result in the store, where there is one."""
+        packed = self.store.get(key) if self.store else None
+        if packed is not None:
+            with contextlib.suppress(LookupError, TypeError, ValueError, AttributeError):
+                result = self._unpacked(packed, work, item)
+                self.from_store += 1
+                return (result,)
+        return ()
+
+    def _unpacked(self, packed: Packed, work: Work[T, R], item: T) -> R:
+        # Models hold the samples that they were compared on: most of the memory of many models.
+        arrays = [
+            self._arrays.setdefault(digest(a), a) if a.nbytes >= LARGE else a for a in packed.arrays
+        ]
+        result: R = Question(work, item).unpacked(Packed(packed.tree, tuple(arrays)))
+        return result
+
+    def _here(self, work: Work[T, R], item: T, key: str) -> R:
+        """The result, worked out in this process."""
         with threadpool_limits(limits=1, user_api="blas"):
-            if isinstance(work, ObjectWork):
-                result: R = work.result(item)
-                plain_result = work.plain_form(item, result) if self.store else {}
-                self._store_result(keys, work.label(item), plain_result)
-                return result
-            outcome = plain(work(item))
-        self._store_result(keys, work.label(item), outcome)
-        return work.restored(item, outcome)
+            result = work(item)
+        packed = Question(work, item).packed(result) if self.store else None
+        self._count(key, work.label(item), packed)
+        return result
 
-    def _store_result(self, keys: list[str], label: str, result: Plain) -> None:
+    def _count(self, key: str, label: str, result: Packed | None) -> None:
         self.worked += 1
-        if self.store:
-            self.store.put(keys[0], label, plain(result))
+        if self.store and result:
+            self.store.put(key, label, result)
 
     def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
-        """The items' keys; none where nothing is stored."""
+        """The items' keys; empty ones where nothing is stored."""
         ground = digest(code_sha256(), work) if self.store else ""
-        return [digest(ground, item) for item in items] if self.store else []
-
-    def _executor(self) -> Executor:
-        if self.executor is not None:
-            return self.executor
-        return (
-            Processes(self.jobs)
-            if "fork" in multiprocessing.get_all_start_methods()
-            else Threads(self.jobs)
-        )
+        return [digest(ground, item) if self.store else "" for item in items]
 
 
-def result_or_failure(work: Work[T, Any], item: T) -> Plain | Failed:
-    """The job's plain result, or why there is none."""
-    return attempted(work, item, lambda: plain(work(item)))
+def packed_or_failure(work: Work[T, Any], item: T) -> Packed | Failed:
+    """The job's result, or why there is none."""
+    return attempted(work, item, lambda: Question(work, item).packed(work(item)))
 
 
 def attempted(work: Work[T, Any], item: T, do: Callable[[], R]) -> R | Failed:
@@ -231,130 +227,121 @@ def fault_text(error: Exception) -> str:
 
 
 @dataclass(frozen=True)
-class Threads:
-    """Threads of this process."""
+class LocalJobs:
+    """Processes of this machine that inherit all there is, so that only results are sent; threads
+    where there are no such processes. One that dies costs its own job an attempt, and other jobs
+    no more than their time.
+
+    Of the jobs that were going on when a process died any may be the reason. Each of them is done
+    again in a process of its own.
+    """
 
     count: int
+    threads: bool = "fork" not in multiprocessing.get_all_start_methods()
 
     def __call__(
         self, work: Work[T, Any], items: Sequence[T]
-    ) -> Iterator[tuple[int, Plain | Failed]]:
-        pool = ThreadPoolExecutor(max_workers=self.count)
+    ) -> Iterator[tuple[int, Packed | Failed]]:
+        todo = deque(range(len(items)))
+        while todo:
+            suspects, _ = yield from self._done(work, items, todo, self.count)
+            for i in suspects:
+                for _ in range(ATTEMPTS):
+                    died, reason = yield from self._done(work, items, deque([i]), 1)
+                    if not died:
+                        break
+                else:
+                    why = f"its process was killed {ATTEMPTS} times ({reason}), perhaps for want of"
+                    yield i, Failed(work.label(items[i]), f"{why} memory")
+
+    def _done(
+        self, work: Work[T, Any], items: Sequence[T], todo: deque[int], count: int
+    ) -> Generator[tuple[int, Packed | Failed], None, tuple[list[int], str]]:
+        """Do jobs until none is left or a process dies. Returns those that were going on then, and
+        how the process died."""
+        with _workers(work, items, min(count, len(todo)), self.threads) as (submit, processes):
+            busy: dict[Future[Packed | Failed], int] = {}
+            try:
+                while todo or busy:
+                    while todo and len(busy) < count:
+                        busy[submit(todo[0])] = todo[0]
+                        todo.popleft()
+                    for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                        outcome = future.result()
+                        yield busy.pop(future), outcome
+            except BrokenProcessPool:
+                pass
+        return list(busy.values()), _end_of(processes)
+
+
+@contextlib.contextmanager
+def _workers(
+    work: Work[T, Any], items: Sequence[T], count: int, threads: bool
+) -> Iterator[tuple[Callable[[int], Future[Packed | Failed]], list[BaseProcess]]]:
+    """Those who do items by their numbers, and their processes; these end with it."""
+    processes: list[BaseProcess] = []
+    pool: Executor
+    if threads:
+        pool = ThreadPoolExecutor(count)
         try:
             with threadpool_limits(limits=1, user_api="blas"):
-                futures = {
-                    pool.submit(result_or_failure, work, item): i for i, item in enumerate(items)
-                }
-                for future in as_completed(futures):
-                    yield futures[future], future.result()
+                yield lambda i: pool.submit(packed_or_failure, work, items[i]), processes
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+        return
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin, (work, items))
 
-
-@dataclass(frozen=True)
-class Processes:
-    """Processes of this machine that inherit all there is, so that only results are sent; begun in
-    a moment. One that dies costs its own job an attempt and no other job anything."""
-
-    count: int
-
-    def __call__(
-        self, work: Work[T, Any], items: Sequence[T]
-    ) -> Iterator[tuple[int, Plain | Failed]]:
-        todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_WorkerProcess]()
-        busy: dict[Connection, tuple[_WorkerProcess, int]] = {}
-        workers: list[_WorkerProcess] = []
+    def submit(number: int) -> Future[Packed | Failed]:
+        # A signal that comes before a process is ready would end it with this one's answer to it.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
         try:
-            while todo or busy:
-                while todo and len(busy) < self.count:
-                    worker = idle.popleft() if idle else _WorkerProcess.begun(work, items, workers)
-                    i = todo.popleft()
-                    worker.ask(i)
-                    busy[worker.connection] = worker, i
-                for connection in wait(list(busy)):
-                    assert isinstance(connection, Connection)
-                    worker, i = busy.pop(connection)
-                    try:
-                        outcome = connection.recv()
-                    except (EOFError, OSError):
-                        attempts[i] += 1
-                        reason = worker.end()
-                        workers.remove(worker)
-                        if attempts[i] < ATTEMPTS:
-                            todo.appendleft(i)
-                        else:
-                            yield (
-                                i,
-                                Failed(
-                                    work.label(items[i]),
-                                    f"its process was killed {ATTEMPTS} times "
-                                    f"({reason}), perhaps for want of memory",
-                                ),
-                            )
-                        continue
-                    idle.append(worker)
-                    yield i, outcome
+            return pool.submit(_done_here, number)
         finally:
-            for worker in workers:
-                worker.process.terminate()
-            for worker in workers:
-                worker.end()
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            # public as `terminate_workers` from Python 3.14 on
+            processes[:] = processes or pool._processes.values()
+
+    try:
+        yield submit, processes
+    except BaseException:
+        for process in processes:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-@dataclass(frozen=True, eq=False)
-class _WorkerProcess:
-    """A process that works out the items whose numbers it is sent."""
-
-    connection: Connection
-    process: Any
-
-    @classmethod
-    def begun(
-        cls, work: Work[T, Any], items: Sequence[T], workers: list[_WorkerProcess]
-    ) -> _WorkerProcess:
-        context = multiprocessing.get_context("fork")
-        ours, theirs = context.Pipe()
-        # it inherits our ends of all lines: were they left open there, none would end if this
-        # process died
-        inherited = [ours, *(worker.connection for worker in workers)]
-        process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
-        # a signal that comes before the child is ready for it would end it with the parent's answer
-        # to it
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-        try:
-            process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, held)
-        theirs.close()
-        worker = cls(ours, process)
-        workers.append(worker)
-        return worker
-
-    def ask(self, number: int) -> None:
-        # it has died: the line says so when it is listened to
-        with contextlib.suppress(OSError):
-            self.connection.send(number)
-
-    def end(self) -> str:
-        """Wait for the end of a process that has died or was asked to end; says how it ended."""
-        self.process.join(5.0)
-        self.connection.close()
-        code = self.process.exitcode
-        return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+def _end_of(processes: list[BaseProcess]) -> str:
+    """How the first process ended that was not asked to."""
+    codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
+    code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
-def _serve(
-    connection: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
-) -> None:
+_given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if it does jobs
+
+
+def _begin(work: Work[T, Any], items: Sequence[T]) -> None:
     # Ctrl-C reaches every process of a terminal; the first one decides
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
-    for other in inherited:
-        other.close()
-    with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):
-        while True:
-            connection.send(result_or_failure(work, items[connection.recv()]))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threadpool_limits(limits=1, user_api="blas")
+    _given.append((work, items))
+
+
+def _end_with_parent() -> None:
+    """A pool's process would wait for ever for the next job of a parent that was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _done_here(number: int) -> Packed | Failed:
+    work, items = _given[-1]
+    return packed_or_failure(work, items[number])
 
 
 def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:

@@ -14,7 +14,6 @@ import hashlib
 import io
 import json
 import marshal
-import math
 import os
 import sys
 from collections.abc import Mapping
@@ -26,17 +25,12 @@ from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.base.files import MAP, make_folder, read_data, refuse_write, write_atomically
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import JOURNAL, remove_jobs
-
-# of str, bool, int, float, None, arrays of numbers, and lists and such dicts of these
-Plain = dict[str, Any]
-
-Numbers = NDArray[Any]
+from pamid.parallel.packing import Packed
 
 _ABOUT = "about"
 # packages that results depend on
@@ -49,30 +43,27 @@ class Store:
 
     folder: Path
 
-    def get(self, key: str) -> Plain | None:
+    def get(self, key: str) -> Packed | None:
         """The result of this key; None if there is none, or none that can be trusted."""
         with contextlib.suppress(FileError, ValueError, KeyError, TypeError, RecursionError):
             held = load_arrays(self.folder / f"{key}.npz")
             about = json.loads(held[_ABOUT].tobytes())
-            result: Plain = _with_arrays(
-                about["result"], [held[f"a{i}"] for i in range(about["arrays"])]
-            )
-            if about["key"] == key and about["sha256"] == digest(result):
+            arrays = tuple(held[f"a{i}"] for i in range(about["arrays"]))
+            result = Packed(about["result"], arrays)
+            if about["key"] == key and about["sha256"] == _digest_of(result):
                 return result
         return None
 
-    def put(self, key: str, what: str, result: Plain) -> None:
-        """Keep a result that `plain` has made, whole or not at all, and note in the journal that it
-        was worked out."""
+    def put(self, key: str, what: str, result: Packed) -> None:
+        """Keep a result, whole or not at all, and note in the journal that it was worked out."""
         make_folder(self.folder)
-        arrays: list[Numbers] = []
-        tree = _without_arrays(result, arrays)
+        arrays = result.arrays
         about = {
             "key": key,
             "what": what,
-            "sha256": digest(result),
+            "sha256": _digest_of(result),
             "arrays": len(arrays),
-            "result": tree,
+            "result": result.tree,
         }
         by_name = {f"a{i}": a for i, a in enumerate(arrays)}
         by_name[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
@@ -103,41 +94,8 @@ class Store:
         remove_jobs(self.folder)
 
 
-def plain(value: Any) -> Any:
-    """The same as plain data in one form: a result is alike whether it was worked out here, sent,
-    or read back.
-
-    TypeError for what is no plain data.
-    """
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        return value if value.flags.f_contiguous else np.ascontiguousarray(value)
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, Mapping) and all(isinstance(k, str) and k for k in value):
-        return {k: plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    raise TypeError(f"the result of a job holds a {type(value).__name__}, which is no plain data")
-
-
-def _without_arrays(value: Any, arrays: list[Numbers]) -> Any:
-    """The same as strict JSON; arrays, and numbers that JSON does not know, are put aside."""
-    if isinstance(value, np.ndarray) or isinstance(value, float) and not math.isfinite(value):
-        arrays.append(np.asarray(value))
-        return {"": len(arrays) - 1, "number": isinstance(value, float)}
-    if isinstance(value, dict):
-        return {k: _without_arrays(v, arrays) for k, v in value.items()}
-    return [_without_arrays(v, arrays) for v in value] if isinstance(value, list) else value
-
-
-def _with_arrays(value: Any, arrays: list[Numbers]) -> Any:
-    if isinstance(value, dict) and "" in value:
-        return float(arrays[value[""]]) if value["number"] else arrays[value[""]]
-    if isinstance(value, dict):
-        return {k: _with_arrays(v, arrays) for k, v in value.items()}
-    return [_with_arrays(v, arrays) for v in value] if isinstance(value, list) else value
+def _digest_of(result: Packed) -> str:
+    return digest(json.dumps(result.tree), *result.arrays)
 
 
 # ---- digests -----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ models.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,6 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -249,7 +248,7 @@ class _Responding(Work[Attachment, _Change]):
     settings: PowerSettings
     ground: Array
 
-    def __call__(self, item: Attachment) -> Plain:
+    def __call__(self, item: Attachment) -> _Change:
         assembly = model_with(self.evidence, (item,), self.sizes)
         own = [b for b in assembly.parameters if b.owner == item.label]
         # derivatives by the effect's own parameters are all that is asked of it, those by the rig's
@@ -274,21 +273,13 @@ class _Responding(Work[Attachment, _Change]):
                 tangents = np.zeros((len(self.ground), len(mine)))
                 common = len(rows.away) - len(mine)
                 tangents[:common] = rows.by_parameters[:common]
-        amount = _amount(own)
-        return {
-            "columns": np.column_stack([*columns, tangents]),
-            "amount": asdict(amount) if amount else {},
-        }
+        return _Change(np.column_stack([*columns, tangents]), _amount(own))
 
     def _beside(self, away: Array, own: int) -> Array:
         """Rows that the model without the effect has, too: not those of the effect's data sheet,
         which are the last, but those of the rig's, which stays as it was fitted."""
         common = len(away) - own
         return np.concatenate([away[:common], self.ground[common:]])
-
-    def restored(self, item: Attachment, plain: Plain) -> _Change:
-        amount = plain["amount"]
-        return _Change(plain["columns"], Amount(**amount) if amount else None)
 
     def name(self, item: Attachment) -> str:
         return item.label

@@ -39,7 +39,6 @@ from pamid.excitation.experiments import (
     menu,
 )
 from pamid.parallel.jobs import Work
-from pamid.parallel.result_store import Plain
 from pamid.planning.experiment_ways import (
     NEXT_FILES,
     Predictions,
@@ -139,16 +138,8 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 
     what = "looking for the next experiment"
 
-    def __call__(self, item: Diagnosis) -> Plain:
-        proposal = next_experiment(item)
-        if isinstance(proposal, Proposal):
-            return {**vars(proposal), "experiment": proposal.experiment.as_json()}
-        return vars(proposal) if proposal else {}
-
-    def restored(self, item: Diagnosis, plain: Plain) -> Proposal | WithheldExperiment | None:
-        if "experiment" not in plain:
-            return WithheldExperiment(**plain) if plain else None
-        return Proposal(**{**plain, "experiment": NextExperiment(**plain["experiment"])})
+    def __call__(self, item: Diagnosis) -> Proposal | WithheldExperiment | None:
+        return next_experiment(item)
 
     def name(self, item: Diagnosis) -> str:
         return ""

@@ -147,7 +147,17 @@ def run_demo(
         else write_rig_recording(run.folder, machine_of(rig), seed=seed)
     )
     run.finish()
-    diagnosis = _diagnosed(run, rig, recording, seed, jobs, progress)
+    # noted as the command that does just this: with another --output anyone can repeat it
+    words = ["pamid", "diagnose", str(recording), "--rig", rig, "--output", str(run.folder)]
+    diagnosis = diagnose(
+        recording,
+        rig,
+        seed=seed,
+        jobs=jobs,
+        output=run,
+        progress=progress,
+        command=[*words, "--seed", str(seed), "--jobs", str(jobs)],
+    ).to_dict()
     network = _trained(run, seed, progress)["mae"] if joint else None
     progress("writing the page")
     report = write_report(run.folder)
@@ -174,38 +184,14 @@ def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Hit:
     return "right" if families == {truth["family"]} else "among"
 
 
-def _diagnosed(
-    run: Run, rig: str, recording: Path, seed: int, jobs: int, progress: Progress
-) -> dict[str, Any]:
-    # noted as the command that does just this: with another --output anyone can repeat it
-    words = ["pamid", "diagnose", str(recording), "--rig", rig, "--output", str(run.folder)]
-    diagnosis = diagnose(
-        recording,
-        rig,
-        seed=seed,
-        jobs=jobs,
-        output=run,
-        progress=progress,
-        command=[*words, "--seed", str(seed), "--jobs", str(jobs)],
-    )
-    return diagnosis.to_dict()
-
-
 def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
+    options = f"--iterations {ITERATIONS} --seed {seed}".split()
     network = train_residual(
         run.folder,
         iterations=ITERATIONS,
         seed=seed,
         progress=lambda text: progress(f"training a network, step {text}"),
-        command=[
-            "pamid",
-            "train-residual",
-            str(run.folder),
-            "--iterations",
-            str(ITERATIONS),
-            "--seed",
-            str(seed),
-        ],
+        command=["pamid", "train-residual", str(run.folder), *options],
     )
     if network.interrupted:
         raise KeyboardInterrupt

@@ -365,7 +365,8 @@ def reproduce(
         twin=result.JointTwinUsed(analytic_mae_without_noise=calibration(twin), **asdict(twin)),
         published=result.PublishedFigures(
             mae=PUBLISHED,
-            improvement=published_improvement(),
+            # the paper's 24 %, at the inertia that the network was trained with
+            improvement=1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC_MODEL][TRAINED],
             training=training_figures(PUBLISHED_TRAINING),
         ),
         rows=table,
@@ -376,28 +377,22 @@ def reproduce(
     )
     write_json(run.path(TABLE_FILE), content.as_json())
     write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
-    for file, png in own_figures(records, analytic, elman, network).items():
-        write_atomically(run.path(file), png)
-    timed = tuple(
-        cells.model_copy(update={"seconds": row.seconds})
-        for cells, row in zip(table, rows, strict=True)
-    )
-    return content.model_copy(update={"rows": timed}).as_json()
-
-
-def own_figures(
-    records: JointRecords, analytic: ModelRow, elman: ModelRow, network: Correction
-) -> dict[str, bytes]:
-    """The paper's figures, PNG by file."""
     loop = records.analytic["training"][derived(ANGLE_COLUMN, "loop")]
     models = {"analytic model": analytic.angles, "with the network": elman.angles}
-    return {
+    figures = {
         RESPONSES_FIGURE: responses_png(records.steps, models),
         PRESSURES_FIGURE: pressures_png(records.steps),
         EXCITATION_FIGURE: excitation_png(records.training, loop),
         TRAINING_FIGURE: training_png(network.training.trace, PUBLISHED_TRAINING),
         SURFACE_FIGURE: force_surface_png(),
     }
+    for file, png in figures.items():
+        write_atomically(run.path(file), png)
+    timed = tuple(
+        cells.model_copy(update={"seconds": row.seconds})
+        for cells, row in zip(table, rows, strict=True)
+    )
+    return content.model_copy(update={"rows": timed}).as_json()
 
 
 def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
@@ -426,16 +421,6 @@ def table_row(row: ModelRow, analytic: ModelRow) -> result.PaperRow:
 
 
 def training_figures(training: dict[str, Any]) -> result.PaperTraining:
-    """How a training went, its error as a share of the range beside the scaled mse."""
-    return result.PaperTraining(**training, rmse_of_range=of_range(training["mse"]))
-
-
-def published_improvement() -> float:
-    """The paper's 24 %: by how much its network lowers the error at the inertia it was trained
-    with."""
-    return 1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC_MODEL][TRAINED]
-
-
-def of_range(mse: float) -> float:
-    """Root of a mean squared error of signals within [-1, 1], as a share of that range."""
-    return math.sqrt(mse) / 2.0
+    """How a training went, its error as a share of the range, which is two, beside the scaled
+    mse."""
+    return result.PaperTraining(**training, rmse_of_range=math.sqrt(training["mse"]) / 2.0)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.errors import UsageError, nearest
-from pamid.trial.faults import FAULTS, Draw, Fault, Planted, between, planted
+from pamid.trial.faults import FAULTS, Fault, Planted, between, planted
 
 MUSCLES, JOINTS = ("11", "12", "21", "22"), ("1", "2")
 EVERYWHERE = 0.3  # share of the faults of muscles that all four have alike
@@ -82,13 +82,10 @@ _AT_JOINT_1 = {
 _LEFT_OUT = ("gravity",)
 
 
-def _times(draw: Draw, factor: float) -> Draw:
-    return lambda random: factor * draw(random)
-
-
 def _for_arm(fault: Fault) -> Fault:
     sizes = {
-        name: _times(draw, 2.0) if name in _TWICE else draw for name, draw in fault.sizes.items()
+        name: (lambda random, draw=draw: 2.0 * draw(random)) if name in _TWICE else draw
+        for name, draw in fault.sizes.items()
     }
     if fault.name == "end-stop":
         sizes["stop_rad"] = between(radians(20.0), radians(27.0))

@@ -162,21 +162,16 @@ def read(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
 
 @njit
 def run(
-    a: Any,
-    m: Any,
-    f: Any,
-    waves: Array,
-    reference: Array,
-    closed: bool,
-    controller: Array,
-    noise_deg: Array,
-    period: float,
-    steps: int,
-    readings: Array,
-    commands: Array,
+    a: Any, m: Any, f: Any, waves: Array, control: Any, clock: Any, logged: tuple[Array, Array]
 ) -> None:
-    """Fill readings (samples x 14, SI, before noise) and commands (2 x samples); asked (2 x
-    samples): references in deg, or the commands themselves; waves: (joint, muscle, wave, 3)."""
+    """Fill `logged`: readings (samples x 14, SI, before noise) and commands (2 x samples).
+
+    control: references in deg or the commands themselves (2 x samples), whether the loop is closed,
+    the controller, noise of the angles in deg; clock: sampling period and steps in it; waves:
+    (joint, muscle, wave, 3).
+    """
+    (reference, closed, controller, noise_deg), (readings, commands) = control, logged
+    period, steps = clock
     h, n = period / steps, reference.shape[1]
     x, s, z = (
         np.zeros((2, JOINT_STATES)),
@@ -192,20 +187,12 @@ def run(
             readings[k] = y[:, 0]
             for j in range(2):
                 readings[k, j] = moved_zero(y[j, 0], f[JOINT + j])
-                commands[j, k] = (
-                    reference[j, k]
-                    if not closed
-                    else command_of(
-                        memory[j],
-                        k,
-                        reference[j, k],
-                        readings[k, j],
-                        noise_deg[j, k],
-                        m[j],
-                        controller,
-                        period,
+                commands[j, k] = reference[j, k]
+                if closed:
+                    angle_deg = np.degrees(readings[k, j]) + noise_deg[j, k]
+                    commands[j, k] = command_of(
+                        memory[j], k, reference[j, k], angle_deg, m[j], controller, period
                     )
-                )
         for step in range(steps):
             at = k * steps + step
             drawn = 0.0
@@ -215,17 +202,9 @@ def run(
                     drawn += pair_air(x[j], s[j], m[j], f[2 * j], f[2 * j + 1], drive[j], h)
             x[:, SUPPLY] = supply_after(x[0, SUPPLY], drawn, m[0], f[SHARED], h)
             for j in range(2):
-                torque[j] = place_torque(x[j], f[JOINT + j], at * h) + pair_torque(
-                    x[j],
-                    s[j],
-                    z[j],
-                    m[j],
-                    f[JOINT + j],
-                    f[2 * j],
-                    f[2 * j + 1],
-                    waves[j],
-                    max(k, 0) / n,
-                    h,
-                )
+                faults = f[JOINT + j], f[2 * j], f[2 * j + 1]
+                force_map = waves[j], max(k, 0) / n
+                torque[j] = place_torque(x[j], f[JOINT + j], at * h)
+                torque[j] += pair_torque(x[j], (s[j], z[j]), m[j], faults, force_map, h)
             advance_arm(x, a, f, torque, h)
             read(y, x, s, m, f, h)

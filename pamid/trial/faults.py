@@ -194,7 +194,7 @@ def one_of(*values: float) -> Draw:
     return lambda random: float(random.choice(values))
 
 
-def _named(
+def known_fault(
     name: str,
     family: str,
     port: str,
@@ -203,6 +203,8 @@ def _named(
     also: tuple[str, ...] = (),
     needs: tuple[str, ...] = (),
 ) -> Fault:
+    """An effect of the catalogue; without `amounts` the first size is the only one. also: other
+    names of the very same."""
     return Fault(
         name,
         family,
@@ -214,9 +216,10 @@ def _named(
     )
 
 
-def _nameless(
+def nameless_fault(
     word: str, port: str, sizes: Mapping[str, Draw], needs: tuple[str, ...] = ()
 ) -> Fault:
+    """One that is in no catalogue."""
     return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),), needs=frozenset(needs))
 
 
@@ -224,57 +227,57 @@ _HYSTERESIS, _FRICTION, _VALVE = "muscle-hysteresis", "friction", "valve-dead-ba
 _FLEXIBLE = "flexible-transmission"
 
 _ALL = (
-    _named("dead-time", "command-timing", "command", {"delay_s": around(0.012)}),
-    _named("valve-dead-band", _VALVE, "command", {"lost_duty": around(0.05)}),
-    _named(
+    known_fault("dead-time", "command-timing", "command", {"delay_s": around(0.012)}),
+    known_fault("valve-dead-band", _VALVE, "command", {"lost_duty": around(0.05)}),
+    known_fault(
         "valve-switching",
         _VALVE,
         "command",
         {"pulse_period_s": fixed(0.03), "opening_s": around(0.002), "closing_s": around(0.001)},
     ),
-    _named(
+    known_fault(
         "pwm-quantisation",
         _VALVE,
         "command",
         {"pulse_period_s": fixed(0.03), "tick_s": around(0.003)},
     ),
-    _named("tube-lag", "tube-lag", "valve", {"tube_s": around(0.015)}),
-    _named("supply-sag", "supply-sag", "valve", {"sag_pa": around(45e3)}),
-    _named("flow-mismatch", "flow-mismatch", "valve", {"flow_mismatch": either(0.12)}),
-    _named("leak", "leak", "pressure", {"leak": around(0.01)}),
-    _named(
+    known_fault("tube-lag", "tube-lag", "valve", {"tube_s": around(0.015)}),
+    known_fault("supply-sag", "supply-sag", "valve", {"sag_pa": around(45e3)}),
+    known_fault("flow-mismatch", "flow-mismatch", "valve", {"flow_mismatch": either(0.12)}),
+    known_fault("leak", "leak", "pressure", {"leak": around(0.01)}),
+    known_fault(
         "heat-transfer",
         "heat-transfer",
         "pressure",
         {"heat": around(0.5, 0.5, 2.0), "wall_w_k": between(0.5, 1.8)},
     ),
     # a sum of stops of any widths: one and the same operator
-    _named(
+    known_fault(
         "maxwell-slip-hysteresis",
         _HYSTERESIS,
         "muscle",
         {"slip_n": around(35.0), "slip_reach": around(0.004)},
         also=("prandtl-ishlinskii-hysteresis",),
     ),
-    _named(
+    known_fault(
         "bouc-wen-hysteresis",
         _HYSTERESIS,
         "muscle",
         {"loop_n": around(35.0), "loop_reach": around(0.0048), "loop_shape": between(0.5, 1.0)},
     ),
-    _named(
+    known_fault(
         "prandtl-ishlinskii-hysteresis",
         _HYSTERESIS,
         "muscle",
         {"play_n": around(35.0), "play_reach": around(0.016), "play_bend": between(-5.0, 5.0)},
     ),
-    _named(
+    known_fault(
         "thread-friction",
         _HYSTERESIS,
         "muscle",
         {"thread_n": around(28.0), "thread_reach": around(5e-4)},
     ),
-    _named(
+    known_fault(
         "muscle-creep",
         "muscle-creep",
         "muscle",
@@ -285,38 +288,40 @@ _ALL = (
         },
         needs=(LONG_HOLDS,),
     ),
-    _named("threshold-pressure", "threshold-pressure", "muscle", {"threshold_pa": around(20e3)}),
-    _named("force-asymmetry", "asymmetry", "muscle", {"force_difference": either(0.05)}),
-    _named(
+    known_fault(
+        "threshold-pressure", "threshold-pressure", "muscle", {"threshold_pa": around(20e3)}
+    ),
+    known_fault("force-asymmetry", "asymmetry", "muscle", {"force_difference": either(0.05)}),
+    known_fault(
         "length-asymmetry",
         "asymmetry",
         "muscle",
         {"length_difference": either(0.01)},
         also=("angle-sensor-offset",),
     ),
-    _named(
+    known_fault(
         "angle-sensor-offset",
         "asymmetry",
         "sensor",
         {"zero_rad": either(radians(1.0))},
         also=("length-asymmetry",),
     ),
-    _named(
+    known_fault(
         "force-compensator",
         "force-limit",
         "muscle",
         {"relief": around(0.5), "relief_n": between(680.0, 780.0)},
     ),
-    _named(
+    known_fault(
         "coulomb-friction", _FRICTION, "joint", {"dahl_nm": around(0.3), "dahl_rad": around(7e-4)}
     ),
-    _named(
+    known_fault(
         "stribeck-friction",
         _FRICTION,
         "joint",
         {"stick_nm": around(0.3), "stick_peak": between(0.3, 1.0), "stick_rad_s": around(0.05)},
     ),
-    _named(
+    known_fault(
         "lugre-friction",
         _FRICTION,
         "joint",
@@ -327,26 +332,26 @@ _ALL = (
             "plastic_rad": around(1e-3),
         },
     ),
-    _named(
+    known_fault(
         "end-stop",
         "end-stop",
         "joint",
         {"stop_nm_rad": around(700.0), "stop_rad": between(radians(22.0), radians(30.0))},
         needs=(WIDE_RANGE,),
     ),
-    _named(
+    known_fault(
         "gravity",
         "gravity",
         "joint",
         {"weight_nm": either(0.5), "weight_rad": between(radians(-40.0), radians(40.0))},
     ),
-    _named(
+    known_fault(
         "external-vibration",
         "external-disturbance",
         "joint",
         {"shake_nm": around(0.3), "shake_hz": between(1.5, 15.0), "shake_rad": between(0.0, 6.28)},
     ),
-    _named(
+    known_fault(
         "two-mass",
         _FLEXIBLE,
         "structure",
@@ -357,7 +362,7 @@ _ALL = (
         },
         needs=(HIGH_INERTIA,),
     ),
-    _named(
+    known_fault(
         "backlash",
         _FLEXIBLE,
         "structure",
@@ -370,30 +375,30 @@ _ALL = (
         },
         needs=(HIGH_INERTIA,),
     ),
-    _named("chain-stretch", _FLEXIBLE, "structure", {"chain_m_n": around(5e-6)}),
-    _named("angle-sensor-lag", "sensor-dynamics", "sensor", {"angle_lag_s": around(0.005)}),
-    _named(
+    known_fault("chain-stretch", _FLEXIBLE, "structure", {"chain_m_n": around(5e-6)}),
+    known_fault("angle-sensor-lag", "sensor-dynamics", "sensor", {"angle_lag_s": around(0.005)}),
+    known_fault(
         "pressure-sensor-lag",
         "sensor-dynamics",
         "sensor",
         {"pressure_lag_s": around(0.008)},
         needs=(PRESSURES,),
     ),
-    _named(
+    known_fault(
         "pressure-sensor-offset",
         "sensor-offset",
         "sensor",
         {"pressure_zero_pa": either(5e3)},
         needs=(PRESSURES,),
     ),
-    _named(
+    known_fault(
         "pressure-sensor-gain",
         "sensor-gain",
         "sensor",
         {"pressure_gain": either(0.03)},
         needs=(PRESSURES,),
     ),
-    _named(
+    known_fault(
         "clock-skew",
         "sensor-timing",
         "sensor",
@@ -401,16 +406,18 @@ _ALL = (
         "early_s",
         "skew_ppm",
     ),
-    _nameless(
+    nameless_fault(
         "eccentric-wheel",
         "structure",
         {"wheel": around(0.06), "wheel_waves": one_of(1.0, 3.0), "wheel_rad": between(0.0, 6.28)},
     ),
-    _nameless("bent-damping", "joint", {"bent_damping": around(1.5)}),
-    _nameless("bulge", "pressure", {"bulge": around(0.15)}),
-    _nameless("one-sided-drag", "muscle", {"stretch_drag": around(4000.0)}),
-    _nameless("detent", "joint", {"detent_nm": around(0.5), "detents": one_of(12.0, 18.0, 24.0)}),
-    _nameless(
+    nameless_fault("bent-damping", "joint", {"bent_damping": around(1.5)}),
+    nameless_fault("bulge", "pressure", {"bulge": around(0.15)}),
+    nameless_fault("one-sided-drag", "muscle", {"stretch_drag": around(4000.0)}),
+    nameless_fault(
+        "detent", "joint", {"detent_nm": around(0.5), "detents": one_of(12.0, 18.0, 24.0)}
+    ),
+    nameless_fault(
         "hot-valves", "valve", {"wear": around(0.12, 0.5, 2.5), "wear_s": between(4.0, 15.0)}
     ),
 )

@@ -64,42 +64,14 @@ def advance_joint(x: Array, m: Any, f: Any, torque: float, h: float) -> None:
 
 
 @njit
-def advance(
-    x: Array,
-    s: Array,
-    z: Array,
-    m: Any,
-    f: Any,
-    waves: Array,
-    drive: float,
-    clock: float,
-    worn: float,
-    held: bool,
-    h: float,
-) -> None:
-    """One step; `held`: pressures are kept where they are, as before a recording begins."""
-    if not held:
-        x[SUPPLY] = supply_after(x[SUPPLY], pair_air(x, s, m, f, f, drive, h), m, f, h)
-    torque = pair_torque(x, s, z, m, f, f, f, waves, worn, h)
-    advance_joint(x, m, f, torque + place_torque(x, f, clock), h)
-
-
-@njit
 def run(
-    m: Any,
-    f: Any,
-    waves: Array,
-    reference: Array,
-    closed: bool,
-    controller: Array,
-    noise_deg: Array,
-    period: float,
-    steps: int,
-    readings: Array,
-    commands: Array,
+    m: Any, f: Any, waves: Array, control: Any, clock: Any, logged: tuple[Array, Array]
 ) -> None:
-    """Fill readings (samples x 5, SI, before noise: angle, gauge pressures, forces) and commands;
-    asked: reference in deg, or the command itself."""
+    """Fill `logged`: readings (samples x 5, SI, before noise: angle, gauge pressures, forces) and
+    commands. control: reference in deg or the command itself, whether the loop is closed, the
+    controller, noise of the angle in deg; clock: sampling period and steps in it."""
+    (reference, closed, controller, noise_deg), (readings, commands) = control, logged
+    period, steps = clock
     h, n = period / steps, reference.shape[0]
     x, s, z, y = (
         np.zeros(JOINT_STATES),
@@ -114,17 +86,17 @@ def run(
         if k >= 0:
             readings[k] = y[:, 0]
             readings[k, 0] = moved_zero(y[0, 0], f)
-            commands[k] = (
-                reference[k]
-                if not closed
-                else command_of(
-                    memory, k, reference[k], readings[k, 0], noise_deg[k], m, controller, period
-                )
-            )
+            commands[k] = reference[k]
+            if closed:
+                angle_deg = np.degrees(readings[k, 0]) + noise_deg[k]
+                commands[k] = command_of(memory, k, reference[k], angle_deg, m, controller, period)
         for j in range(steps):
             at = k * steps + j
-            drive = driven(x, m, f, commands, at, steps, period) if k >= 0 else 0.0
-            advance(x, s, z, m, f, waves, drive, at * h, max(k, 0) / n, k < 0, h)
+            if k >= 0:  # before a recording begins, pressures are kept where they are
+                drive = driven(x, m, f, commands, at, steps, period)
+                x[SUPPLY] = supply_after(x[SUPPLY], pair_air(x, s, m, f, f, drive, h), m, f, h)
+            torque = pair_torque(x, (s, z), m, (f, f, f), (waves, max(k, 0) / n), h)
+            advance_joint(x, m, f, torque + place_torque(x, f, at * h), h)
             smoothed(y[0], x[ANGLE], m.filter_lag + f.angle_lag_s, h)
             for i in range(2):
                 smoothed(y[1 + i], s[i, PRESSURE] - ATMOSPHERE, m.filter_lag + f.pressure_lag_s, h)

@@ -113,10 +113,11 @@ def volume(m: Any, f: Any, contraction: float, pressure: float) -> tuple[float, 
 
 @njit(cache=True)
 def advance_air(
-    i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: float, h: float
+    i: int, x: Array, s: Array, m: Any, f: Any, valves: tuple[float, float], h: float
 ) -> float:
-    """Pressures of muscle i after one step, for the openings of its valves. Returns the p V flow
-    from the supply."""
+    """Pressures of muscle i after one step, for the openings of its valves (fill, vent). Returns
+    the p V flow from the supply."""
+    fill, vent = valves
     mate = (1.0 - 2.0 * i) * 0.5
     share = (1.0 + mate * f.flow_mismatch) * (1.0 - f.wear * s[i, WEAR])
     c_in, c_out = (m.fill_1, m.vent_1) if i == 0 else (m.fill_2, m.vent_2)
@@ -165,8 +166,8 @@ def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: fl
     share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
     share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
     up, down = max(drive, 0.0), max(-drive, 0.0)
-    drawn = advance_air(0, x, s, m, f_1, up * share_1, down * (1.0 - share_2), h)
-    return drawn + advance_air(1, x, s, m, f_2, down * share_2, up * (1.0 - share_1), h)
+    drawn = advance_air(0, x, s, m, f_1, (up * share_1, down * (1.0 - share_2)), h)
+    return drawn + advance_air(1, x, s, m, f_2, (down * share_2, up * (1.0 - share_1)), h)
 
 
 @njit(cache=True)
@@ -211,12 +212,10 @@ def static_pull(
 
 
 @njit(cache=True)
-def held_back(
-    i: int, chi: float, step: float, rate: float, p: float, s: Array, z: Array, f: Any
-) -> float:
+def held_back(i: int, chi: float, step: float, rate: float, s: Array, z: Array, f: Any) -> float:
     """Rate-independent friction (N) within muscle i after a change of contraction by `step`; z: its
     elements."""
-    pressed = max(p, 0.0) / 6e5
+    pressed = max(s[i, PRESSURE] - ATMOSPHERE, 0.0) / 6e5
     force = 0.0
     if f.slip_n > 0.0:  # widths over a factor 50, ever weaker
         total = weights = 0.0
@@ -250,25 +249,17 @@ def held_back(
 
 @njit(cache=True)
 def advance_pull(
-    i: int,
-    s: Array,
-    z: Array,
-    m: Any,
-    f: Any,
-    waves: Array,
-    at: float,
-    rate: float,
-    worn: float,
-    h: float,
+    i: int, muscles: Any, m: Any, f: Any, force_map: Any, motion: tuple[float, float], h: float
 ) -> None:
-    """Force of muscle i, whose contraction by the angle is `at`; an elastic chain lets the muscle
-    run ahead of it."""
+    """Force of muscle i; an elastic chain lets the muscle run ahead of the angle. muscles: (s, z);
+    force_map: (waves, worn); motion: contraction by the angle, and its rate."""
+    (s, z), (waves, worn), (at, rate) = muscles, force_map, motion
     absolute = s[i, PRESSURE]
     p = absolute - ATMOSPHERE
     old = s[i, CONTRACTION]
     crept = s[i, CREEP_1] + s[i, CREEP_2]
     if f.chain_m_n > 0.0:
-        dry = held_back(i, old, h * s[i, RATE], s[i, RATE], p, s, z, f)
+        dry = held_back(i, old, h * s[i, RATE], s[i, RATE], s, z, f)
         surplus = static_pull(i, old + crept, p, m, f, waves, worn) - dry
         stretch = m.length * (old - at)
         hard = (1.0 + abs(stretch) / 0.02) / f.chain_m_n
@@ -280,7 +271,7 @@ def advance_pull(
         s[i, CONTRACTION], s[i, RATE] = old + moved, moved / h
         pull = hard * (stretch + m.length * moved)
     else:
-        dry = held_back(i, at, at - old, rate, p, s, z, f)
+        dry = held_back(i, at, at - old, rate, s, z, f)
         s[i, CONTRACTION], s[i, RATE] = at, rate
         pull = static_pull(i, at + crept, p, m, f, waves, worn) - m.damping * absolute * rate - dry
         if rate < 0.0:
@@ -308,24 +299,14 @@ def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def pair_torque(
-    x: Array,
-    s: Array,
-    z: Array,
-    m: Any,
-    f: Any,
-    f_1: Any,
-    f_2: Any,
-    waves: Array,
-    worn: float,
-    h: float,
-) -> float:
-    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: faults of the joint and of each
-    muscle."""
-    wound, lever = winding(x, m, f)
+def pair_torque(x: Array, muscles: Any, m: Any, f: Any, force_map: Any, h: float) -> float:
+    """Torque (N m) of both muscles on the wheel; f: faults of the joint and of each muscle; the
+    others as of `advance_pull`."""
+    s = muscles[0]
+    wound, lever = winding(x, m, f[0])
     rate = lever * x[SPEED] / m.length
-    advance_pull(0, s, z, m, f_1, waves, m.contraction_0 + wound, rate, worn, h)
-    advance_pull(1, s, z, m, f_2, waves, m.contraction_0 - wound, -rate, worn, h)
+    advance_pull(0, muscles, m, f[1], force_map, (m.contraction_0 + wound, rate), h)
+    advance_pull(1, muscles, m, f[2], force_map, (m.contraction_0 - wound, -rate), h)
     return lever * (s[0, PULL] - s[1, PULL])
 
 
@@ -412,18 +393,15 @@ def command_of(
     memory: Array,
     k: int,
     reference: float,
-    angle: float,
-    noise_deg: float,
+    angle_deg: float,
     m: Any,
     controller: Array,
     period: float,
 ) -> float:
-    """The PD controller's command at sample k; memory: its last error and the slope of it, in deg
-    and s."""
+    """The PD controller's command at sample k for a noisy angle; memory: its last error and the
+    slope of it, in deg and s."""
     kp, kd, smoothing, limit = controller
-    error = (
-        reference - np.floor((np.degrees(angle) + noise_deg) / m.angle_step + 0.5) * m.angle_step
-    )
+    error = reference - np.floor(angle_deg / m.angle_step + 0.5) * m.angle_step
     if k > 0:
         memory[1] += ((error - memory[0]) / period - memory[1]) * period / (smoothing + period)
     memory[0] = error

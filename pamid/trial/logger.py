@@ -93,6 +93,17 @@ class Logger:
 PLAIN_LOGGER = Logger()
 
 
+@dataclass(frozen=True)
+class Readout:
+    """How a run is read: factor of the sensors' usual noise, seed of the noise, logger, and steps
+    of the integration per sample, 0 for the machine's usual number."""
+
+    noise: float = 0.0
+    seed: int = 0
+    logger: Logger = PLAIN_LOGGER
+    steps: int = 0
+
+
 def draw_logger(random: np.random.Generator, seconds: float) -> Logger:
     """A logger with coloured noise, a jittering clock and a start in motion; half of them with a
     coarse gauge."""

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Record = Callable[[Mapping[str, Mapping[str, float]], Any, int], dict[str, Array]]
 
 ONE_DOF, TWO_LINK = "one-dof", "two-link"
+AHEAD = 32  # samples run on after the end, for readings stamped early
 _FOLDER = "pamid.trial.machines"
 
 
@@ -91,3 +92,8 @@ def machine_named(rig: str) -> Machine:
         )
     machine: Machine = import_module(f"{_FOLDER}.{rig.replace('-', '_')}").MACHINE
     return machine
+
+
+def packed(**values: float) -> Any:
+    """Numbers as the record that compiled code reads by name."""
+    return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])[0]

@@ -425,7 +425,9 @@ def draw_specimen(
     noise = {}
     for name, spread in zip(plain.program.outputs, read.std(axis=0), strict=True):
         stated = rig.noise.get(name, 0.0)
-        noise[name] = stated or NOISE_SHARE * float(spread) / _si_per_unit(name)
+        symbol = split_column(name)[1]
+        per_unit = float(to_si(1.0, symbol) - to_si(0.0, symbol))
+        noise[name] = stated or NOISE_SHARE * float(spread) / per_unit
     rig = copy.copy(rig)
     vars(rig)["noise"] = noise
     return RigSpecimen(
@@ -442,11 +444,6 @@ def draw_specimen(
         },
         probe=probe,
     )
-
-
-def _si_per_unit(column: str) -> float:
-    symbol = split_column(column)[1]
-    return float(to_si(1.0, symbol) - to_si(0.0, symbol))
 
 
 def _drawn(b: Bound, random: np.random.Generator) -> float:

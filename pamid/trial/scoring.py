@@ -199,15 +199,11 @@ def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate
             "shrinkage_error": _figure(error, np.median, seed),
             "shrinkage_bias": _figure(bias, np.median, seed),
             "seconds": _figure(seconds, np.median, seed),
-            "seconds_worst": _worst(seconds),
+            "seconds_worst": Figure(
+                value=max(seconds.tolist(), default=None), low=None, high=None, of=len(seconds)
+            ),
         },
         _share(covered, len(forecasts)),
-    )
-
-
-def _worst(values: Array) -> Figure:
-    return Figure(
-        value=float(values.max()) if len(values) else None, low=None, high=None, of=len(values)
     )
 
 
@@ -243,17 +239,13 @@ def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], t
             )
     return (
         {
-            "ece": _figure(rows, _ece, seed),
+            "ece": _figure(rows, lambda r: calibration_error(r[:, 0], r[:, 1]), seed),
             "brier": _figure(rows, _brier, seed),
             "brier_skill": _figure(rows, _skill, seed),
             "aurc": _figure(rows, _risk, seed),
         },
         tuple(bins),
     )
-
-
-def _ece(rows: Array) -> float:
-    return calibration_error(rows[:, 0], rows[:, 1])
 
 
 def _brier(rows: Array) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from pamid.trial.faults import Draw, Fault, around, between, either
+from pamid.trial.faults import Draw, Fault, around, between, either, known_fault
 
 #: effects that need both signs to show, or to differ from another effect
 TWO_SIDED = (
@@ -117,31 +117,6 @@ class ClockSizes:
     skew_ppm: float = 0.0
 
 
-def known_fault(
-    name: str,
-    family: str,
-    port: str,
-    sizes: Mapping[str, Draw],
-    *amounts: str,
-    also: tuple[str, ...] = (),
-) -> Fault:
-    """An effect of the catalogue at one port; without `amounts` the first size is the only one.
-    also: other names of the very same."""
-    return Fault(
-        f"{name}@{port}",
-        family,
-        port,
-        sizes,
-        amounts or (next(iter(sizes)),),
-        frozenset((name, *also)),
-    )
-
-
-def nameless_fault(word: str, port: str, sizes: Mapping[str, Draw]) -> Fault:
-    """One that is in no catalogue."""
-    return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),))
-
-
 def clock_fault(port: str, period_s: float) -> Fault:
     """A separate clock for all readings; port: name under which they are reported."""
     return known_fault(
@@ -211,7 +186,7 @@ def signal_faults(
     # below zero there is nothing that could tell them apart
     return [
         replace(f, exact=f.exact | {f"asymmetric-{name}" for name in f.exact})
-        if s.one_sided and f.name.startswith(("dead-zone@", "saturation@"))
+        if s.one_sided and f.name in ("dead-zone", "saturation")
         else f
         for f in faults
     ]

@@ -150,10 +150,11 @@ def bristles(v: float, load: float, level: float, z: Array, f: Any, h: float) ->
 
 @njit(cache=True)
 def resisted(
-    q: float, v: float, load: float, level: float, z: Array, f: Any, clock: float, h: float
+    q: float, v: float, pressed: tuple[float, float], z: Array, f: Any, clock: float, h: float
 ) -> float:
-    """All forces that are planted against a motion, but for the true stick; q: position."""
-    force = bristles(v, load, level, z, f, h)
+    """All forces that are planted against a motion, but for the true stick; q: position; pressed:
+    normal load, and the level of a current or pressure."""
+    force = bristles(v, pressed[0], pressed[1], z, f, h)
     force += f.grease * v / (1.0 + 0.2 * abs(v) / f.speed)
     force += (f.damping_forward if v > 0.0 else f.damping_backward) * v
     force += f.square_drag * np.sign(v) * (abs(v) / f.speed) ** 1.9
@@ -188,6 +189,32 @@ def arrested(free: float, v: float, f: Any, h: float, mass: float) -> float:
     if f.stick <= 0.0:
         return free
     return np.sign(free) * max(0.0, abs(free) - h * stick(v, f) / mass)
+
+
+@njit(cache=True)
+def turned(
+    x: Array, push: float, damped: float, inertia: float, f: Any, link: Any, h: float
+) -> None:
+    """One step of a shaft, in place: angle, speed, and those of a share of the inertia behind a
+    spring with play. Damping by the trapezoidal rule, so that the error of a step is of second
+    order; f: forces on the shaft, link: sizes of the spring."""
+    angle, speed = x[0], x[1]
+    if link.outboard > 0.0:
+        load = inertia * link.outboard
+        swing = 2.0 * np.pi * link.outboard_hz
+        twist = angle - x[2]
+        beyond = twist - min(max(twist, -link.play), link.play)
+        pull = load * swing * swing * beyond * (1.0 + (beyond / 0.3) ** 2)
+        if beyond != 0.0:
+            pull += 2.0 * link.outboard_ratio * load * swing * (speed - x[3])
+        push -= pull
+        x[3] += h * pull / load
+        x[2] += h * x[3]
+    inertia *= 1.0 - link.outboard
+    c = 0.5 * h * damped / inertia
+    free = (speed * (1.0 - c) + h * push / inertia) / (1.0 + c)
+    x[1] = arrested(free, speed, f, h, inertia)
+    x[0] += 0.5 * h * (speed + x[1])
 
 
 @njit(cache=True)

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Draw, Fault
-from pamid.trial.joint_plant import AHEAD, packed
-from pamid.trial.logger import PLAIN_LOGGER, Logger
-from pamid.trial.machine import Record
+from pamid.trial.logger import Readout
+from pamid.trial.machine import AHEAD, Record, packed
 from pamid.trial.starter_faults import (
     ClockSizes,
     ForceSizes,
@@ -122,10 +121,12 @@ class StarterMachine:
             elif isinstance(there, ForceSizes):
                 faults += force_faults(port, there, less)
         faults += [clock_fault(self.clock, self.period_s)] if self.clock else []
-        return {
-            f.name: replace(f, exact=f.exact | {self.twins[f.name]}) if f.name in self.twins else f
-            for f in (*faults, *self.further)
-        }
+        at_ports = {}
+        for f in (*faults, *self.further):
+            name = f.name if f.name.startswith("nameless:") else f"{f.name}@{f.port}"
+            twin = {self.twins[name]} if name in self.twins else set()
+            at_ports[name] = replace(f, name=name, exact=f.exact | twin)
+        return at_ports
 
     @property
     def withheld_columns(self) -> Mapping[str, tuple[str, ...]]:
@@ -166,7 +167,7 @@ class StarterMachine:
         maps = tuple(draw_map(random, c.background, span) for span in self.maps)
         steps = {k: float(random.uniform(*channel.steps)) for k, channel in self.log.items()}
         return lambda faults, signal, seed: self.record(
-            true, maps, steps, faults, signal, noise=c.noise, seed=seed, logger=c.logger
+            (true, maps, steps), faults, signal, Readout(c.noise, seed, c.logger)
         )
 
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
@@ -198,24 +199,19 @@ class StarterMachine:
 
     def record(
         self,
-        true: Mapping[str, float],
-        maps: tuple[Array, ...],
-        converter: Mapping[str, float],
+        specimen: tuple[Mapping[str, float], tuple[Array, ...], Mapping[str, float]],
         faults: Mapping[str, Mapping[str, float]],
         signal: Mapping[str, Array],
-        *,
-        noise: float,
-        seed: int,
-        steps: int = 0,
-        logger: Logger = PLAIN_LOGGER,
+        readout: Readout,
     ) -> dict[str, Array]:
-        """Simulate the recording of a machine of these constants; converter: the steps of each
-        column, in its unit; steps: of the integration per sample, if not the usual number. The
-        columns come back in their own units. UsageError if the machine flies apart."""
+        """Simulate the recording of a specimen: constants, errors of its maps, and the converter's
+        steps of each column, in its unit. The columns come back in their own units. UsageError if
+        the machine flies apart."""
         from pamid.trial.starter_kernel import passed_on
 
         places, n = self.planted(faults), len(next(iter(signal.values())))
-        steps = steps or self.steps
+        (true, maps, converter), logger = specimen, readout.logger
+        steps = readout.steps or self.steps
         h = self.period_s / steps
         there = {k: packed(**asdict(place)) for k, place in places.items()}
         # it runs on after the end, for readings that are stamped early
@@ -246,14 +242,14 @@ class StarterMachine:
             )
         stamps = np.arange(n + AHEAD, dtype=np.float64) * self.period_s
         time, clock = stamps[:n], places[CLOCK]
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(readout.seed)
         sampled_at = time + self.period_s * logger.delays(random, n)
         when = sampled_at + clock.early_s - clock.skew_ppm * 1e-6 * sampled_at
         shown = {k: np.asarray(signal[k]) for k in fine}
         for k, x in zip(self.logged, y.T, strict=True):
             shown[k] = np.interp(when, stamps, through(k, x)[::steps])
         return {"time_s": time} | {
-            k: self.log[k].written(x, noise * logger.noise(random, n), converter[k])
+            k: self.log[k].written(x, readout.noise * logger.noise(random, n), converter[k])
             for k, x in shown.items()
         }
 

@@ -30,7 +30,6 @@ from pamid.estimation.smoother import (
 )
 from pamid.model.executable import Executable
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.result_store import Plain
 from pamid.schemas import diagnosis_file as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
@@ -107,13 +106,9 @@ class _Describing(Work[str, Missing | None]):
     seed: int
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
-    def __call__(self, item: str) -> Plain:
+    def __call__(self, item: str) -> Missing | None:
         smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
-        missing = _missing_at(smoother, self.seed)
-        return {} if missing is None else vars(missing)
-
-    def restored(self, item: str, plain: Plain) -> Missing | None:
-        return Missing(**plain) if plain else None
+        return _missing_at(smoother, self.seed)
 
 
 def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:

@@ -311,6 +311,7 @@ def test_no_text_of_a_run_becomes_source(
 
 def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
     """Under the right name, with the right entries, and yet an object: not unpacked."""
+    from pamid.parallel.packing import Question
     from pamid.parallel.result_store import Store
 
     class Loud:
@@ -318,7 +319,7 @@ def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
             return (Path.touch, (tmp_path / "ran",))
 
     store = Store(tmp_path / "jobs")
-    store.put("a" * 64, "job", {"x": np.arange(3.0)})
+    store.put("a" * 64, "job", Question().packed({"x": np.arange(3.0)}))
     assert store.get("a" * 64) is not None
     with np.load(tmp_path / "jobs" / f"{'a' * 64}.npz") as held:
         whole = {name: held[name] for name in held.files}

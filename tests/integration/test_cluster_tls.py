@@ -22,11 +22,8 @@ distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 class Doubled(Work[float, float]):
     what = "double"
 
-    def __call__(self, item: float) -> dict[str, Any]:
-        return {"double": 2.0 * item}
-
-    def restored(self, item: float, found: dict[str, Any]) -> float:
-        return float(found["double"])
+    def __call__(self, item: float) -> float:
+        return 2.0 * item
 
 
 @pytest.fixture(scope="module")

@@ -262,7 +262,7 @@ def stuck() -> tuple[Search, Comparison, CandidateModel]:
     search = search_of(d)
     named = attach(search.evidence.rig, "coulomb-friction", effects())
     work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
-    return search, d.comparison, search.pool.one(work, RefitStart((named,)))
+    return search, d.comparison, search.pool.one(work, RefitStart((named,), assembly=None))
 
 
 def test_the_remainder_beside_a_named_cause_has_a_family() -> None:

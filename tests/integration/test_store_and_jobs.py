@@ -20,8 +20,9 @@ import pytest
 
 from pamid.base.errors import DataError, PamidError
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import ATTEMPTS, Failed, Threads, Work, WorkerPool
-from pamid.parallel.result_store import Store, digest, plain
+from pamid.parallel.jobs import ATTEMPTS, Failed, LocalJobs, Work, WorkerPool
+from pamid.parallel.packing import Question
+from pamid.parallel.result_store import Store, digest
 
 KEY = "ab" * 32
 RESULT = {
@@ -67,9 +68,9 @@ def same(one: Any, other: Any) -> bool:
 def test_a_result_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     store = Store(tmp_path / "jobs")
     assert store.get(KEY) is None and store.journal() == []
-    store.put(KEY, "fitting", plain(RESULT))
-    found = store.get(KEY)
-    assert found is not None and same(found, plain(RESULT))
+    store.put(KEY, "fitting", Question().packed(RESULT))
+    packed = store.get(KEY)
+    assert packed is not None and same(Question().unpacked(packed), RESULT)
     assert store.journal() == [{"key": KEY, "what": "fitting"}]
     (tmp_path / "jobs" / "notes.txt").write_text("mine")
     store.clear()
@@ -83,7 +84,7 @@ def test_a_result_comes_back_to_the_last_bit(tmp_path: Path) -> None:
 )
 def test_a_damaged_or_foreign_file_is_not_trusted(damage: str, tmp_path: Path) -> None:
     store, marker = Store(tmp_path), tmp_path / "ran"
-    store.put(KEY, "fitting", plain(RESULT))
+    store.put(KEY, "fitting", Question().packed(RESULT))
     path = tmp_path / f"{KEY}.npz"
     content, key = path.read_bytes(), KEY
     if damage == "cut":
@@ -105,7 +106,7 @@ def test_a_damaged_or_foreign_file_is_not_trusted(damage: str, tmp_path: Path) -
     else:
         path.write_bytes(b"")
     assert store.get(key) is None and not marker.exists()
-    store.put(key, "fitting", plain(RESULT))
+    store.put(key, "fitting", Question().packed(RESULT))
     assert store.get(key) is not None, "worked out again, it stands there as new"
 
 
@@ -194,7 +195,7 @@ class Rooting(Work[float, float]):
     shift: float = 0.0
     once: Path | None = None
 
-    def __call__(self, item: float) -> dict[str, Any]:
+    def __call__(self, item: float) -> float:
         if item == -2.0:
             raise DataError("too short")
         if item == -4.0 and self.once and not self.once.exists():
@@ -203,15 +204,7 @@ class Rooting(Work[float, float]):
         if item == -3.0:
             os.kill(os.getpid(), signal.SIGKILL)
         time.sleep(0.01 * (5.0 - abs(item)) if abs(item) < 5.0 else 0.0)
-        return {
-            "root": math.sqrt(item if item != -4.0 else 4.0) + self.shift,
-            "here": np.array([item]),
-        }
-
-    def restored(self, item: float, found: dict[str, Any]) -> float:
-        assert found["here"][0] == item
-        root: float = found["root"]
-        return root
+        return math.sqrt(item if item != -4.0 else 4.0) + self.shift
 
 
 ITEMS = [4.0, 1.0, 9.0, 16.0, 2.0]
@@ -220,7 +213,7 @@ ROOTS = [2.0, 1.0, 3.0, 4.0, math.sqrt(2.0)]
 
 @pytest.mark.parametrize(
     "pool",
-    [WorkerPool(), WorkerPool(2), WorkerPool(8), WorkerPool(executor=Threads(3))],
+    [WorkerPool(), WorkerPool(2), WorkerPool(8), WorkerPool(executor=LocalJobs(3, threads=True))],
     ids=["one", "two", "many", "threads"],
 )
 def test_results_stand_in_order_whoever_does_the_jobs(pool: WorkerPool) -> None:
@@ -271,19 +264,30 @@ def test_an_interrupt_ends_the_processes(tmp_path: Path) -> None:
     assert {c.pid for c in multiprocessing.active_children()} <= before
 
 
+def test_the_processes_end_with_a_parent_that_is_killed() -> None:
+    """They hold its end of a pipe: the pipe ends when the last of them does."""
+    code = (
+        "import pathlib, test_store_and_jobs as t; "
+        "ready = lambda text: print('ready', flush=True); "
+        "t.WorkerPool(2).run(t._Sleeping(pathlib.Path('nowhere')), [0.0, 300.0, 300.0], ready)"
+    )
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, cwd=Path(__file__).parent, stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"ready\n"
+        parent.kill()
+        assert parent.stdout.read() == b""
+
+
 @dataclass(frozen=True)
 class _Sleeping(Work[float, None]):
     awake: Path
     what = "sleeping"
 
-    def __call__(self, item: float) -> dict[str, Any]:
+    def __call__(self, item: float) -> None:
         time.sleep(item)
         if item:
             self.awake.touch()
-        return {}
-
-    def restored(self, item: float, found: dict[str, Any]) -> None:
-        return None
 
 
 def test_what_is_kept_is_not_worked_out_again(tmp_path: Path) -> None:
@@ -316,7 +320,7 @@ def test_another_version_of_the_code_trusts_nothing_of_the_former(
 
 def test_a_journal_that_was_cut_short(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.put(KEY, "fitting", {})
+    store.put(KEY, "fitting", Question().packed({}))
     with open(tmp_path / "journal.jsonl", "a") as file:
         file.write(json.dumps({"key": "x"})[:-4])
     assert [line["key"] for line in store.journal()] == [KEY]

@@ -21,7 +21,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
-from pamid.trial import arm_faults, arm_kernel, arm_plant
+from pamid.trial import arm_faults, arm_kernel
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,
@@ -33,7 +33,14 @@ from pamid.trial.arm_faults import (
     split,
 )
 from pamid.trial.arm_kernel import advance_arm
-from pamid.trial.arm_plant import (
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
+from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
+from pamid.trial.logger import Readout
+from pamid.trial.machine import packed
+from pamid.trial.machines import two_link
+from pamid.trial.machines.one_dof import PERIOD_S, Excitation
+from pamid.trial.machines.two_link import (
     ARM_CHANNELS,
     ARM_NOISE,
     ARM_TO_COLUMN,
@@ -43,10 +50,6 @@ from pamid.trial.arm_plant import (
     draw_arm,
     record_arm,
 )
-from pamid.trial.cases import Case, cases_sha256, draw_cases
-from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
-from pamid.trial.joint_plant import PERIOD_S, Excitation, packed
-from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
 from pamid.trial.scoring import score_cases
 
 STEP = 1e-4  # s
@@ -77,27 +80,15 @@ def reference(seconds: float) -> Any:
 @cache
 def healthy(seconds: float = 6.0) -> dict[str, Any]:
     """A closed-loop recording without noise."""
-    return record_arm(
-        machine(),
-        {},
-        Excitation(reference_deg=reference(seconds)),
-        payload_kg=0.5,
-        noise=0.0,
-        seed=0,
-    )
+    return record_arm(machine(), {}, Excitation(reference_deg=reference(seconds)), 0.5, Readout())
 
 
 def replayed(
-    planted: dict[str, dict[str, float]], seconds: float = 6.0, **options: Any
+    planted: dict[str, dict[str, float]], seconds: float = 6.0, steps: int = 0
 ) -> dict[str, Any]:
     """The commands of the healthy arm given to one with faults."""
     command = np.stack([healthy(seconds)[f"command_{j}"] for j in JOINTS], axis=1)
-    return record_arm(
-        machine(),
-        planted,
-        Excitation(command=command),
-        **{"payload_kg": 0.5, "noise": 0.0, "seed": 0, **options},
-    )
+    return record_arm(machine(), planted, Excitation(command=command), 0.5, Readout(steps=steps))
 
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
@@ -216,14 +207,18 @@ def test_a_free_swing_is_that_of_the_textbook(payload: float, at: tuple[float, f
 
 
 def test_the_arm_shares_nothing_with_the_tool() -> None:
-    for module in (arm_plant, arm_faults, arm_kernel):
+    for module in (two_link, arm_faults, arm_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
             a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
         ]
         names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         own = {n for n in names if n.startswith("pamid") and not n.startswith("pamid.trial.")}
-        assert own <= {"pamid.base.errors", "pamid.engine.numba_cache"}, (module.__name__, own)
+        assert own <= {
+            "pamid.base.errors",
+            "pamid.engine.numba_cache",
+            "pamid.excitation.aprbs",
+        }, (module.__name__, own)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -284,9 +279,8 @@ def test_the_loop_holds_with_any_size(name: str) -> None:
         machine(),
         {site: draw_sizes(site, random)},
         Excitation(reference_deg=reference(SHORT)),
-        payload_kg=0.5,
-        noise=1.0,
-        seed=1,
+        0.5,
+        Readout(1.0, 1),
     )
     assert max(np.abs(found[f"angle_{j}_deg"]).max() for j in JOINTS) < 75.0, site
     assert all(np.isfinite(column).all() for column in found.values())

@@ -19,6 +19,7 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.trial.cases import NAMELESS, cases_sha256, draw_cases
 from pamid.trial.conditions import StarterConditions
+from pamid.trial.logger import Readout
 from pamid.trial.machine import machine_named, machine_names
 from pamid.trial.starter_machine import StarterMachine, draw_map
 
@@ -65,9 +66,8 @@ def recorded(
     random = np.random.default_rng(SEED)
     flat = tuple(draw_map(random, 0.0, span) for span in own.maps)
     exact = dict.fromkeys(own.log, 0.0)
-    return own.record(
-        constants(name), flat, exact, planted, signal(name), noise=noise, seed=SEED, steps=steps
-    )
+    readout = Readout(noise, SEED, steps=steps)
+    return own.record((constants(name), flat, exact), planted, signal(name), readout)
 
 
 @cache

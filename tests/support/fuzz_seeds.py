@@ -101,12 +101,11 @@ def _excitation(place: Path) -> None:
 
 
 def _results(place: Path) -> None:
+    from pamid.parallel.packing import Question
     from pamid.parallel.result_store import Store
 
-    store = Store(place / "jobs")
-    store.put(
-        "ab" * 32, "a job", {"x": np.arange(5.0), "y": [1, float("inf"), {"z": "text"}], "n": None}
-    )
+    result = {"x": np.arange(5.0), "y": [1, float("inf"), {"z": "text"}], "n": None}
+    Store(place / "jobs").put("ab" * 32, "a job", Question().packed(result))
 
 
 def _raw_logs(place: Path) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from small_cart import RIG, record_cart
 
-from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.estimation import baseline_repair
 from pamid.estimation.baseline_repair import (
     WORSE,
@@ -24,6 +23,7 @@ from pamid.estimation.multiple_shooting import fit
 from pamid.model.background import Gain
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
+from pamid.parallel.packing import Question
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
 
@@ -110,6 +110,7 @@ def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
         held_out=good.held_out,
         remark=good.remark,
     )
-    restored = grey_box_restored(healthy.evidence, grey_box_plain(dropped))
+    question = Question(healthy.evidence)
+    restored = question.unpacked(question.packed(dropped))
     assert restored.assembly.keys == good.assembly.keys and restored.remark == good.remark
     np.testing.assert_array_equal(restored.fit.p, good.fit.p)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import Experiment, menu
-from pamid.excitation.washout import washed_out
+from pamid.excitation.waveforms import washed_out
 from pamid.model.registry import rig_named
 from pamid.planning import experiment_ways
 from pamid.planning.experiment_ways import (

@@ -1,8 +1,9 @@
-"""Jobs of objects: handed over as they are in one process, plain where they are sent or kept, and
-the same to the last bit either way."""
+"""Results that are objects: handed over as they are in one process, packed where they are sent or
+kept, and the same to the last bit either way."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ from pamid.diagnosis.budget import _Baseline
 from pamid.diagnosis.search import RefitStart, RefitWork
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
-from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
-from pamid.parallel.result_store import Store, digest, plain
+from pamid.parallel.jobs import Work, WorkerPool
+from pamid.parallel.packing import Packed, Question
+from pamid.parallel.result_store import Store, digest
 from pamid.simulation.data_split import DataSplit
 
 
@@ -26,19 +28,11 @@ def evidence(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
 
 
 @dataclass(frozen=True)
-class Doubling(ObjectWork[int, set[int]]):
-    """Sets are no plain data."""
-
+class Doubling(Work[int, set[int]]):
     what = "doubling"
 
-    def result(self, item: int) -> set[int]:
+    def __call__(self, item: int) -> set[int]:
         return {2 * item}
-
-    def plain_form(self, item: int, found: set[int]) -> dict[str, Any]:
-        return {"all": sorted(found)}
-
-    def restored(self, item: int, found: dict[str, Any]) -> set[int]:
-        return set(found["all"])
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -49,17 +43,39 @@ def test_sent_and_kept_they_come_back(jobs: int, tmp_path: Path) -> None:
         assert (pool.from_store if again else pool.worked) == 3
 
 
-def through_the_plain_form(work: Work[Any, Any], item: Any, found: Any) -> Any:
-    assert isinstance(work, ObjectWork)
-    return work.restored(item, plain(work.plain_form(item, found)))
+def packed_and_unpacked(work: Work[Any, Any], item: Any, result: Any) -> Any:
+    packed = Question(work, item).packed(result)
+    packed = Packed(json.loads(json.dumps(packed.tree, allow_nan=False)), packed.arrays)
+    return Question(work, item).unpacked(packed)
 
 
 def test_models_are_the_same_objects_to_the_last_bit(evidence: DataSplit) -> None:
-    """Values, kinds and memory layout: one digest."""
+    """Values, kinds and memory layout: one digest. What belongs to the question is not copied."""
     baseline = _Baseline(evidence, silent)
-    model = baseline.result(0)
-    assert digest(through_the_plain_form(baseline, 0, model)) == digest(model)
-    start = RefitStart((attach(evidence.rig, "coulomb-friction", effects()),))
+    model = baseline(0)
+    unpacked = packed_and_unpacked(baseline, 0, model)
+    assert digest(unpacked) == digest(model) and unpacked.evidence is evidence
+    start = RefitStart((attach(evidence.rig, "coulomb-friction", effects()),), assembly=None)
     work = RefitWork(evidence, model.fit, model.assembly.sizes)
-    found = work.result(start)
-    assert digest(through_the_plain_form(work, start, found)) == digest(found)
+    refitted = work(start)
+    again = packed_and_unpacked(work, start, refitted)
+    assert digest(again) == digest(refitted) and again.runs is again.replays
+    assert again.assembly.rig is evidence.rig and again.attached is start.attached
+    tracks = zip(again.fit.problem.tracks, model.fit.problem.tracks, strict=True)
+    assert all(track.u is of_model.u for track, of_model in tracks)
+
+
+@dataclass(frozen=True)
+class Alien:
+    size: float
+
+
+def test_only_what_is_known_is_packed_and_unpacked() -> None:
+    """An object of neither pamid nor the question is no result, and no name loads a class."""
+    alien = Alien(1.0)
+    assert packed_and_unpacked(Doubling(), alien, [alien, (alien,)])[1][0] is alien
+    with pytest.raises(TypeError, match="Alien, which is no plain data"):
+        Question(1).packed([alien])
+    for name in ("os:_Environ", "pamid.base.files:Path", "pamid.not_there:Name", "sys"):
+        with pytest.raises((ValueError, TypeError)):
+            Question(1).unpacked(Packed({"object": name, "parts": {}}, ()))

@@ -12,11 +12,8 @@ from small_cart import cart_evidence, record_cart
 from pamid.diagnosis import input_response
 from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.screening import ScreenedCandidate, advancing, promising
-from pamid.diagnosis.search import _screened_plain, _screened_restored
 from pamid.diagnosis.settings import DEFAULT
-from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import fit_model
-from pamid.parallel.result_store import plain
 
 
 def candidate(name: str, gain: float, promised: float | None = None) -> Any:
@@ -43,22 +40,6 @@ def test_twice_as_many_leaders_and_every_family_go_on() -> None:
     assert names(further) == [*names(leading), "b0"]
     assert len(advancing(family_of, leading, reference(("a",)))) == 2 * DEFAULT.refits_further
     assert names(promising(family_of, leading, reference())) == names(leading[: DEFAULT.refits])
-
-
-def test_a_rival_start_survives_the_way_to_another_process() -> None:
-    a: Any = SimpleNamespace(label="a")
-    starts, p = (np.ones((2, 1)),), np.arange(3.0)
-    rival = ScreenedCandidate(a, None, {"k": 2.0}, -5.0, "", p, starts, Stepping(2), None, 7.0)
-    sent = ScreenedCandidate(a, None, {}, 1.0, "", p + 1.0, starts, Stepping(4, True), rival, 1.5)
-    found = _screened_restored(a, None, plain(_screened_plain(sent)))
-    assert found.rival is not None and found.prospect == 7.0
-    for ours, theirs in ((sent, found), (rival, found.rival)):
-        assert (ours.first, ours.gain, ours.stepping) == (
-            theirs.first,
-            theirs.gain,
-            theirs.stepping,
-        )
-        np.testing.assert_array_equal(ours.p, theirs.p)
 
 
 @pytest.fixture(scope="module")

@@ -15,14 +15,9 @@ from cli import frame
 from pamid.base.errors import UsageError
 from pamid.excitation.waveforms import (
     SIGNAL_SETTINGS,
-    chirp,
     draw,
-    multisine,
     nested_loops,
     plan_for,
-    prbs,
-    staircase,
-    steps,
 )
 from pamid.recording.recording import read_recording
 
@@ -43,6 +38,11 @@ def generate(path: Path, *more: str) -> int:
     return frame.run(["generate-aprbs", *more, "--output", str(path)])
 
 
+def samples_of(signal: str, amplitude: float, **settings: Any) -> np.ndarray:
+    """One column of this signal."""
+    return draw(plan_for(signal, PERIOD, **settings), {"x": amplitude})["x"].samples
+
+
 def noted(path: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
     return found
@@ -56,13 +56,8 @@ def test_a_prbs_is_a_sequence_of_greatest_length(order: int) -> None:
     """Every pattern of `order` bits but one occurs once, and the sequence is white: correlation
     -1/n at every lag."""
     clock, length = 5, 2**order - 1
-    signal = prbs(
-        (2 * length + 1) * clock * PERIOD,
-        PERIOD,
-        3.0,
-        (clock * PERIOD, order * clock * PERIOD),
-        seed=2,
-    )
+    duration_s, hold_s = (2 * length + 1) * clock * PERIOD, (clock * PERIOD, order * clock * PERIOD)
+    signal = samples_of("prbs", 3.0, duration_s=duration_s, hold_s=hold_s, seed=2)
     assert not signal[:clock].any() and set(np.unique(signal[clock:])) == {-3.0, 3.0}
     bits = np.sign(signal[clock::clock])
     assert bits.size == 2 * length and np.array_equal(bits[:length], bits[length:])
@@ -74,7 +69,7 @@ def test_a_prbs_is_a_sequence_of_greatest_length(order: int) -> None:
 
 
 def test_the_multisine_has_odd_lines_in_its_band_and_no_others() -> None:
-    signal = multisine(60.0, PERIOD, 4.0, (0.5, 5.0), periods=3, seed=1)
+    signal = samples_of("multisine", 4.0, duration_s=60.0, band_hz=(0.5, 5.0), periods=3, seed=1)
     one = 20000 // 3
     assert signal.shape == (20000,) and np.abs(signal).max() == pytest.approx(4.0)
     np.testing.assert_allclose(signal[:one], signal[one : 2 * one], atol=1e-12)
@@ -95,7 +90,7 @@ def test_the_multisine_has_odd_lines_in_its_band_and_no_others() -> None:
 def test_crest_optimisation_reaches_1_5(
     seed: int, duration: float, band: tuple[float, float]
 ) -> None:
-    signal = multisine(duration, PERIOD, 1.0, band, periods=2, seed=seed)
+    signal = samples_of("multisine", 1.0, duration_s=duration, band_hz=band, periods=2, seed=seed)
     one = signal[: round(duration / PERIOD) // 2]
     assert np.abs(one).max() / np.sqrt(np.mean(one**2)) <= 1.5
     drawn = np.random.default_rng(seed).uniform(0, 2 * np.pi, 200)  # and without it: about 3
@@ -107,7 +102,7 @@ def test_crest_optimisation_reaches_1_5(
 
 @pytest.mark.parametrize("sweep", ["log", "linear"])
 def test_a_chirp_climbs_as_asked_and_ends_where_it_began(sweep: str) -> None:
-    signal = chirp(60.0, PERIOD, 2.0, (0.2, 6.0), sweep, offset=1.0)
+    signal = samples_of("chirp", 2.0, duration_s=60.0, band_hz=(0.2, 6.0), sweep=sweep, offset=1.0)
     assert (
         signal[0] == pytest.approx(1.0) and abs(signal[-1] - 1.0) < 2.0 * 2 * np.pi * 6.0 * PERIOD
     )
@@ -280,12 +275,13 @@ def test_torque_loops_state_the_pressure_and_simulate(tmp_path: Path) -> None:
 
 
 def test_same_seed_same_multisine() -> None:
-    made = [multisine(20.0, PERIOD, 1.0, (0.2, 5.0), seed=s) for s in (1, 1, 2)]
-    assert np.array_equal(made[0], made[1]) and not np.allclose(made[0], made[2])
+    settings = {"duration_s": 20.0, "band_hz": (0.2, 5.0)}
+    first, again, other = (samples_of("multisine", 1.0, **settings, seed=s) for s in (1, 1, 2))
+    assert np.array_equal(first, again) and not np.allclose(first, other)
 
 
 def test_steps_alternate_and_rest_before_and_after() -> None:
-    signal = steps(40.0, PERIOD, 5.0, (1.0, 2.0), seed=3, offset=1.0)
+    signal = samples_of("steps", 5.0, duration_s=40.0, hold_s=(1.0, 2.0), seed=3, offset=1.0)
     assert signal.shape == (13333,) and signal[0] == signal[-1] == 1.0
     edges = np.flatnonzero(np.diff(signal))
     held = signal[edges[:-1] + 1]
@@ -295,7 +291,7 @@ def test_steps_alternate_and_rest_before_and_after() -> None:
 
 
 def test_a_staircase_grows_by_one_factor_there_and_back() -> None:
-    signal = staircase(PERIOD, 0.3, levels=5, hold_s=(0.5, 0.5))
+    signal = samples_of("staircase", 0.3, levels=5, hold_s=(0.5, 0.5))
     held = signal[np.append(0, np.flatnonzero(np.diff(signal)) + 1)]
     assert held[0] == held[-1] == 0.0
     np.testing.assert_allclose(held[1:-1:2], -held[2:-1:2])

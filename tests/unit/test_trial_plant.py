@@ -15,9 +15,13 @@ import pytest
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.trial import faults, joint_kernel, joint_plant, kernel
+from pamid.trial import faults, joint_kernel, kernel
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Fault, Planted
-from pamid.trial.joint_plant import (
+from pamid.trial.kernel import static_pull
+from pamid.trial.logger import Readout
+from pamid.trial.machine import packed
+from pamid.trial.machines import one_dof
+from pamid.trial.machines.one_dof import (
     JOINT_CHANNELS,
     JOINT_NOISE,
     JOINT_TO_COLUMN,
@@ -28,7 +32,6 @@ from pamid.trial.joint_plant import (
     draw_specimen,
     record,
 )
-from pamid.trial.kernel import static_pull
 
 HEAVY, LIGHT = 0.0896, 0.014  # kg m2
 ONE_DOF = [
@@ -95,30 +98,18 @@ def reference(seconds: float = 9.0, seed: int = 1) -> Any:
 @cache
 def healthy(inertia: float, seconds: float = 9.0) -> dict[str, Any]:
     """A closed-loop recording without noise."""
-    return record(
-        machine(),
-        {},
-        Excitation(reference_deg=reference(seconds)),
-        inertia_kg_m2=inertia,
-        noise=0.0,
-        seed=0,
-    )
+    return record(machine(), {}, Excitation(reference_deg=reference(seconds)), inertia, Readout())
 
 
 def replayed(
     planted_: dict[str, dict[str, float]],
     inertia: float = HEAVY,
     seconds: float = 9.0,
-    **options: Any,
+    steps: int = 0,
 ) -> dict[str, Any]:
     """The commands of the healthy machine given to one with faults."""
     command = healthy(inertia, seconds)["command"]
-    return record(
-        machine(),
-        planted_,
-        Excitation(command=command),
-        **{"inertia_kg_m2": inertia, "noise": 0.0, "seed": 0, **options},
-    )
+    return record(machine(), planted_, Excitation(command=command), inertia, Readout(steps=steps))
 
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
@@ -131,7 +122,7 @@ def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
 def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contraction, gauge pressure and static force over the working range."""
     chi, pressure = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(1e5, 6e5, 26))
-    m, f = joint_plant.machine_record(specimen, HEAVY), joint_plant.packed(**asdict(Planted()))
+    m, f = one_dof.machine_record(specimen, HEAVY), packed(**asdict(Planted()))
     force = [
         static_pull(muscle, c, p, m, f, specimen.waves, 0.0)
         for c, p in zip(chi.flat, pressure.flat, strict=True)
@@ -140,7 +131,7 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 def test_the_plant_shares_nothing_with_the_tool() -> None:
-    for module in (joint_plant, faults, kernel, joint_kernel):
+    for module in (one_dof, faults, kernel, joint_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
             a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
@@ -156,7 +147,11 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
         known = {
             "pamid.base.errors",
             "pamid.engine.numba_cache",
-            *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel", "logger")),
+            "pamid.excitation.aprbs",
+            *(
+                f"pamid.trial.{k}"
+                for k in ("conditions", "faults", "joint_kernel", "kernel", "logger", "machine")
+            ),
         }
         assert own <= known, (module.__name__, own)
 
@@ -223,9 +218,8 @@ def test_the_loop_holds_with_any_size(name: str) -> None:
             machine(),
             {name: FAULTS[name].draw(random)},
             Excitation(reference_deg=reference(4.0)),
-            inertia_kg_m2=inertia,
-            noise=1.0,
-            seed=1,
+            inertia,
+            Readout(1.0, 1),
         )
         assert np.abs(found["angle_deg"]).max() < 60.0
         assert all(np.isfinite(column).all() for column in found.values())

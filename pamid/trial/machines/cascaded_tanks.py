@@ -9,13 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between
-from pamid.trial.starter_faults import (
-    NEVER,
-    SignalSizes,
-    known_fault,
-    nameless_fault,
-)
+from pamid.trial.faults import around, between, known_fault, nameless_fault
+from pamid.trial.starter_faults import NEVER, SignalSizes
 from pamid.trial.starter_kernel import rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 

@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    nameless_fault,
-)
+from pamid.trial.faults import around, between, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
 from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, sliding
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
@@ -51,7 +47,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         area = m.area * (1.0 + rough(maps[0], way)) * (1.0 + rough(maps[1], pressure - 4e5))
         area *= 1.0 + barrel.barrel * np.sin(way / 0.02)
         push = area * pressure
-        force = push + m.preload + resisted(way, speed, push, abs(pressure), z, piston, k * h, h)
+        force = push + m.preload + resisted(way, speed, (push, abs(pressure)), z, piston, k * h, h)
         force += sliding(speed, piston)
         lost += h / barrel.bleed_s * (force - lost)
         y[k, 0] = force - barrel.bleed * lost

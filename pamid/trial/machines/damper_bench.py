@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    nameless_fault,
-)
+from pamid.trial.faults import around, between, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
 from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, sliding
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
@@ -57,7 +53,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         pressed += h * (fluid.rubber * speed - pressed / fluid.rubber_s)
         force = thick * speed + pressed
         force += m.stiffness * u[k, 0] + m.preload
-        force += resisted(u[k, 0], speed, force, abs(u[k, 1]), z, rod, k * h, h)
+        force += resisted(u[k, 0], speed, (force, abs(u[k, 1])), z, rod, k * h, h)
         y[k, 0] = force + sliding(speed, rod)
 
 

@@ -9,14 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, fixed
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    known_fault,
-    nameless_fault,
-)
-from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.faults import around, between, fixed, known_fault, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
+from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, turned
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
@@ -44,42 +39,24 @@ class GearSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """Angle and current; damping by the trapezoidal rule, so that the error of a step is of second
-    order."""
+    """Angle and current."""
     shaft, gear = f
-    z = np.zeros(FORCE_MEMORY)
-    angle = speed = heat = 0.0
-    load_angle = load_speed = 0.0
+    x, z = np.zeros(4), np.zeros(FORCE_MEMORY)
+    heat = 0.0
     for k in range(u.shape[0]):
+        angle, speed = x[0], x[1]
         constant = m.constant * m.ratio * (1.0 + rough(maps[0], angle))
         resistance = m.resistance * (1.0 + gear.warmth * heat)
         current = (u[k, 0] - constant * speed) / resistance
         constant /= 1.0 + gear.fade * (current / 5.0) ** 2
         y[k, 0], y[k, 1] = angle, (u[k, 0] - constant * speed) / resistance
         heat += h / gear.warmth_s * (resistance * y[k, 1] ** 2 / 100.0 - heat)
-        inertia = m.inertia * (1.0 - gear.outboard)
         driving = constant * u[k, 0] / resistance
-        push = driving - resisted(
-            angle, speed, constant * y[k, 1], abs(y[k, 1]), z, shaft, k * h, h
-        )
-        if gear.outboard > 0.0:
-            load = m.inertia * gear.outboard
-            swing = 2.0 * np.pi * gear.outboard_hz
-            twist = angle - load_angle
-            beyond = twist - min(max(twist, -gear.play), gear.play)
-            link = load * swing * swing * beyond * (1.0 + (beyond / 0.3) ** 2)
-            if beyond != 0.0:
-                link += 2.0 * gear.outboard_ratio * load * swing * (speed - load_speed)
-            push -= link
-            load_speed += h * link / load
-            load_angle += h * load_speed
+        pressed = constant * y[k, 1], abs(y[k, 1])
+        push = driving - resisted(angle, speed, pressed, z, shaft, k * h, h)
         damped = m.viscous + constant * constant / resistance
         damped += gear.bent_damping * np.sin(0.8 * angle + 0.5) ** 2
-        c = 0.5 * h * damped / inertia
-        free = (speed * (1.0 - c) + h * push / inertia) / (1.0 + c)
-        free = arrested(free, speed, shaft, h, inertia)
-        angle += 0.5 * h * (speed + free)
-        speed = free
+        turned(x, push, damped, m.inertia, shaft, gear, h)
 
 
 MACHINE = StarterMachine(

@@ -9,14 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, fixed
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    known_fault,
-    nameless_fault,
-)
-from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.faults import around, between, fixed, known_fault, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
+from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, turned
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
@@ -46,39 +41,24 @@ class HornSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """Angle of the gear; damping by the trapezoidal rule."""
+    """Angle of the gear."""
     gear, horn = f
-    z = np.zeros(FORCE_MEMORY)
-    angle = speed = load_angle = load_speed = spent = 0.0
+    x, z = np.zeros(4), np.zeros(FORCE_MEMORY)
+    spent = 0.0
     whole = m.mass * m.length * m.length + m.rotor
     for k in range(u.shape[0]):
+        angle, speed = x[0], x[1]
         y[k, 0] = angle
         drive = m.gain * (1.0 + rough(maps[0], angle)) * u[k, 0] / (1.0 + horn.tired * spent)
         spent += h / horn.tired_s * (abs(drive * speed) / 0.5 - spent)
         weight = -m.mass * GRAVITY * m.length * np.sin(angle)
         push = drive + weight
-        pressed = 0.5 * (drive - weight)
-        push -= resisted(angle, speed, pressed, abs(drive), z, gear, k * h, h)
+        pressed = 0.5 * (drive - weight), abs(drive)
+        push -= resisted(angle, speed, pressed, z, gear, k * h, h)
         if speed * angle < 0.0:
             push -= horn.windage * speed * abs(speed)
-        inertia = whole * (1.0 - horn.outboard)
-        if horn.outboard > 0.0:
-            load = whole * horn.outboard
-            swing = 2.0 * np.pi * horn.outboard_hz
-            twist = angle - load_angle
-            beyond = twist - min(max(twist, -horn.play), horn.play)
-            link = load * swing * swing * beyond * (1.0 + (beyond / 0.3) ** 2)
-            if beyond != 0.0:
-                link += 2.0 * horn.outboard_ratio * load * swing * (speed - load_speed)
-            push -= link
-            load_speed += h * link / load
-            load_angle += h * load_speed
         damped = m.damping + horn.bent_damping * np.sin(1.2 * angle + 0.5) ** 2
-        c = 0.5 * h * damped / inertia
-        free = (speed * (1.0 - c) + h * push / inertia) / (1.0 + c)
-        free = arrested(free, speed, gear, h, inertia)
-        angle += 0.5 * h * (speed + free)
-        speed = free
+        turned(x, push, damped, whole, gear, horn, h)
 
 
 MACHINE = StarterMachine(

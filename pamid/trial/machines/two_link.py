@@ -1,38 +1,278 @@
-"""An arm of two joints with four muscles."""
+"""The arm of the blind trial: the same machine as the two-link rig on paper, in equations of its
+own.
+
+Two links in a vertical plane, two antagonistic 20 mm muscles at each joint, four pulse-driven valve
+pairs on one supply, a PD controller at each joint. Muscles, valves and air are those of the
+joint; links and their coupling stand in `arm_kernel`. Angle 1 is counted from hanging straight
+down, angle 2 from link 1.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.errors import UsageError
 from pamid.excitation.aprbs import aprbs
-from pamid.trial import arm_plant
-from pamid.trial.arm_faults import ARM_FAULTS, JOINTS, draw_site, draw_sizes, truth_of
-from pamid.trial.conditions import (
-    ALL,
-    ANGLES_AND_PRESSURES,
-    NO_FORCES,
-    ArmConditions,
-    Conditions,
-    draw_arm_conditions,
+from pamid.trial.arm_faults import (
+    ARM_FAULTS,
+    JOINTS,
+    MUSCLES,
+    draw_site,
+    draw_sizes,
+    placed,
+    truth_of,
 )
-from pamid.trial.faults import Fault
-from pamid.trial.joint_plant import PERIOD_S, PRESSURES_KPA, Excitation
-from pamid.trial.machine import TWO_LINK, Record
+from pamid.trial.conditions import ALL, NO_FORCES, Draws
+from pamid.trial.faults import HIGH_INERTIA, WIDE_RANGE, Fault, Planted
+from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
+from pamid.trial.machine import AHEAD, TWO_LINK, Record, packed
+from pamid.trial.machines.one_dof import (
+    KNOWN,
+    PERIOD_S,
+    PRESSURES_KPA,
+    SUBSTEPS,
+    Excitation,
+    Specimen,
+    draw_specimen,
+    machine_record,
+    stamped,
+)
 
 Array = NDArray[np.float64]
 
+# gentler than the joint's: with that one the arm, ten times as heavy, never comes to rest
+ARM_CONTROLLER = {
+    "kp_per_deg": 0.03,
+    "kd_s_per_deg": 0.003,
+    "derivative_filter_s": 0.006,
+    "command_limit": 1.0,
+}
+RADII = (0.035, 0.025)  # m
+LENGTH_1, LENGTH_2 = 0.40, 0.30  # m
+GRAVITY = 9.81  # m/s2
+TRUE_ARM = {
+    "mass_1": 2.2,
+    "centre_1": 0.20,
+    "inertia_1": 0.040,
+    "mass_2": 0.70,
+    "centre_2": 0.13,
+    "inertia_2": 0.0075,
+}
+# estimate: weighed and drawn without all that is on it
+OFF_SHEET = {"mass": 0.15, "centre": 0.10, "inertia": 0.25}
+VISCOUS = (0.10, 0.05)  # N m s, on the sheet
+ARM_CHANNELS = (
+    *(f"angle_{j}_deg" for j in JOINTS),
+    *(f"contraction_{i}" for i in MUSCLES),
+    *(f"pressure_{i}_kpa" for i in MUSCLES),
+    *(f"force_{i}_n" for i in MUSCLES),
+)
+ARM_NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))  # SI, at factor 1
+ARM_TO_COLUMN = np.repeat([180.0 / np.pi, 1.0, 1e-3, 1.0], (2, 4, 4, 4))
+CONTRACTION_STEP = 5e-5
+# joints against each other; friction against its sheet, a factor
+SCALE_APART, VISCOUS_APART = 0.02, 2.0
+PAYLOADS = (0.0, 0.5)  # kg at the tip
+ANGLES_AND_PRESSURES = "angles-and-pressures"  # channels
+
+
+@dataclass(frozen=True)
+class ArmConditions:
+    """How a case of the arm is recorded: as one of a joint, with a payload and an amplitude for
+    each joint; channels: "all" | "no-forces" | "angles-and-pressures"."""
+
+    payload_kg: float
+    loop: str
+    channels: str
+    noise: float
+    background: float
+    seconds: float
+    amplitude_1_deg: float
+    amplitude_2_deg: float
+    hold_s: tuple[float, float]
+    logger: Logger = PLAIN_LOGGER
+
+
+@dataclass(frozen=True)
+class ArmBody:
+    """Link properties in the equations of motion, payload included; SI.
+
+    inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2
+    about the elbow; coupling, weight_1, weight_2: factors of the cosine of the bend and of the
+    sines of both angles against the vertical
+    """
+
+    inertia_1: float
+    inertia_2: float
+    coupling: float
+    weight_1: float
+    weight_2: float
+    viscous_1: float
+    viscous_2: float
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSpecimen:
+    """True constants of one arm. joints: the muscles and valves of each; links: as in TRUE_ARM, SI;
+    viscous: N m s."""
+
+    joints: tuple[Specimen, Specimen]
+    links: Mapping[str, float]
+    viscous: tuple[float, float]
+
+    def body(self, payload_kg: float) -> ArmBody:
+        """The links with a payload at the tip."""
+        links = self.links
+        moment = links["mass_2"] * links["centre_2"] + payload_kg * LENGTH_2
+        beyond = links["mass_2"] + payload_kg
+        return ArmBody(
+            inertia_1=links["inertia_1"]
+            + links["mass_1"] * links["centre_1"] ** 2
+            + beyond * LENGTH_1**2,
+            inertia_2=links["inertia_2"]
+            + links["mass_2"] * links["centre_2"] ** 2
+            + payload_kg * LENGTH_2**2,
+            coupling=moment * LENGTH_1,
+            weight_1=GRAVITY * (links["mass_1"] * links["centre_1"] + beyond * LENGTH_1),
+            weight_2=GRAVITY * moment,
+            viscous_1=self.viscous[0],
+            viscous_2=self.viscous[1],
+        )
+
+
+def draw_arm(random: np.random.Generator, background: float) -> ArmSpecimen:
+    """An arm within about one tolerance of its data sheet; background: rms error of its force maps
+    (0 .. 0.04).
+
+    Muscles and valves of both joints come from one lot: what is not of the single piece is the same
+    in all.
+    """
+    first, other = draw_specimen(random, background), draw_specimen(random, background)
+    part = background / 0.04
+    uneven = {
+        name: 1.0 + 0.03 * part * float(random.uniform(-1.0, 1.0))
+        for name in ("fill_1", "fill_2", "vent_1", "vent_2")
+    }
+    second = replace(
+        first,
+        **{name: getattr(first, name) * factor for name, factor in uneven.items()},
+        scale=first.scale * (1.0 + SCALE_APART * part * float(random.uniform(-1.0, 1.0))),
+        drift_1=other.drift_1,
+        drift_2=other.drift_2,
+        waves=other.waves,
+    )
+    links = {
+        name: value * (1.0 + OFF_SHEET[name.partition("_")[0]] * float(random.uniform(-1.0, 1.0)))
+        for name, value in TRUE_ARM.items()
+    }
+    viscous = [value * VISCOUS_APART ** float(random.uniform(-1.0, 1.0)) for value in VISCOUS]
+    return ArmSpecimen((first, second), links, (viscous[0], viscous[1]))
+
+
+def record_arm(
+    arm: ArmSpecimen,
+    faults: Mapping[str, Mapping[str, float]],
+    excitation: Excitation,
+    payload_kg: float,
+    readout: Readout,
+) -> dict[str, Array]:
+    """Simulate the recording of this arm with these faults (fault@place -> sizes), on references or
+    commands of shape (samples, 2).
+
+    White noise is 0.05 deg, 2e-4 contraction, 1 kPa, 3 N at factor 1. The columns of a recording
+    come back in their own units. UsageError if the arm flies apart.
+    """
+    from pamid.trial.arm_kernel import run  # compiling takes seconds: only who records pays
+
+    f = placed(faults)
+    closed = excitation.reference_deg is not None
+    reference = np.asarray(
+        excitation.reference_deg if closed else excitation.command, dtype=np.float64
+    )
+    n = len(reference)
+    extended = np.concatenate([reference, np.repeat(reference[-1:], AHEAD, axis=0)]).T.copy()
+    random, logger = np.random.default_rng(readout.seed), readout.logger
+    jitter = readout.noise * ARM_NOISE * logger.noise(random, (n + AHEAD, len(ARM_CHANNELS)))
+    readings, commands = np.zeros((n + AHEAD, len(ARM_CHANNELS))), np.zeros((2, n + AHEAD))
+    run(
+        packed(**asdict(arm.body(payload_kg))),
+        joint_records(arm),
+        np.array([packed(**asdict(specimen)) for specimen in f]),
+        joint_waves(arm),
+        (
+            extended,
+            closed,
+            np.array(list(ARM_CONTROLLER.values())),
+            np.degrees(jitter[:, :2]).T.copy(),
+        ),
+        (PERIOD_S, readout.steps or SUBSTEPS),
+        (readings, commands),
+    )
+    if not np.isfinite(readings).all():
+        raise UsageError(
+            f"The arm becomes unstable with {', '.join(faults) or 'no fault'}.",
+            "Draw smaller sizes.",
+        )
+    time = np.arange(n, dtype=np.float64) * PERIOD_S
+    stamps = time + PERIOD_S * logger.delays(random, n)
+    logged = _logged(arm.joints[0], f, readings, jitter[:n], stamps)
+    asked_for = (
+        {f"reference_{j}_deg": reference[:, k] for k, j in enumerate(JOINTS)} if closed else {}
+    )
+    return {
+        "time_s": time,
+        **asked_for,
+        **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
+        **{name: logged[:, i] for i, name in enumerate(ARM_CHANNELS)},
+    }
+
+
+def joint_records(arm: ArmSpecimen) -> Any:
+    """Constants of the muscles and valves at each joint as compiled code reads them."""
+    # the links' inertia is the arm's
+    return np.array(
+        [
+            machine_record(joint, 0.0, {**KNOWN, "radius": radius})
+            for joint, radius in zip(arm.joints, RADII, strict=True)
+        ]
+    )
+
+
+def joint_waves(arm: ArmSpecimen) -> Array:
+    """Errors of all force maps, (2 joints, 2 muscles, waves, 3); unused waves have no amplitude."""
+    waves = np.zeros((2, 2, max(joint.waves.shape[1] for joint in arm.joints), 3))
+    for j, joint in enumerate(arm.joints):
+        waves[j, :, : joint.waves.shape[1]] = joint.waves
+    return waves
+
+
+def _logged(
+    lot: Specimen, f: tuple[Planted, ...], readings: Array, jitter: Array, time: Array
+) -> Array:
+    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor
+    errors, noise, steps."""
+    shown = stamped(f[6], readings, time)
+    for i in range(4):
+        shown[:, 6 + i] += f[i].pressure_zero_pa + f[i].pressure_gain * shown[:, 6 + i]
+    steps = np.repeat(
+        [np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step],
+        (2, 4, 4, 4),
+    )
+    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * ARM_TO_COLUMN)
+
 
 class TwoLinkMachine:
-    """The arm of `arm_plant`."""
+    """An arm of two joints with four muscles; see `pamid.trial.machine.Machine`."""
 
     name: ClassVar[str] = TWO_LINK
     period_s: ClassVar[float] = PERIOD_S
     faults: ClassVar[Mapping[str, Fault]] = ARM_FAULTS
-    controller: ClassVar[Mapping[str, float]] = arm_plant.ARM_CONTROLLER
+    controller: ClassVar[Mapping[str, float]] = ARM_CONTROLLER
     withheld_columns: ClassVar[Mapping[str, tuple[str, ...]]] = {
         ALL: (),
         NO_FORCES: ("force_",),
@@ -41,8 +281,21 @@ class TwoLinkMachine:
 
     def draw_conditions(
         self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
-    ) -> Conditions:
-        return draw_arm_conditions(random, faults, clean)
+    ) -> ArmConditions:
+        """Draw the conditions, then restrict them to those in which the faults can show."""
+        d, u = Draws(faults), random.random(8)
+        wide = WIDE_RANGE in d.needs
+        return ArmConditions(
+            payload_kg=PAYLOADS[1] if HIGH_INERTIA in d.needs else PAYLOADS[int(u[0] * 2)],
+            loop=d.loop(u[1]),
+            channels=ANGLES_AND_PRESSURES if u[2] < 0.2 else NO_FORCES if u[2] < 0.6 else ALL,
+            noise=d.noise(u[3]),
+            background=d.background(u[4], clean),
+            seconds=d.seconds,
+            amplitude_1_deg=float(25.0 + 5.0 * u[5] if wide else 15.0 + 15.0 * u[5]),
+            amplitude_2_deg=float(34.0 + 6.0 * u[7] if wide else 20.0 + 20.0 * u[7]),
+            hold_s=d.holds(u[6]),
+        )
 
     def plant(self, fault: str, random: np.random.Generator) -> tuple[str, dict[str, float]]:
         site = draw_site(fault, random)
@@ -51,43 +304,25 @@ class TwoLinkMachine:
     def truth(self, site: str) -> dict[str, Any]:
         return truth_of(site)
 
-    def known(self, c: Conditions) -> dict[str, float]:
-        assert isinstance(c, ArmConditions)
+    def known(self, c: ArmConditions) -> dict[str, float]:
         return {"payload_kg": c.payload_kg, "plane_deg": 90.0, **PRESSURES_KPA}
 
-    def reference(self, c: Conditions, seed: int) -> Excitation:
-        assert isinstance(c, ArmConditions)
+    def excitation(self, c: ArmConditions, record: Record, seed: int, noise: int) -> Excitation:
         seeds = np.random.SeedSequence(seed).generate_state(len(JOINTS))
-        return Excitation(
-            reference_deg=np.stack(
-                [
-                    aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(stream))
-                    for amplitude, stream in zip(
-                        (c.amplitude_1_deg, c.amplitude_2_deg), seeds, strict=True
-                    )
-                ],
-                axis=1,
-            )
-        )
-
-    def commands(self, columns: Mapping[str, Array]) -> Excitation:
+        references = [
+            aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(stream))
+            for amplitude, stream in zip((c.amplitude_1_deg, c.amplitude_2_deg), seeds, strict=True)
+        ]
+        reference = Excitation(np.stack(references, axis=1))
+        if c.loop == "closed":
+            return reference
+        columns = record({}, reference, noise)
         return Excitation(command=np.stack([columns[f"command_{j}"] for j in JOINTS], axis=1))
 
-    def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Excitation:
-        reference = self.reference(c, seed)
-        return self.commands(record({}, reference, noise)) if c.loop == "open" else reference
-
-    def build(self, random: np.random.Generator, c: Conditions) -> Record:
-        assert isinstance(c, ArmConditions)
-        specimen = arm_plant.draw_arm(random, c.background)
-        return lambda faults, signal, seed: arm_plant.record_arm(
-            specimen,
-            faults,
-            signal,
-            payload_kg=c.payload_kg,
-            noise=c.noise,
-            seed=seed,
-            logger=c.logger,
+    def build(self, random: np.random.Generator, c: ArmConditions) -> Record:
+        specimen = draw_arm(random, c.background)
+        return lambda faults, signal, seed: record_arm(
+            specimen, faults, signal, c.payload_kg, Readout(c.noise, seed, c.logger)
         )
 
 

@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between
-from pamid.trial.starter_faults import (
-    ForceSizes,
-    SignalSizes,
-    nameless_fault,
-)
+from pamid.trial.faults import around, between, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes
 from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
@@ -49,14 +45,14 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         pull = -m.stiffness * (1.0 + rough(maps[1], stretch)) * free
         if free != 0.0 or rail.slack == 0.0:
             pull -= m.coupling_damping * rate
-        pull -= resisted(stretch, rate, 0.0, 0.0, z[0], spring, k * h, h)
+        pull -= resisted(stretch, rate, (0.0, 0.0), z[0], spring, k * h, h)
         held = m.frame_stiffness * (1.0 + rough(maps[0], x_1))
         given += h / rail.yielding_s * (rail.yielding * x_1 - given)
         tight = m.viscous_1 + rail.bent_damping * np.sin(25.0 * x_1 + 0.5) ** 2
         push_1 = u[k, 0] - held * (x_1 - given) - tight * v_1 - pull
-        push_1 -= resisted(x_1, v_1, 0.0, 0.0, z[1], first, k * h, h)
+        push_1 -= resisted(x_1, v_1, (0.0, 0.0), z[1], first, k * h, h)
         push_2 = pull - m.viscous_2 * v_2
-        push_2 -= resisted(x_2, v_2, 0.0, 0.0, z[2], second, k * h, h)
+        push_2 -= resisted(x_2, v_2, (0.0, 0.0), z[2], second, k * h, h)
         v_1 = arrested(v_1 + h * push_1 / m.mass_1, v_1, first, h, m.mass_1)
         v_2 = arrested(v_2 + h * push_2 / m.mass_2, v_2, second, h, m.mass_2)
         x_1 += h * v_1
