@@ -84,10 +84,8 @@ pamid train-residual fitted --port joint --iterations 20
 @click.option("--mu-largest", type=float, help="Value of mu that ends training. [default: 1e10]")
 @click.option(
     "--device",
-    default="cpu",
-    show_default=True,
-    help="cpu, or cuda if torch has one. On cuda all starts of an elman network are computed "
-    "together, which pays off for dozens of starts.",
+    help="Device on which torch computes elman or narx networks, all starts together: cpu or cuda. "
+    "[default: the compiled kernels, on the processor]",
 )
 @click.option(
     "--port",
@@ -137,7 +135,7 @@ def command(
     mu_increase: float | None,
     mu_decrease: float | None,
     mu_largest: float | None,
-    device: str,
+    device: str | None,
     at: str,
     on: str,
     rig: str | None,

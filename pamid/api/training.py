@@ -131,7 +131,7 @@ def train_residual(
     starts: int = 1,
     jobs: int | None = None,
     evidence: str = "every-sample",
-    device: str = "cpu",
+    device: str | None = None,
     at: str = "output",
     on: str = REFIT,
     rig: RigLike | None = None,
@@ -170,7 +170,8 @@ def train_residual(
     evidence
         Samples that the regularisation counts: "every-sample" or "independent-samples".
     device
-        "cpu", or "cuda" where torch finds one.
+        Device on which torch computes the passes of elman or narx, all starts together: "cpu",
+        "cuda", "cuda:1". Default: the compiled kernels, on the processor.
     at
         "output", or the port of the rig at which the correction enters the equations.
     rig

@@ -30,7 +30,6 @@ from pamid.correction.residual_data import (
     derived,
     split_table,
 )
-from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
 from pamid.networks.network_folders import (
     NETWORK_FILES,
@@ -39,6 +38,7 @@ from pamid.networks.network_folders import (
     channel_networks,
 )
 from pamid.networks.network_training import StepProgress, Training
+from pamid.networks.torch_passes import engine_on
 from pamid.networks.trained_network import (
     TrainedNetwork,
     load_network,
@@ -112,11 +112,11 @@ class Correction:
 
 
 class TrainingOptions(TypedDict, total=False):
-    """How a network is trained: which one (default: Elman), where (cpu or a device that torch
-    sees), and what goes to `networks.training.train`."""
+    """How a network is trained: which one (default: Elman), where (a device of torch; None: by the
+    compiled kernels), and what goes to `networks.training.train`."""
 
     wanted: NetworkChoice
-    device: str
+    device: str | None
     independent: bool
     plain: bool
     damping: Damping
@@ -163,7 +163,7 @@ def train_network(
     network = options.pop("wanted", NetworkChoice()).network(
         len(residual.inputs), residual.period_s, scored
     )
-    engine = engine_on(options.pop("device", "cpu"), network)
+    engine = engine_on(options.pop("device", None), network)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(

@@ -162,7 +162,7 @@ class Narx(Network):
         y = np.zeros(self._reach + len(u))
         # wild trial weights may overflow: the caller judges the outcome
         with np.errstate(all="ignore"):
-            drive = self._tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
+            drive = self.tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
         run_outputs(layers.feedback, layers.output, layers.output_bias, drive, self.stride, y)
         return y[self._reach :]
 
@@ -235,7 +235,7 @@ class Narx(Network):
             # The recursion of a chunk starts from the outputs that the chunk before has ended
             # with, derivatives included.
             y[:reach], jacobian[:reach] = y_before[-reach:], jacobian_before[-reach:]
-            taps = self._tapped(u, start, min(start + CHUNK, len(u)))
+            taps = self.tapped(u, start, min(start + CHUNK, len(u)))
             end = reach + len(taps)
             with np.errstate(all="ignore"):
                 drive = taps @ layers.taps.T + layers.bias
@@ -252,7 +252,7 @@ class Narx(Network):
             )
             yield start, y[reach:end], jacobian[reach:end]
 
-    def _tapped(self, u: Array, start: int, stop: int) -> Array:
+    def tapped(self, u: Array, start: int, stop: int) -> Array:
         """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ...,
         u(k-ns)."""
         k = np.arange(start, stop)

@@ -146,7 +146,7 @@ def train(
     3 ms far fewer, and more regularisation. `progress(step, start)` is called after every step;
     KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
     the result does not depend on it. `engine`: computes the passes of all starts that are running
-    in one batch (batch.py); the sums differ from the network's own in the last digits.
+    in one batch (torch_passes.py); the sums differ from the network's own in the last digits.
 
     `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
     that goes with it is `PAPER_DAMPING`.

@@ -203,12 +203,8 @@ class TrainingProblem:
         )
 
     def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
-        """J by its singular values, down to what matters next to alpha, from a separate pass; None
-        where passes are another's, or where J'J holds as much after all."""
-        # A batch serves all starts with the same pass. A pass for one of them would stop the
-        # others.
-        if self.batch_queue is not None:
-            return None
+        """J by its singular values, down to what matters next to alpha, from a separate pass of the
+        compiled kernels; None where J'J holds as much after all."""
         sums = RootSums(len(weights), evidence.alpha / evidence.beta)
         for u, t in self.records:
             self.network.add_to(sums, weights, u, t, self.washout, self.threads)
