@@ -48,6 +48,7 @@ from pamid.correction.trained_force_law import check_force_law, force_law_of
 from pamid.networks.anfis import Anfis
 from pamid.networks.network_training import train
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
+from pamid.networks.training_problem import TrainingOptions
 from pamid.symbolic.vocabulary import expression
 
 Array = NDArray[np.float64]
@@ -81,7 +82,12 @@ def make_record(path: Path) -> dict[str, Array]:
 def trained(record: dict[str, Array], iterations: int) -> tuple[float, float, str]:
     """CPU seconds of a training, its RMSE, and why it ended."""
     network, begun = Anfis(2, 5), time.process_time()
-    training = train(network, record["u"], 2.0 * record["target"] - 1.0, iterations=iterations)
+    training = train(
+        network,
+        record["u"],
+        2.0 * record["target"] - 1.0,
+        options=TrainingOptions(iterations=iterations),
+    )
     seconds = time.process_time() - begun
     error = 0.5 * (network.simulate(training.weights, record["grid"]) + 1.0) - record["truth"]
     return seconds, float(np.sqrt(np.mean(error**2))), training.why
@@ -160,7 +166,7 @@ def map_network(data: Path, first: int) -> tuple[TrainedNetwork, Array, Array]:
         force,
         output_name="force_n",
         period_s=1.0,
-        iterations=200,
+        options=TrainingOptions(iterations=200),
     )
     return network, table, held_out
 

@@ -31,6 +31,7 @@ from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.torch_passes import passes_on
+from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def on_one_core() -> dict[str, float]:
     weights = network.initial(2)
     _, jtj, jte = network.normal_equations(weights, u, target)
     stamps = Stamps()
-    training = train(network, u, target, iterations=19, progress=stamps)
+    training = train(network, u, target, options=TrainingOptions(iterations=19, progress=stamps))
     iteration, memory = stamps.step["cpu_s"], peak_mb()
     rates = [dgemm_rate(ROUNDS)]
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), ROUNDS)
@@ -105,7 +106,7 @@ def on_two_cores() -> dict[str, float]:
     races = []
     for threads in (1, 2):
         begun = time.perf_counter()
-        train(network, u, target, iterations=10, starts=2, threads=threads)
+        train(network, u, target, options=TrainingOptions(iterations=10, starts=2, threads=threads))
         races.append(time.perf_counter() - begun)
     return {"pass": alone / both, "starts": races[0] / races[1]}
 
@@ -142,7 +143,13 @@ def by_torch(device: str) -> None:
             figures = "".join(f" {s:9.4f}" for s in seconds)
             print(f"  {network.kind:6s} {starts:3d} starts {figures} {differ:9.1e}")
         ends = [
-            train(network, u[:10_000], target[:10_000], iterations=20, engine=e).starts_mse[0]
+            train(
+                network,
+                u[:10_000],
+                target[:10_000],
+                engine=e,
+                options=TrainingOptions(iterations=20),
+            ).starts_mse[0]
             for e in (engine, None)
         ]
         print(f"  {network.kind:6s} 20 steps, MSE {ends[0]:.4g}, compiled {ends[1]:.4g}")

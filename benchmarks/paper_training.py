@@ -35,7 +35,12 @@ from pamid.correction.residual_data import derived
 from pamid.networks.elman import Elman
 from pamid.networks.network_training import Training, TrainingStep
 from pamid.networks.trained_network import train_on_signals
-from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
+from pamid.networks.training_problem import (
+    PAPER_DAMPING,
+    PAPER_ITERATIONS,
+    Damping,
+    TrainingOptions,
+)
 from pamid.replications.joint_paper import (
     ANALYTIC_MODEL,
     ELMAN,
@@ -81,12 +86,14 @@ def trained(records: JointRecords, way: Way, seed: int, jobs: int) -> dict[str, 
     begun = time.process_time()
     found = train_correction(
         residual_data_of(records),
-        plain=way.plain,
-        damping=way.damping,
-        iterations=way.iterations,
-        starts=way.starts,
-        seed=seed,
-        threads=jobs,
+        options=TrainingOptions(
+            plain=way.plain,
+            damping=way.damping,
+            iterations=way.iterations,
+            starts=way.starts,
+            seed=seed,
+            threads=jobs,
+        ),
     )
     spent = time.process_time() - begun
     network, trace = found.trained.network, found.training.trace
@@ -169,12 +176,14 @@ def early(records: JointRecords, options: argparse.Namespace, folder: Path) -> N
             [one.target[own.rows]],
             output_name=one.channel,
             period_s=PERIOD_S,
-            iterations=options.iterations or 2000,
-            seed=options.seed,
-            starts=STARTS,
-            threads=options.jobs,
-            checkpoint=folder / "checkpoint.npz",
-            **more,
+            options=TrainingOptions(
+                iterations=options.iterations or 2000,
+                seed=options.seed,
+                starts=STARTS,
+                threads=options.jobs,
+                checkpoint=folder / "checkpoint.npz",
+                **more,
+            ),
         )[1]
 
     first = go(progress=watch)
@@ -216,11 +225,9 @@ def seconds_until(
         [one.target[own.rows]],
         output_name=one.channel,
         period_s=PERIOD_S,
-        iterations=iterations,
-        seed=seed,
-        starts=STARTS,
-        threads=jobs,
-        progress=watch,
+        options=TrainingOptions(
+            iterations=iterations, seed=seed, starts=STARTS, threads=jobs, progress=watch
+        ),
     )[1]
     end = float(found.trace["mse"][-1])
     clock, cpu = next((c, s) for mse, c, s in passed if mse <= (1.0 + share) * end)

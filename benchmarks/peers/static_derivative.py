@@ -21,9 +21,9 @@ from measuring import teacher_record
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.networks.elman import Elman
-from pamid.networks.network import Records
+from pamid.networks.network import Records, Rows
 from pamid.networks.network_training import train
-from pamid.networks.normal_equations import Rows
+from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
 NOISE = 0.02
@@ -70,7 +70,7 @@ def main() -> None:
     print(f"{'start':5s} {'exact mse':>11s} {'static mse':>11s} {'ratio':>6s}   ended")
     for seed in range(options.starts):
         exact, static = (
-            train(n, u, target, iterations=options.iterations, seed=seed)
+            train(n, u, target, options=TrainingOptions(iterations=options.iterations, seed=seed))
             for n in (RandomElman(), StaticElman())
         )
         mse = [t.trace["mse"][-1] for t in (exact, static)]

@@ -20,7 +20,6 @@ from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     NetworkChoice,
-    TrainingOptions,
     train_correction,
     write_correction,
 )
@@ -40,7 +39,12 @@ from pamid.correction.residual_data import (
 from pamid.model.registry import RigLike, resolved_rig
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
-from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
+from pamid.networks.training_problem import (
+    PAPER_DAMPING,
+    PAPER_ITERATIONS,
+    Damping,
+    TrainingOptions,
+)
 from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
@@ -49,7 +53,9 @@ if TYPE_CHECKING:
 EVIDENCE = ("every-sample", "independent-samples")
 USUAL_ITERATIONS = 1000
 #: trains and writes; network.json, and whether it was interrupted
-Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
+Trainer = Callable[
+    [Run, ResidualData, Progress, NetworkChoice, TrainingOptions], tuple[dict[str, Any], bool]
+]
 
 
 @dataclass(frozen=True)
@@ -230,7 +236,6 @@ def train_residual(
         },
     )
     course = TrainingOptions(
-        wanted=wanted,
         independent=evidence == "independent-samples",
         plain=as_in_paper,
         damping=damping,
@@ -242,7 +247,7 @@ def train_residual(
         checkpoint=folder.path(CHECKPOINT_FILE),
         resume=resume,
     )
-    about, interrupted = _trained(folder, leftover, trainer, course, progress)
+    about, interrupted = _trained(folder, leftover, trainer, wanted, course, progress)
     return _result(home, about, interrupted)
 
 
@@ -280,9 +285,13 @@ def _trainer(
     entry = entry_of(origin.evidence.rig, at)
 
     def at_port(
-        run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+        run: Run,
+        leftover: ResidualData,
+        show: Progress,
+        wanted: NetworkChoice,
+        course: TrainingOptions,
     ) -> tuple[dict[str, Any], bool]:
-        correction = train_at_port(leftover, origin.model(), entry, show, **course)
+        correction = train_at_port(leftover, origin.model(), entry, wanted, course, show)
         return write_port_correction(run, correction), correction.interrupted
 
     return at_port
@@ -292,15 +301,16 @@ def _trained(
     run: Run,
     leftover: ResidualData,
     trainer: Trainer,
+    wanted: NetworkChoice,
     course: TrainingOptions,
     progress: ShowProgress,
 ) -> tuple[dict[str, Any], bool]:
     """network.json, and whether the training was interrupted; the run is closed with how it
     ended."""
     try:
-        with progress_steps(progress, "train-residual", course["iterations"]) as (show, count):
-            course["progress"] = _steps(count, course["starts"])
-            about, interrupted = trainer(run, leftover, show, course)
+        with progress_steps(progress, "train-residual", course.iterations) as (show, count):
+            course = replace(course, progress=_steps(count, course.starts))
+            about, interrupted = trainer(run, leftover, show, wanted, course)
     except (PamidError, KeyboardInterrupt) as error:
         run.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise
@@ -309,9 +319,9 @@ def _trained(
 
 
 def _at_output(
-    run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+    run: Run, leftover: ResidualData, show: Progress, wanted: NetworkChoice, course: TrainingOptions
 ) -> tuple[dict[str, Any], bool]:
-    correction = train_correction(leftover, **course)
+    correction = train_correction(leftover, wanted, course)
     return write_correction(run, correction), correction.interrupted
 
 

@@ -40,6 +40,7 @@ from pamid.correction.monotone_law import constrained
 from pamid.correction.trained_force_law import MONOTONE_TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
+from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
@@ -386,8 +387,7 @@ def _train(
         taught,
         output_name=FORCE_COLUMN,
         period_s=1.0,
-        iterations=MAP_ITERATIONS,
-        seed=seed,
+        options=TrainingOptions(iterations=MAP_ITERATIONS, seed=seed),
     )[0]
     if not _guarded(trained)[1]:
         return trained, None

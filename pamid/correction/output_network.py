@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,7 @@ from pamid.networks.network_folders import (
     channel_network_files,
     channel_networks,
 )
-from pamid.networks.network_training import StepProgress, Training
-from pamid.networks.torch_passes import engine_on
+from pamid.networks.network_training import Training
 from pamid.networks.trained_network import (
     TrainedNetwork,
     load_network,
@@ -47,7 +46,7 @@ from pamid.networks.trained_network import (
     trace_csv,
     train_on_signals,
 )
-from pamid.networks.training_problem import Damping
+from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
 
@@ -111,45 +110,25 @@ class Correction:
         return self.training.why == "interrupted"
 
 
-class TrainingOptions(TypedDict, total=False):
-    """How a network is trained: which one (default: Elman), where (a device of torch; None: by the
-    compiled kernels), and what goes to `networks.training.train`."""
-
-    wanted: NetworkChoice
-    device: str | None
-    independent: bool
-    plain: bool
-    damping: Damping
-    iterations: int
-    seed: int
-    starts: int
-    threads: int
-    checkpoint: Path | None
-    resume: bool
-    progress: StepProgress | None
-
-
-def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction:
+def train_correction(
+    residual: ResidualData,
+    wanted: NetworkChoice = NetworkChoice(),
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
+) -> Correction:
     """Train on part 0, judge on part 1; errors as in `train_network`."""
-    trained, training, values = train_network(
-        residual, residual.channel, residual.target, **options
-    )
-    return Correction(
-        residual,
-        trained,
-        training,
-        values,
-        held_out_mae(
-            residual,
-            residual.channel,
-            **residual.models(residual.channel),
-            with_network=residual.columns[residual.modelled] + values,
-        ),
-    )
+    channel = residual.channel
+    trained, training, values = train_network(residual, channel, residual.target, wanted, options)
+    corrected = residual.columns[residual.modelled] + values
+    errors = held_out_mae(residual, channel, **residual.models(channel), with_network=corrected)
+    return Correction(residual, trained, training, values, errors)
 
 
 def train_network(
-    residual: ResidualData, name: str, target: Array, **options: Unpack[TrainingOptions]
+    residual: ResidualData,
+    name: str,
+    target: Array,
+    wanted: NetworkChoice,
+    options: TrainingOptions,
 ) -> tuple[TrainedNetwork, Training, Array]:
     """A network for `target` (rows,) over part 0, and its values over all stretches, elsewhere 0
     (rows,).
@@ -160,21 +139,15 @@ def train_network(
     """
     own = residual.of_part(0)
     scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
-    network = options.pop("wanted", NetworkChoice()).network(
-        len(residual.inputs), residual.period_s, scored
-    )
-    engine = engine_on(options.pop("device", None), network)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(
-            network,
+            wanted.network(len(residual.inputs), residual.period_s, scored),
             [residual.signals(s) for s in own],
             [target[s.rows] for s in own],
             output_name=name,
             period_s=residual.period_s,
-            washout=residual.washout,
-            engine=engine,
-            **options,
+            options=replace(options, washout=residual.washout),
         )
         if not len(training.trace["iteration"]):
             if training.why == "interrupted":

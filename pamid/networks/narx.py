@@ -26,10 +26,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
-from pamid.networks.network import Network, largest_determined, weighted
-from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.network import CHUNK, Network, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
@@ -77,22 +75,11 @@ class Narx(Network):
     stride: int = 10
 
     def __post_init__(self) -> None:
-        least = {"inputs": 1, "hidden": 1, "input_lags": 0, "output_lags": 1, "stride": 1}
-        for name, low in least.items():
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < low:
-                raise DataError(
-                    f"Narx: {name} must be a whole number of at least {low}, not {value!r}."
-                )
+        self.require_sizes(inputs=1, hidden=1, input_lags=0, output_lags=1, stride=1)
 
     @classmethod
-    def sized(
-        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
-    ) -> Network:
-        stride = max(1, round(TAP_S / period_s))
-        if sizes:
-            return cls(inputs, stride=stride, **sizes)
-        return largest_determined(lambda hidden: cls(inputs, hidden, stride=stride), samples)
+    def at_period(cls, period_s: float) -> dict[str, int]:
+        return {"stride": max(1, round(TAP_S / period_s))}
 
     def words(self) -> str:
         return (

@@ -31,6 +31,7 @@ from pamid.base.scanned import classes_of, modules_of
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
+from pamid.networks.training_problem import TrainingOptions
 from pamid.schemas.network_file import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 
 Array = NDArray[np.float64]
@@ -108,13 +109,13 @@ def train_on_signals(
     *,
     output_name: str,
     period_s: float,
-    **options: Any,
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
 ) -> tuple[TrainedNetwork, Training]:
     """Scale, train and bind together: `signals` by name in own units, in the order of the network's
     inputs.
 
-    Several recordings are lists of signals and of outputs; one scaling spans them all. `options` go
-    to `train`. DataError as in `scaling_of` and `train`.
+    Several recordings are lists of signals and of outputs; one scaling spans them all. DataError as
+    in `scaling_of` and `train`.
     """
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
@@ -131,7 +132,7 @@ def train_on_signals(
         [input_scaling.forward(t) for t in tables],
         [output_scaling.forward(o) for o in outputs],
     )
-    training = train(network, *scaled, **options)
+    training = train(network, *scaled, options)
     trained = TrainedNetwork(
         network,
         training.weights,

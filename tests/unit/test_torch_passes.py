@@ -11,6 +11,7 @@ from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 from pamid.networks.torch_passes import engine_on, passes_on
+from pamid.networks.training_problem import TrainingOptions
 
 DEVICES = [
     "cpu",
@@ -152,9 +153,9 @@ class Counting:
 def test_training_takes_the_same_steps_and_one_batch_serves_all_starts(network):
     us, ts = held_records()
     options = {"iterations": 6, "starts": 3, "washout": 30}
-    alone = train(network, us, ts, **options)
+    alone = train(network, us, ts, options=TrainingOptions(**options))
     engine = Counting(network)
-    together = train(network, us, ts, **options, engine=engine)
+    together = train(network, us, ts, engine=engine, options=TrainingOptions(**options))
     np.testing.assert_allclose(together.starts_mse, alone.starts_mse, rtol=1e-6)
     np.testing.assert_allclose(together.weights, alone.weights, rtol=1e-5, atol=1e-7)
     assert set(engine.sizes) == {3} and len(engine.sizes) == 2 * 7
@@ -166,7 +167,7 @@ def test_long_training_reaches_the_same_error(network):
     draw = np.random.default_rng(3)
     noisy = [t + 0.02 * draw.standard_normal(len(t)) for t in ts]
     compiled, by_torch = (
-        train(network, us, noisy, iterations=60, engine=engine)
+        train(network, us, noisy, engine=engine, options=TrainingOptions(iterations=60))
         for engine in (None, passes_on("cpu", network))
     )
     assert by_torch.starts_mse == pytest.approx(compiled.starts_mse, rel=0.03)
@@ -175,7 +176,9 @@ def test_long_training_reaches_the_same_error(network):
 def test_starts_that_end_early_leave_the_others_alone():
     us, ts = held_records()
     engine = Counting(Elman(2, 3))
-    trained = train(Elman(2, 3), us, ts, iterations=45, starts=4, engine=engine)
+    trained = train(
+        Elman(2, 3), us, ts, engine=engine, options=TrainingOptions(iterations=45, starts=4)
+    )
     assert engine.sizes[0] == 4 and engine.sizes[-1] == 1
     assert trained.trace["iteration"][-1] <= 45
 
@@ -187,4 +190,4 @@ def test_an_error_of_the_engine_reaches_the_caller():
 
     us, ts = held_records()
     with pytest.raises(MemoryError, match="device is full"):
-        train(Elman(2, 3), us, ts, iterations=3, starts=2, engine=Broken())
+        train(Elman(2, 3), us, ts, engine=Broken(), options=TrainingOptions(iterations=3, starts=2))
