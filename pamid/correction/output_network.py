@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.csv_table import header_line
 from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
-from pamid.base.files import WEIGHTS, read_data, write_together
+from pamid.base.files import TABLE, WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.metrics import mae
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
@@ -28,7 +28,6 @@ from pamid.correction.residual_data import (
     RESIDUAL_FILE,
     ResidualData,
     derived,
-    split_table,
 )
 from pamid.networks.network import Network
 from pamid.networks.network_folders import (
@@ -265,7 +264,8 @@ def with_columns(
 ) -> bytes:
     """residual.csv with a network's columns at its end, in place of those of any earlier network
     but the ones that are kept; other cells unchanged."""
-    names, body = split_table(path)
+    first, *body = [line for line in read_data(path, TABLE).decode().split("\n") if line]
+    names = first.split(",")
     earlier = {derived(c, "network") for c in names} - (set(others) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
     complete = len(keep) == len(names)

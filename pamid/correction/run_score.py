@@ -29,6 +29,7 @@ from pamid.correction.identified_model import (
     record_identified,
 )
 from pamid.correction.port_network import ADDED
+from pamid.estimation.closed_loop import has_loop
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -222,7 +223,7 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
         }
         measured = recording.signal(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if _has_loop(available.refitted.assembly.rig, recording):
+    if has_loop(available.refitted.assembly.rig, recording):
         loops = {}
         for name, model in available.every:
             runs.next(name, recording)
@@ -242,14 +243,6 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
 
 def _own(values: Array, channel: str) -> Array:
     return np.asarray(from_si(values, split_column(channel)[1]))
-
-
-def _has_loop(rig: Rig, recording: Recording) -> bool:
-    return bool(
-        recording.loop == "closed"
-        and rig.loops
-        and all(recording.has(q.reference) for q in rig.loops)
-    )
 
 
 def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None:
