@@ -30,7 +30,7 @@ from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 from pamid.networks.root_sums import RootSums, Spectrum
-from pamid.networks.torch_passes import passes_on
+from pamid.networks.torch_passes import engine_on
 from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def by_torch(device: str) -> None:
     )
     for network in (Elman(), Narx()):
         u, target = teacher_record(SAMPLES)
-        engine = passes_on(device, network)
+        engine = engine_on(device, network)
         for starts in STARTS:
             weights = np.stack([network.initial(seed) for seed in range(starts)])
             calls = (

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue, Engine
+from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import Attempt, TrainingStep, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.torch_passes import engine_on
+from pamid.networks.torch_passes import TorchPasses, engine_on
 from pamid.networks.training_problem import (
     TrainingOptions,
     TrainingProblem,
@@ -101,7 +101,7 @@ def train(
     inputs: ArrayLike | Sequence[ArrayLike],
     target: ArrayLike | Sequence[ArrayLike],
     options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
-    engine: Engine | None = None,
+    engine: TorchPasses | None = None,
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
@@ -144,7 +144,7 @@ class _Race:
     """Shared state of all starts of a training that run in parallel."""
 
     problem: TrainingProblem
-    engine: Engine | None
+    engine: TorchPasses | None
     clock: "_Clock"
 
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:

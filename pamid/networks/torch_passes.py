@@ -21,7 +21,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,27 +68,22 @@ def require_device(name: str) -> str:
     return name
 
 
-def engine_on(device: str | None, network: Network) -> "TorchPasses | None":
-    """Engine for the passes of a training on a device; None for the compiled kernels.
+def engine_on(
+    device: str | None, network: Network, block: int = 256, memory: int = 2**30
+) -> "TorchPasses | None":
+    """The passes of a network on a device (see `TorchPasses`); None for the compiled kernels.
 
     UsageError for a device that is not there, or a network that has no passes in torch.
     """
     if device is None:
         return None
-    if not isinstance(network, Elman | Narx):
-        raise UsageError(
-            f"--device {device}: torch computes elman and narx networks, not {network.kind}.",
-            "Leave out --device: the compiled kernels train every network.",
-        )
-    return passes_on(require_device(device), network)
-
-
-def passes_on(
-    device: str, network: Elman | Narx, block: int = 256, memory: int = 2**30
-) -> "TorchPasses":
-    """The passes of a network on a device (`TorchPasses`)."""
-    kind = ElmanPasses if isinstance(network, Elman) else NarxPasses
-    return kind(network, device, block, memory)
+    for kind in (ElmanPasses, NarxPasses):
+        if kind.computes is type(network):
+            return kind(network, require_device(device), block, memory)
+    raise UsageError(
+        f"--device {device}: torch computes elman and narx networks, not {network.kind}.",
+        "Leave out --device: the compiled kernels train every network.",
+    )
 
 
 class _Run(NamedTuple):
@@ -111,22 +106,14 @@ class TorchPasses(ABC):
 
     `block` is the longest block in steps; `memory` the bytes of Jacobian rows held on the device at
     once, which is most of what a pass takes there (a fixed number, so that sums are added up in the
-    same order on every device). One block of all starts is held in any case. UsageError where the
-    device is not there.
+    same order on every device). One block of all starts is held in any case.
     """
 
     network: Any
-    device: str = "cuda"
-    block: int = 256
-    memory: int = 2**30
-
-    def __post_init__(self) -> None:
-        require_device(self.device)
-        for name in ("block", "memory"):
-            if getattr(self, name) < 1:
-                raise DataError(
-                    f"TorchPasses: {name} must be at least 1, not {getattr(self, name)!r}."
-                )
+    device: str
+    block: int
+    memory: int
+    computes: ClassVar[type[Network]]
 
     @property
     @abstractmethod
@@ -250,12 +237,12 @@ class TorchPasses(ABC):
 class ElmanPasses(TorchPasses):
     """P(t) = diag(1 - x^2) C, and Q(t) has [x(t), u(t), 1] (1 - x_i^2) in the weights of unit i."""
 
-    network: Elman
+    computes = Elman
     phases = 1
 
     @property
     def fed(self) -> int:
-        return self.network.hidden
+        return int(self.network.hidden)
 
     def _simulated(self, w: "Tensor", u: Array, steps: int) -> _Run:
         import torch
@@ -306,15 +293,15 @@ class NarxPasses(TorchPasses):
     """With g_j = sum over the units of l_i (1 - x_i^2) F_ij the recursion is that of the rows
     themselves, dy(t) = direct(t) + sum over j of g_j(t) dy(t - j)."""
 
-    network: Narx
+    computes = Narx
 
     @property
     def phases(self) -> int:
-        return self.network.stride
+        return int(self.network.stride)
 
     @property
     def fed(self) -> int:
-        return self.network.output_lags
+        return int(self.network.output_lags)
 
     def _simulated(self, w: "Tensor", u: Array, steps: int) -> _Run:
         import torch

@@ -208,7 +208,12 @@ def load_network(folder: Path | str) -> TrainedNetwork:
         )
     try:
         inputs, output = about["inputs"], about["output"]
-        network = _class_of(str(about["kind"]), path)(**about["sizes"])
+        kind, kinds = str(about["kind"]), network_kinds()
+        if kind not in kinds:
+            raise FileError(
+                f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY
+            )
+        network = kinds[kind](**about["sizes"])
         return TrainedNetwork(
             network=network,
             weights=_weights(
@@ -236,15 +241,6 @@ def network_kinds() -> dict[str, type[Network]]:
     """Every kind of network by its name: the classes in the files of this package, no others."""
     modules = modules_of("pamid.networks").values()
     return {kind.kind: kind for module in modules for kind in classes_of(module, Network)}
-
-
-def _class_of(kind: str, path: Path) -> type[Any]:
-    kinds = network_kinds()
-    if kind not in kinds:
-        raise FileError(
-            f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY
-        )
-    return kinds[kind]
 
 
 def _weights(path: Path, sha256: str, n_weights: int) -> Array:

@@ -192,7 +192,8 @@ def test_a_law_that_moves_the_wrong_way_is_constrained() -> None:
     assert found.unconstrained is not None and found.monotone
     assert max(found.wrong_way) < 1e-5
     allowed = 5e-3 * found.map.force_n.max()
-    assert max(check_force_law(found.unconstrained, tolerance=1.0)) > 2.0 * allowed
+    with pytest.warns(UserWarning, match="wrong way"):
+        assert max(check_force_law(found.unconstrained, strict=False)) > 2.0 * allowed
     assert "constrained" in found.guard and " N RMS, as trained by " in found.guard
     own, trained = (pulls(ForceLaw(one), found.map) for one in (found.trained, found.unconstrained))
     assert rms(own, trained) < allowed

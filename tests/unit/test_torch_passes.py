@@ -10,7 +10,7 @@ from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
-from pamid.networks.torch_passes import engine_on, passes_on
+from pamid.networks.torch_passes import engine_on
 from pamid.networks.training_problem import TrainingOptions
 
 DEVICES = [
@@ -60,7 +60,7 @@ def test_loss_and_gradient_equal_the_compiled_kernels(device, network, washout):
     expected = compiled_sums(network, weights, u, target, washout)
     block_bytes = 8 * len(weights) * network.n_weights * 32
     for block, memory in ((64, 2**30), (7, 1), (32, 2 * block_bytes + 1)):
-        sums = passes_on(device, network, block, memory).normal_equations(
+        sums = engine_on(device, network, block, memory).normal_equations(
             weights, u, target, washout
         )
         for value, compiled in zip(sums, expected, strict=True):
@@ -75,7 +75,7 @@ def test_batched_simulation_equals_the_compiled_kernels(device, network, samples
     u, _ = record(network.inputs, samples)
     weights = lively(network)
     assert_equal_to_ten_digits(
-        passes_on(device, network).simulate(weights, u),
+        engine_on(device, network).simulate(weights, u),
         np.stack([network.simulate(w, u) for w in weights]),
     )
 
@@ -84,7 +84,7 @@ def test_batched_simulation_equals_the_compiled_kernels(device, network, samples
 @pytest.mark.parametrize("network", SMALL, ids=repr)
 def test_a_wild_start_leaves_the_others_alone(device, network):
     u, target = record(2, 500)
-    weights, engine = lively(network), passes_on(device, network, block=50)
+    weights, engine = lively(network), engine_on(device, network, block=50)
     tame = engine.normal_equations(weights[[0, 2]], u, target)
     weights[1] = 1e200
     sums = engine.normal_equations(weights, u, target)
@@ -102,7 +102,7 @@ def test_passes_run_on_one_thread_and_leave_torch_as_it_was(monkeypatch):
     monkeypatch.setattr(
         torch, "bmm", lambda *a, **k: (seen.append(torch.get_num_threads()), bmm(*a, **k))[1]
     )
-    engine = passes_on("cpu", Elman(2, 3))
+    engine = engine_on("cpu", Elman(2, 3))
     engine.normal_equations(lively(Elman(2, 3)), *record(2, 50))
     assert set(seen) == {1} and torch.get_num_threads() == before
     with pytest.raises(DataError, match="weights .starts, 22."):
@@ -142,7 +142,7 @@ class Counting:
     """An engine that notes how many starts share each of its batches."""
 
     def __init__(self, network):
-        self.inner, self.sizes = passes_on("cpu", network, block=64), []
+        self.inner, self.sizes = engine_on("cpu", network, block=64), []
 
     def normal_equations(self, weights, *rest):
         self.sizes.append(len(weights))
@@ -168,7 +168,7 @@ def test_long_training_reaches_the_same_error(network):
     noisy = [t + 0.02 * draw.standard_normal(len(t)) for t in ts]
     compiled, by_torch = (
         train(network, us, noisy, engine=engine, options=TrainingOptions(iterations=60))
-        for engine in (None, passes_on("cpu", network))
+        for engine in (None, engine_on("cpu", network))
     )
     assert by_torch.starts_mse == pytest.approx(compiled.starts_mse, rel=0.03)
 
