@@ -207,8 +207,9 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
     is monotone, nor towards it from the law as trained."""
     points = noisy()
     found = judge(points, sets=3)
-    trained, law, checked = found.unconstrained, found.trained, grid_of_law(found.trained)
-    assert trained is not None and checked.pressure_axis == 1
+    trained, law = found.unconstrained, found.trained
+    features, _, pressure_axis = grid_of_law(law)
+    assert trained is not None and pressure_axis == 1
     linear = law.network.linear
     inputs = np.column_stack([points.contraction, points.pressure_kpa])
     rows = law.network.features(law.weights, law.input_scaling.forward(inputs))
@@ -222,7 +223,7 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
         plane[:, 1:] = -fall, rise
         plane[:, 0] = place @ [-fall, rise]
         other = plane.ravel()
-        force = (checked.features @ other).reshape(121, 121)
+        force = (features @ other).reshape(121, 121)
         assert np.diff(force, axis=1).min() > -1e-9 and np.diff(force, axis=0).max() < 1e-9
         assert slope @ (other - law.weights[linear]) > 0.0
 
