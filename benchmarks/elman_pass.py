@@ -1,12 +1,13 @@
 """Training the paper's Elman network (5-10-1, 171 weights, 66667 samples): pass, iteration, memory,
-second core.
+second core, torch.
 
-    python benchmarks/elman_pass.py
+    python benchmarks/elman_pass.py [--device cpu] [--device cuda]
 
 All in one process, on one core but for the last lines: the pass with exact derivatives and the
-share it reaches of the rate of a matrix product measured beside it, the simulation that a trial
-step costs, a whole accepted iteration with all its trials, peak memory, and what a second core
-brings. Peers: elman_peers.py.
+share it reaches of the rate of a matrix product measured in the same process, the simulation that a
+trial step costs, a whole accepted iteration with all its trials, peak memory, and the gain by a
+second core. With --device only the passes of torch for Elman and NARX, next to those of the
+compiled kernels. Peers: elman_peers.py.
 """
 
 import os
@@ -14,8 +15,11 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import argparse
 import time
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +27,24 @@ from peers.measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, teacher_re
 
 from pamid.networks.bayes import Evidence, effective_weights, resolved, solve_damped
 from pamid.networks.elman import Elman
+from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 from pamid.networks.root_sums import RootSums, Spectrum
+from pamid.networks.torch_passes import engine_on
+from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
 
 SAMPLES = 66_667  # 200 s at 3 ms
 PAPER_SECONDS = 36_101 / 5_000  # Table I: 5000 iterations
 ROUNDS = 15
+STARTS = (1, 8)  # of a batch
 
 
-def wall_seconds(call: Callable[[], object]) -> float:
+def wall_seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
     """The fastest of several calls, by the clock."""
     taken = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         begun = time.perf_counter()
         call()
         taken.append(time.perf_counter() - begun)
@@ -64,7 +72,7 @@ def on_one_core() -> dict[str, float]:
     weights = network.initial(2)
     _, jtj, jte = network.normal_equations(weights, u, target)
     stamps = Stamps()
-    training = train(network, u, target, iterations=19, progress=stamps)
+    training = train(network, u, target, options=TrainingOptions(iterations=19, progress=stamps))
     iteration, memory = stamps.step["cpu_s"], peak_mb()
     rates = [dgemm_rate(ROUNDS)]
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), ROUNDS)
@@ -98,12 +106,62 @@ def on_two_cores() -> dict[str, float]:
     races = []
     for threads in (1, 2):
         begun = time.perf_counter()
-        train(network, u, target, iterations=10, starts=2, threads=threads)
+        train(network, u, target, options=TrainingOptions(iterations=10, starts=2, threads=threads))
         races.append(time.perf_counter() - begun)
     return {"pass": alone / both, "starts": races[0] / races[1]}
 
 
+def each_start(method: Callable[..., Any], weights: Array, *record: Array) -> list[Any]:
+    """Results of a network's method, start by start."""
+    return [method(w, *record) for w in weights]
+
+
+def by_torch(device: str) -> None:
+    """By the clock, as a device computes beside the processor: pass and simulation of several
+    starts by torch and by the compiled kernels, the largest relative difference of J'e, and the
+    error that a training reaches."""
+    print(
+        f"N = {SAMPLES}, torch on {device}; s by the clock, one core; load {os.getloadavg()[0]:.1f}"
+    )
+    print(
+        f"  {'':18s} {'pass':>8s} {'compiled':>9s} {'simulate':>9s} {'compiled':>9s} {'differ':>9s}"
+    )
+    for network in (Elman(), Narx()):
+        u, target = teacher_record(SAMPLES)
+        engine = engine_on(device, network)
+        for starts in STARTS:
+            weights = np.stack([network.initial(seed) for seed in range(starts)])
+            calls = (
+                partial(engine.normal_equations, weights, u, target),
+                partial(each_start, network.normal_equations, weights, u, target),
+                partial(engine.simulate, weights, u),
+                partial(each_start, network.simulate, weights, u),
+            )
+            seconds = [wall_seconds(call, 3) for call in calls]
+            sums, compiled = calls[0]()[2], np.array([part[2] for part in calls[1]()])
+            differ = np.max(np.abs(sums - compiled)) / np.max(np.abs(compiled))
+            figures = "".join(f" {s:9.4f}" for s in seconds)
+            print(f"  {network.kind:6s} {starts:3d} starts {figures} {differ:9.1e}")
+        ends = [
+            train(
+                network,
+                u[:10_000],
+                target[:10_000],
+                engine=e,
+                options=TrainingOptions(iterations=20),
+            ).starts_mse[0]
+            for e in (engine, None)
+        ]
+        print(f"  {network.kind:6s} 20 steps, MSE {ends[0]:.4g}, compiled {ends[1]:.4g}")
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--device", action="append", default=[])
+    for device in (devices := parser.parse_args().device):
+        by_torch(device)
+    if devices:
+        return
     one, two = on_one_core(), on_two_cores()
     print(
         f"Elman 5-10-1, {Elman().n_weights} weights, N = {SAMPLES}, float64; CPU s; load "

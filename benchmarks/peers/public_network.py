@@ -21,6 +21,7 @@ from public_sets import PublicSet, Record, asked, judge, read_set, tell
 import pamid
 from pamid.correction.output_network import NetworkChoice, train_correction
 from pamid.correction.residual_data import ResidualData, Segment, derived
+from pamid.networks.training_problem import TrainingOptions
 
 HIDDEN, STARTS, STEPS = 10, 4, 300
 LEARNT = 0.9  # of the record; the rest is held out, as the training asks for
@@ -60,9 +61,7 @@ def main() -> None:
     found = train_correction(
         leftover,
         wanted=NetworkChoice("elman", {"hidden": HIDDEN}),
-        iterations=steps,
-        starts=STARTS,
-        threads=1,
+        options=TrainingOptions(iterations=steps, starts=STARTS, threads=1),
     )
     network, taken = found.trained, len(found.training.trace["iteration"]) - 1
 

@@ -18,7 +18,6 @@ from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
     NetworkChoice,
-    TrainingOptions,
     train_correction,
     write_correction,
 )
@@ -36,7 +35,12 @@ from pamid.correction.residual_data import (
 )
 from pamid.model.registry import resolved_rig
 from pamid.networks.network_training import TrainingStep
-from pamid.networks.training_problem import PAPER_DAMPING, PAPER_ITERATIONS, Damping
+from pamid.networks.training_problem import (
+    PAPER_DAMPING,
+    PAPER_ITERATIONS,
+    Damping,
+    TrainingOptions,
+)
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -128,7 +132,7 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
     residual = read_residual_data(
         run.folder, a.channel, tuple(a.inputs), on=a.on, replay=a.at != "output"
     )
-    trained = _trainer(a, source)
+    trained = _trainer(a, source, wanted)
     run.begin_step(
         command=a.command or ["pamid.train_residual", str(run.folder)],
         seed=a.seed,
@@ -155,7 +159,6 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
                 residual,
                 show,
                 TrainingOptions(
-                    wanted=wanted,
                     independent=a.evidence == "independent-samples",
                     plain=a.plain,
                     damping=damping,
@@ -203,7 +206,7 @@ def _damping(arguments: TrainingArguments) -> Damping:
         ) from None
 
 
-def _trainer(arguments: TrainingArguments, source: OpenedRun) -> Trainer:
+def _trainer(arguments: TrainingArguments, source: OpenedRun, wanted: NetworkChoice) -> Trainer:
     """Trainer for an output or for a port; raises for unknown names."""
     rig = resolved_rig(arguments.rig)
     if arguments.at == "output":
@@ -213,7 +216,7 @@ def _trainer(arguments: TrainingArguments, source: OpenedRun) -> Trainer:
         def at_output(
             run: Run, residual: ResidualData, _: Progress, options: TrainingOptions
         ) -> tuple[dict[str, Any], bool]:
-            correction = train_correction(residual, **options)
+            correction = train_correction(residual, wanted, options)
             return write_correction(run, correction), correction.interrupted
 
         return at_output
@@ -223,7 +226,7 @@ def _trainer(arguments: TrainingArguments, source: OpenedRun) -> Trainer:
     def at_port(
         run: Run, residual: ResidualData, show: Progress, options: TrainingOptions
     ) -> tuple[dict[str, Any], bool]:
-        correction = train_at_port(residual, origin.model(), entry, show, **options)
+        correction = train_at_port(residual, origin.model(), entry, wanted, options, show)
         return write_port_correction(run, correction), correction.interrupted
 
     return at_port

@@ -40,6 +40,7 @@ from pamid.correction.monotone_law import constrained
 from pamid.correction.trained_force_law import MONOTONE_TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
+from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
@@ -311,7 +312,16 @@ def judge(
     by_contraction = held_out(np.rint(BANDS * place).astype(np.intp), range(1, BANDS))
     trained, unconstrained = _train(points, analytic, sets, seed)
     wrong_way, complaint = _guarded(trained)
-    limits = "" if unconstrained is None else _constraint_words(points, trained, unconstrained)
+    limits = ""
+    if unconstrained is not None:
+        own, other = (
+            rms(points.force_n, pulls(ForceLaw(law), points)) for law in (trained, unconstrained)
+        )
+        limits = (
+            " It is constrained to: as trained it moved the wrong way by "
+            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {own:.3g} N RMS, "
+            f"as trained by {other:.3g} N."
+        )
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
     return ValidatedMap(
         points,
@@ -327,16 +337,6 @@ def judge(
         or "The force grows with pressure and falls with contraction, in the range of the map and "
         f"a tenth beyond, to within {max(wrong_way):.2g} N.{limits}",
         unconstrained,
-    )
-
-
-def _constraint_words(points: ForceMap, law: TrainedNetwork, trained: TrainedNetwork) -> str:
-    """Effect and cost of constraining a law, in words."""
-    own, other = (rms(points.force_n, pulls(ForceLaw(one), points)) for one in (law, trained))
-    return (
-        " It is constrained to: as trained it moved the wrong way by "
-        f"{max(_guarded(trained)[0]):.3g} N. On all points it is off by {own:.3g} N RMS, as "
-        f"trained by {other:.3g} N."
     )
 
 
@@ -375,8 +375,12 @@ def _train(
     points: ForceMap, analytic: dict[str, Array], sets: int, seed: int
 ) -> tuple[TrainedNetwork, TrainedNetwork | None]:
     """An ANFIS of these points, constrained to the right way where it has to be; and then the one
-    that was trained. said: what each analytic law says of the points, N."""
-    moved = [_moved(points, values) for values in analytic.values()]
+    that was trained. analytic: what each analytic law says of the points, N."""
+    # each law with the factor and the offset that suit the pulling points best
+    pulling, moved = ~points.slack, []
+    for values in analytic.values():
+        terms = np.column_stack([values, np.ones_like(values)])
+        moved.append(terms @ np.linalg.lstsq(terms[pulling], points.force_n[pulling])[0])
     nearest_law = min(moved, key=lambda values: rms(points.force_n, np.maximum(values, 0.0)))
     taught = np.where(points.slack, np.minimum(points.force_n, nearest_law), points.force_n)
     signals = {CONTRACTION_COLUMN: points.contraction, PRESSURE_COLUMN: points.pressure_kpa}
@@ -386,8 +390,7 @@ def _train(
         taught,
         output_name=FORCE_COLUMN,
         period_s=1.0,
-        iterations=MAP_ITERATIONS,
-        seed=seed,
+        options=TrainingOptions(iterations=MAP_ITERATIONS, seed=seed),
     )[0]
     if not _guarded(trained)[1]:
         return trained, None
@@ -398,15 +401,6 @@ def _train(
     if bent > CONTRADICTED * float(points.force_n.max()):
         return trained, None
     return law, trained
-
-
-def _moved(points: ForceMap, law_force: Array) -> Array:
-    """A law's forces (points,), N, with the factor and the offset that suit the pulling points
-    best."""
-    terms = np.column_stack([law_force, np.ones_like(law_force)])
-    return np.asarray(
-        terms @ np.linalg.lstsq(terms[~points.slack], points.force_n[~points.slack])[0]
-    )
 
 
 def _number(value: Expr) -> float:

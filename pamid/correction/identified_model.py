@@ -42,7 +42,7 @@ from pamid.model.rig import Rig
 from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_replaced
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
-from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
+from pamid.schemas.fit_file import FitFile
 from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise
 from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop
 from pamid.symbolic.expression import symbol
@@ -277,7 +277,14 @@ def record_identified(
         for i, name in enumerate((*model.outputs, *commands))
     }
     if model.network is not None and model.network.in_loop:
-        clean = _corrected_in_loop(model, excitation, clean)
+        signals = dict(clean)
+        signals |= {name: excitation.signal(name) for name in rig.inputs if excitation.has(name)}
+        for q in rig.loops:
+            motion = loop_motion(clean[q.reading], clean[q.command], model.period_s)
+            signals |= dict(zip(loop_names(q, len(rig.loops) > 1), motion, strict=True))
+            signals[q.reference] = excitation.signal(q.reference)
+        channel = model.network.channel
+        clean[channel] = clean[channel] + model.network.trained.predict(signals)
     columns = {
         **excitation.columns,
         **{name: values + jitter.get(name, 0.0) for name, values in clean.items()},
@@ -294,23 +301,6 @@ def record_identified(
     meta |= {"between": excitation.between} if excitation.between else {}
     remarks = (*model.notes, *form_remarks(rig, excitation, columns))
     return VirtualRecording(columns, meta, [a.label for a in model.effects], remarks)
-
-
-def _corrected_in_loop(
-    model: Identified, excitation: Recording, outputs: dict[str, Array]
-) -> dict[str, Array]:
-    """Columns of a run in the control loop with the network's correction on its channel."""
-    assert model.network is not None
-    rig, trained, signals = model.assembly.rig, model.network.trained, dict(outputs)
-    signals |= {name: excitation.signal(name) for name in rig.inputs if excitation.has(name)}
-    for q in rig.loops:
-        motion = loop_motion(outputs[q.reading], outputs[q.command], model.period_s)
-        signals |= dict(zip(loop_names(q, len(rig.loops) > 1), motion, strict=True))
-        signals[q.reference] = excitation.signal(q.reference)
-    return {
-        **outputs,
-        model.network.channel: outputs[model.network.channel] + trained.predict(signals),
-    }
 
 
 # ---- reading a run -----------------------------------------------------------------------------
@@ -376,9 +366,17 @@ def load_identified(
             require_rival(choose, rivals or saved.effects)
         if rivals and fit.rivals:
             saved = fit.rivals[choose or max(rivals, key=lambda k: rivals[k])].model
-        model = _model(rig_object, saved, fit.recordings, catalogue, path)
-        model = replace(
-            model,
+        period = (fit.recordings[0].period_s if fit.recordings else None) or 0.0
+        if period <= 0.0:
+            refuse(path, "the sampling period of its recordings is out of range")
+        assembly, p, step = stored_model(rig_object, saved, fit.recordings, catalogue, path)
+        model = Identified(
+            rig_object.name,
+            assembly,
+            p,
+            period,
+            step,
+            controller=next((r.controller for r in fit.recordings if r.loop == "closed"), {}),
             source=name_of(rig or source),
             sha256=sha256_of(path),
             folder=run_folder,
@@ -400,23 +398,6 @@ def require_rival(effect: str, known: Collection[str]) -> None:
             nearest(effect, known)
             or (f"It offers {', '.join(known)}." if known else "It names no cause."),
         )
-
-
-def _model(
-    rig: Rig,
-    saved: FittedModel,
-    recordings: Sequence[RecordingUsed],
-    catalogue: dict[str, type[Effect]],
-    path: Path,
-) -> Identified:
-    period = (recordings[0].period_s if recordings else None) or 0.0
-    if period <= 0.0:
-        refuse(path, "the sampling period of its recordings is out of range")
-    assembly, p, step = stored_model(rig, saved, recordings, catalogue, path)
-    controller = next(
-        (recording.controller for recording in recordings if recording.loop == "closed"), {}
-    )
-    return Identified(rig.name, assembly, p, period, step, controller=controller)
 
 
 def network_beside(

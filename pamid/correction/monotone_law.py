@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-from pamid.correction.trained_force_law import CHECKED_POINTS, GridOfLaw, grid_of_law
+from pamid.correction.trained_force_law import CHECKED_POINTS, grid_of_law
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork
 
@@ -36,7 +36,7 @@ def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> Traine
 
     The weight of the regularisation is that of the training.
     """
-    network, grid = trained.network, grid_of_law(trained)
+    network, (features, slack, pressure_axis) = trained.network, grid_of_law(trained)
     assert isinstance(network, Anfis)
     rows = network.features(trained.weights, trained.input_scaling.forward(inputs))
     scaled = trained.output_scaling.forward(target)
@@ -49,7 +49,7 @@ def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> Traine
     broken = np.zeros((0, size))
     linear = trained.weights[network.linear]
     for _ in range(CUTTING_ROUNDS):
-        more = _broken(grid, linear)
+        more = _broken(features, features @ linear - slack, pressure_axis)
         if not len(more):
             weights = trained.weights.copy()
             weights[network.linear] = linear
@@ -63,14 +63,14 @@ def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> Traine
     return None
 
 
-def _broken(grid: GridOfLaw, consequents: Array) -> Array:
-    """Rows g of inequalities g c >= 0 (k, weights) that these consequents break: between
-    neighbours of the grid of which one pulls."""
-    shape = (CHECKED_POINTS, CHECKED_POINTS)
-    force = (grid.features @ consequents).reshape(shape) - grid.slack
-    features = grid.features.reshape(*shape, -1)
+def _broken(features: Array, force: Array, pressure_axis: int) -> Array:
+    """Rows g of inequalities g c >= 0 (k, weights) that consequents with this scaled force over the
+    grid (POINTS^2,) break: between neighbours of the grid of which one pulls."""
+    force, features = (
+        x.reshape(CHECKED_POINTS, CHECKED_POINTS, *x.shape[1:]) for x in (force, features)
+    )
     pull, rows, sizes = np.maximum(force, 0.0), [], []
-    for axis, sign in ((grid.pressure_axis, 1.0), (1 - grid.pressure_axis, -1.0)):
+    for axis, sign in ((pressure_axis, 1.0), (1 - pressure_axis, -1.0)):
         ahead, behind = (np.moveaxis(x, axis, 0) for x in (pull, features))
         fall = -sign * np.diff(ahead, axis=0)
         at = fall > 2.0 * BROKEN_BELOW  # the scaled range is 2 wide

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.csv_table import header_line
 from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
-from pamid.base.files import WEIGHTS, read_data, write_together
+from pamid.base.files import TABLE, WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.metrics import mae
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
@@ -28,9 +28,7 @@ from pamid.correction.residual_data import (
     RESIDUAL_FILE,
     ResidualData,
     derived,
-    split_table,
 )
-from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
 from pamid.networks.network_folders import (
     NETWORK_FILES,
@@ -38,7 +36,7 @@ from pamid.networks.network_folders import (
     channel_network_files,
     channel_networks,
 )
-from pamid.networks.network_training import StepProgress, Training
+from pamid.networks.network_training import Training
 from pamid.networks.trained_network import (
     TrainedNetwork,
     load_network,
@@ -47,7 +45,7 @@ from pamid.networks.trained_network import (
     trace_csv,
     train_on_signals,
 )
-from pamid.networks.training_problem import Damping
+from pamid.networks.training_problem import TrainingOptions
 
 Array = NDArray[np.float64]
 
@@ -111,45 +109,25 @@ class Correction:
         return self.training.why == "interrupted"
 
 
-class TrainingOptions(TypedDict, total=False):
-    """How a network is trained: which one (default: Elman), where (cpu or a device that torch
-    sees), and what goes to `networks.training.train`."""
-
-    wanted: NetworkChoice
-    device: str
-    independent: bool
-    plain: bool
-    damping: Damping
-    iterations: int
-    seed: int
-    starts: int
-    threads: int
-    checkpoint: Path | None
-    resume: bool
-    progress: StepProgress | None
-
-
-def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction:
+def train_correction(
+    residual: ResidualData,
+    wanted: NetworkChoice = NetworkChoice(),
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
+) -> Correction:
     """Train on part 0, judge on part 1; errors as in `train_network`."""
-    trained, training, values = train_network(
-        residual, residual.channel, residual.target, **options
-    )
-    return Correction(
-        residual,
-        trained,
-        training,
-        values,
-        held_out_mae(
-            residual,
-            residual.channel,
-            **residual.models(residual.channel),
-            with_network=residual.columns[residual.modelled] + values,
-        ),
-    )
+    channel = residual.channel
+    trained, training, values = train_network(residual, channel, residual.target, wanted, options)
+    corrected = residual.columns[residual.modelled] + values
+    errors = held_out_mae(residual, channel, **residual.models(channel), with_network=corrected)
+    return Correction(residual, trained, training, values, errors)
 
 
 def train_network(
-    residual: ResidualData, name: str, target: Array, **options: Unpack[TrainingOptions]
+    residual: ResidualData,
+    name: str,
+    target: Array,
+    wanted: NetworkChoice,
+    options: TrainingOptions,
 ) -> tuple[TrainedNetwork, Training, Array]:
     """A network for `target` (rows,) over part 0, and its values over all stretches, elsewhere 0
     (rows,).
@@ -160,21 +138,15 @@ def train_network(
     """
     own = residual.of_part(0)
     scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
-    network = options.pop("wanted", NetworkChoice()).network(
-        len(residual.inputs), residual.period_s, scored
-    )
-    engine = engine_on(options.pop("device", "cpu"), network)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(
-            network,
+            wanted.network(len(residual.inputs), residual.period_s, scored),
             [residual.signals(s) for s in own],
             [target[s.rows] for s in own],
             output_name=name,
             period_s=residual.period_s,
-            washout=residual.washout,
-            engine=engine,
-            **options,
+            options=replace(options, washout=residual.washout),
         )
         if not len(training.trace["iteration"]):
             if training.why == "interrupted":
@@ -292,7 +264,8 @@ def with_columns(
 ) -> bytes:
     """residual.csv with a network's columns at its end, in place of those of any earlier network
     but the ones that are kept; other cells unchanged."""
-    names, body = split_table(path)
+    first, *body = [line for line in read_data(path, TABLE).decode().split("\n") if line]
+    names = first.split(",")
     earlier = {derived(c, "network") for c in names} - (set(others) - set(added))
     keep = [i for i, column in enumerate(names) if column not in earlier]
     complete = len(keep) == len(names)

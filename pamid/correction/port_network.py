@@ -16,10 +16,11 @@ friction, at its joint: 0.10, 0.15 and 0.11, 0.11 deg (0.13), forces 3.5, 3.7 an
 from __future__ import annotations
 
 import copy
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ from pamid.base.units import (
 )
 from pamid.correction.output_network import (
     Correction,
-    TrainingOptions,
+    NetworkChoice,
     held_out_mae,
     train_correction,
     train_network,
@@ -64,6 +65,7 @@ from pamid.model.registry import all_effects, noted_rig
 from pamid.model.rig import Rig
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import TrainedNetwork
+from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import read_recording
 from pamid.schemas.fit_file import FitFile
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -331,8 +333,9 @@ def train_at_port(
     residual: ResidualData,
     model: GreyBox,
     entry: Entry,
+    wanted: NetworkChoice = NetworkChoice(),  # noqa: B008 (frozen)
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
     stage: Progress = silent,
-    **options: Unpack[TrainingOptions],
 ) -> PortCorrection:
     """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
     beside it the same network, trained alike, on what is left of the channel. Errors as in
@@ -355,11 +358,16 @@ def train_at_port(
     _require_stored(residual, model, rows[len(missing) :])
     target[rows[: len(missing)]] = from_si(missing, unit)
     trained, training, values = train_network(
-        residual, with_unit("missing", unit), target, **options
+        residual, with_unit("missing", unit), target, wanted, options
     )
     at_output = None
     if training.why != "interrupted":
-        at_output = _at_output(residual, **options)
+        # The same network for what is left of the channel, from its beginning.
+        with suppress(KeyboardInterrupt):
+            alone = train_correction(
+                residual, wanted, replace(options, checkpoint=None, resume=False)
+            )
+            at_output = None if alone.interrupted else alone
     stage("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values[rows], unit))
     corrected = np.empty((len(rows), len(e.channels)))
@@ -407,17 +415,6 @@ def named_values(model: GreyBox, p: Array) -> dict[str, float]:
     """Parameters that were fitted, by the name that `Assembly.values` takes, in the name's unit."""
     bounds = [(i, model.assembly.parameters[i]) for i in model.fit.problem.free]
     return {b.full_name: float(p[i] / b.factor) for i, b in bounds}
-
-
-def _at_output(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction | None:
-    """The same network for what is left of the channel, from its beginning; None where it is
-    interrupted."""
-    options["checkpoint"], options["resume"] = None, False
-    try:
-        correction = train_correction(residual, **options)
-    except KeyboardInterrupt:
-        return None
-    return None if correction.interrupted else correction
 
 
 def _compared(

@@ -10,7 +10,6 @@ are measured outputs: what they would tell, a model cannot know.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, UsageError, nearest
-from pamid.base.files import TABLE, read_data
 from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
 from pamid.report.load import read_diagnosis, repeats_refit
+from pamid.report.reading import read_columns as table_columns
 from pamid.schemas.fit_file import FitFile
 
 Array = NDArray[np.float64]
@@ -35,7 +34,6 @@ RESIDUAL_RUNS = {"loop": "in its own control loop", "replay": "on recorded comma
 #: models whose residual a network may be trained on -> the kind of their columns in residual.csv
 REFIT, CAUSES = "refit", "causes"
 MODEL_COLUMNS = {REFIT: "refitted", CAUSES: "cause"}
-_BLANK = re.compile(r"(?<=,)(?=,)")
 REFIT_REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 _PERIODS_AGREE = 0.01  # share by which the sampling periods of the recordings may differ
 
@@ -205,56 +203,21 @@ def derived(channel: str, kind: str) -> str:
 
 def read_columns(path: Path) -> dict[str, Array]:
     """residual.csv by column; FileError where it is missing or damaged."""
-    names, body = split_table(path)
-    try:
-        if any(",," in line for line in body):  # channels that a recording lacks
-            body = [_BLANK.sub("nan", line) for line in body]
-        table = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
-    except ValueError as error:
-        raise FileError(
-            f"{path}, below the header: {error}.", REFIT_REMEDY, code="damaged"
-        ) from None
-    if (
-        table.shape[1:] != (len(names),)
-        or len(set(names)) != len(names)
-        or names[: len(RESIDUAL_KEYS)] != list(RESIDUAL_KEYS)
-    ):
-        raise FileError(
-            f"{path}: its header does not fit a residual table that begins with "
-            f"{', '.join(RESIDUAL_KEYS)}.",
-            REFIT_REMEDY,
-            code="damaged",
-        )
-    if (np.abs(table) > HUGE).any():
-        raise FileError(
-            f"{path} holds a number beyond {HUGE:g}, which no sensor and no model shows.",
-            REFIT_REMEDY,
-            code="damaged",
-        )
-    counts = table[:, 1 : len(RESIDUAL_KEYS)]
-    if not (np.isfinite(counts) & (counts == np.round(counts))).all():
-        raise FileError(
-            f"{path}: {', '.join(RESIDUAL_KEYS[1:])} hold more than whole numbers.",
-            REFIT_REMEDY,
-            code="damaged",
-        )
-    return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
-
-
-def split_table(path: Path) -> tuple[list[str], list[str]]:
-    """Names and lines of residual.csv; FileError where there is none."""
-    try:
-        lines = read_data(path, TABLE).decode("utf-8").split("\n")
-    except FileNotFoundError:
-        raise FileError(f"{path} does not exist.", REFIT_REMEDY, code="missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(
-            f"{path} cannot be read as text: {error}.", REFIT_REMEDY, code="damaged"
-        ) from None
-    body = [line for line in lines[1:] if line]
-    if not body:
-        raise FileError(f"{path} has no rows.", REFIT_REMEDY, code="damaged")
-    return lines[0].split(","), body
+    columns = table_columns(path)
+    if columns is None:
+        raise FileError(f"{path} does not exist.", REFIT_REMEDY, code="missing")
+    fault = ""
+    if tuple(columns)[: len(RESIDUAL_KEYS)] != RESIDUAL_KEYS:
+        fault = f"its header does not begin with {', '.join(RESIDUAL_KEYS)}"
+    elif any((np.abs(values) > HUGE).any() for values in columns.values()):
+        fault = f"it holds a number beyond {HUGE:g}, which no sensor and no model shows"
+    else:
+        counts = np.array([columns[name] for name in RESIDUAL_KEYS[1:]])
+        if not (np.isfinite(counts) & (counts == np.round(counts))).all():
+            fault = f"{', '.join(RESIDUAL_KEYS[1:])} hold more than whole numbers"
+    if fault:
+        raise FileError(f"{path}: {fault}.", REFIT_REMEDY, code="damaged")
+    return columns
 
 
 def _period(fit: FitFile, columns: dict[str, Array]) -> float:

@@ -8,8 +8,9 @@ the end. A network that was trained on the one comparison is judged in that one 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from pamid.correction.identified_model import (
     record_identified,
 )
 from pamid.correction.port_network import ADDED
+from pamid.estimation.closed_loop import has_loop
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -41,7 +43,7 @@ from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.free_runs import measured_outputs
 from pamid.simulation.replay import Replay, replay_track
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
-from pamid.simulation.tracks import Track, track_of
+from pamid.simulation.tracks import track_of
 
 Array = NDArray[np.float64]
 
@@ -100,9 +102,16 @@ def score_run(
         require_apart(outputs, used, [recording])
         _require_alike(recording, models.refitted)
         measured_outputs(models.refitted.assembly, recording)
-    runs = _Counted(2 * len(recordings) * len(models.every))
-    rows = [row for item in recordings for row in _rows(models, item, runs)]
-    notes = (*_notes(models), *_left_out(models.refitted.assembly.rig, recordings))
+    most, begun = 2 * len(recordings) * len(models.every), count()
+
+    def say(name: str, recording: Recording) -> None:
+        tell(f"runs {next(begun)}/{most}: {name.replace('_', ' ')}, {recording.name}")
+
+    rows = [row for item in recordings for row in _rows(models, item, say)]
+    form, notes = models.refitted.assembly.rig.forms, _notes(models)
+    if form is not None:  # something acts in a recording that the form of the rig leaves out
+        texts = (form.left_out(models.refitted.assembly.rig, item) for item in recordings)
+        notes = (*notes, *filter(None, texts))
     return RunScore(models.refitted.name, tuple(models.named), tuple(rows), notes)
 
 
@@ -137,13 +146,6 @@ def _notes(models: _Models) -> tuple[str, ...]:
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
-
-
-def _left_out(rig: Rig, recordings: Sequence[Recording]) -> Iterator[str]:
-    """Sentences about recordings in which something acts that the form of the rig leaves out."""
-    for recording in recordings:
-        if rig.forms is not None and (text := rig.forms.left_out(rig, recording)):
-            yield text
 
 
 # ---- what may be judged ------------------------------------------------------------------------
@@ -189,32 +191,22 @@ def _require_alike(recording: Recording, model: Identified) -> None:
 # ---- rows --------------------------------------------------------------------------------------
 
 
-@dataclass
-class _Counted:
-    """Says which run of a model begins, of how many at most."""
-
-    total: int
-    begun: int = 0
-
-    def next(self, name: str, recording: Recording) -> None:
-        tell(f"runs {self.begun}/{self.total}: {name.replace('_', ' ')}, {recording.name}")
-        self.begun += 1
-
-
-def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[RecordingError]:
+def _rows(
+    available: _Models, recording: Recording, say: Callable[[str, Recording], None]
+) -> Iterator[RecordingError]:
     """Replay, then closed loop, channel by channel."""
     seen = [c for c in available.channels if recording.has(c)]
     split = split_recordings(available.refitted.assembly.rig, [recording], [])
     replays = {}
     for name, model in available.every:
-        runs.next(name, recording)
+        say(name, recording)
         if model.network is None or not model.network.in_loop:
             replays[id(model)] = _Replayed(model, available.channels, split, recording).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
         k = available.channels.index(channel)
         models = {
-            name: _own(replays[id(model)][1][scored, k], channel)
+            name: from_si(replays[id(model)][1][scored, k], split_column(channel)[1])
             if replays[id(model)][0].finite
             else None
             for name, model in available.of(channel).items()
@@ -222,10 +214,10 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
         }
         measured = recording.signal(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if _has_loop(available.refitted.assembly.rig, recording):
+    if has_loop(available.refitted.assembly.rig, recording):
         loops = {}
         for name, model in available.every:
-            runs.next(name, recording)
+            say(name, recording)
             loops[id(model)] = _loop_of(model, recording)
         for channel in seen:
             own = {name: loops[id(model)] for name, model in available.of(channel).items()}
@@ -238,18 +230,6 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
                 recording.signal(channel),
                 models,
             )
-
-
-def _own(values: Array, channel: str) -> Array:
-    return np.asarray(from_si(values, split_column(channel)[1]))
-
-
-def _has_loop(rig: Rig, recording: Recording) -> bool:
-    return bool(
-        recording.loop == "closed"
-        and rig.loops
-        and all(recording.has(q.reference) for q in rig.loops)
-    )
 
 
 def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None:
@@ -296,28 +276,20 @@ class _Replayed:
 
     def _run(self, assembly: Assembly, p: Array, added: Array | None = None) -> Replay:
         measured = replace(assembly, outputs=self.channels)
-        track = self._track(measured, added)
+        split, inputs = self.split, assembly.traced.inputs
+        track = track_of(measured, self.recording, self.channels, split.jump, split.timescale_s)
+        if added is not None:
+            u = track.u.copy()
+            u[:, inputs.index(ADDED)] = added
+            track = replace(track, u=u)
         # of a channel that was not recorded nothing is weighed
         noise = np.array(
             [
-                self.split.noise[self.split.channels.index(c)] if c in self.split.channels else 1.0
+                split.noise[split.channels.index(c)] if c in split.channels else 1.0
                 for c in self.channels
             ]
         )
         return replay_track(measured, p, track, self.model.stepping, noise)
-
-    def _track(self, assembly: Assembly, added: Array | None) -> Track:
-        recording, column = self.recording, None
-        if ADDED in assembly.traced.inputs:
-            column = assembly.traced.inputs.index(ADDED)
-        track = track_of(
-            assembly, recording, self.channels, self.split.jump, self.split.timescale_s
-        )
-        if column is None or added is None:
-            return track
-        u = track.u.copy()
-        u[:, column] = added
-        return replace(track, u=u)
 
     def _value(self, done: Replay) -> Array:
         """The network over every window from a zero state, in its own unit (samples,)."""
@@ -329,7 +301,7 @@ class _Replayed:
                 values = done.model[:, self.channels.index(source)]
             else:
                 values = done.track.u[:, inputs.index(source)]
-            columns.append(_own(values, source))
+            columns.append(from_si(values, split_column(source)[1]))
         signals = np.column_stack(columns)
         prediction = np.zeros(len(signals))
         for w in done.windows:

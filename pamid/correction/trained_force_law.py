@@ -97,14 +97,12 @@ def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) ->
     return ForceLaw(trained)
 
 
-def check_force_law(
-    trained: TrainedNetwork, *, tolerance: float = MONOTONE_TOLERANCE, strict: bool = True
-) -> tuple[float, float]:
+def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[float, float]:
     """Check that the force grows with pressure and falls with contraction, in the trained range and
     a tenth beyond.
 
     Returns the largest move the wrong way (N) along pressure and along contraction. More than
-    `tolerance` of the range of forces is a DataError that says where and by how much; with
+    `MONOTONE_TOLERANCE` of the range of forces is a DataError that says where and by how much; with
     `strict=False` a warning. A force below zero counts as none: a rig's muscle does not push.
     """
     order = _order(trained)
@@ -112,7 +110,7 @@ def check_force_law(
     forces = np.maximum(low + 0.5 * (_on_grid(trained) + 1.0) * (high - low), 0.0)
     axis = order.index("Pa")
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
-    allowed = tolerance * (high - low)
+    allowed = MONOTONE_TOLERANCE * (high - low)
     faults = [
         _said(trained, k, places, forces)
         for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
@@ -174,25 +172,14 @@ def _extended(of: Callable[[Array], Array]) -> Array:
     return edge + (edge - before) / NUDGE
 
 
-@dataclass(frozen=True, eq=False)
-class GridOfLaw:
-    """The grid on which a law that is linear in some of its weights is checked: features
-    (POINTS^2, weights), of which the scaled force is the product with these weights; slack: the
-    scaled force at which the muscle pulls no more; pressure_axis: of the grid, 0 or 1."""
-
-    features: Array
-    slack: float
-    pressure_axis: int
-
-
-def grid_of_law(trained: TrainedNetwork) -> GridOfLaw:
-    """The grid of a network's force law; DataError as `check_force_law`."""
+def grid_of_law(trained: TrainedNetwork) -> tuple[Array, float, int]:
+    """The grid on which a law that is linear in some of its weights is checked: features (POINTS^2,
+    weights), of which the scaled force is the product with these weights; the scaled force at which
+    the muscle pulls no more; the axis of the grid, 0 or 1, that is the pressure. DataError as
+    `check_force_law`."""
     low, high = _force_si(trained)
-    return GridOfLaw(
-        _extended(lambda u: trained.network.features(trained.weights, u)),
-        -1.0 - 2.0 * low / (high - low),
-        _order(trained).index("Pa"),
-    )
+    features = _extended(lambda u: trained.network.features(trained.weights, u))
+    return features, -1.0 - 2.0 * low / (high - low), _order(trained).index("Pa")
 
 
 def _steps() -> Array:

@@ -17,7 +17,7 @@ Regression, section 3.5, for subsets in the place of a greedy path.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,18 +67,18 @@ class ResponseWork(Work[ScreenedCandidate, Response]):
         of_effect = np.array([bounds[i].owner in labels for i in problem.free], bool)
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
-        point = problem, p, item.starts, base.weights, base.continuity, item.stepping, SUBSET_ROWS
+        point = replace(base, problem=problem, p=p, starts=item.starts, stepping=item.stepping)
         # Derivatives of a rig that is stepped cost calls of its own code, so that those of the
         # baseline are reused.
         if isinstance(assembly.rig, StepRig):
-            rows = linear_rows(*point, known=self.reference.known)
+            rows = linear_rows(point, SUBSET_ROWS, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
             shared = np.concatenate([np.ones(len(rows.away) - len(of_effect), bool), ~of_effect])
             away, by_effect = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
         # Equations are differentiated in lanes at little cost, so that only the effect's own
         # columns are formed.
         else:
-            away, by_effect = moved_rows(*point, np.flatnonzero(of_effect))
+            away, by_effect = moved_rows(point, SUBSET_ROWS, np.flatnonzero(of_effect))
             sheet = s[~of_effect]
             away = np.concatenate([away, sheet])
             by_effect = np.concatenate([by_effect, np.zeros((len(sheet), by_effect.shape[1]))])
@@ -134,16 +134,14 @@ def responses_of(
 ) -> ScreenedResponses:
     """Responses of all screened candidates, each linearised where its screening has ended."""
     base = reference.baseline
-    ground = linear_rows(
-        reference.problem(evidence, base.assembly),
-        reference.p,
-        reference.starts,
-        base.fit.weights,
-        base.fit.continuity,
-        reference.stepping,
-        SUBSET_ROWS,
-        known=reference.known,
+    point = replace(
+        base.fit,
+        problem=reference.problem(evidence, base.assembly),
+        p=reference.p,
+        starts=reference.starts,
+        stepping=reference.stepping,
     )
+    ground = linear_rows(point, SUBSET_ROWS, known=reference.known)
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
     responses = pool.run(ResponseWork(evidence, reference, ground.away, spanned), screened)
     finite = [

@@ -31,7 +31,6 @@ from pamid.engine.llvm_ir import IN_PARTS
 _VERSION = "2"
 _lock = threading.Lock()
 _loaded: dict[str, llvm.ExecutionEngine] = {}
-_machines: dict[int, llvm.TargetMachine] = {}
 
 
 def cache_folder() -> Path:
@@ -40,21 +39,18 @@ def cache_folder() -> Path:
     return Path(chosen) if chosen else user_cache() / "pamid"
 
 
-def _target(level: int) -> llvm.TargetMachine:
-    """Machine-code target with this optimisation level (0 to 3)."""
-    if level not in _machines:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        features = llvm.get_host_cpu_features().flatten()
-        _machines[level] = llvm.Target.from_default_triple().create_target_machine(
-            cpu=llvm.get_host_cpu_name(),
-            features=features,
-            opt=level,
-            reloc="pic",
-            codemodel="jitdefault",
-            jit=True,
-        )
-    return _machines[level]
+def _machine(level: int, **options: str) -> llvm.TargetMachine:
+    """Target of machine code for this processor with this optimisation level (0 to 3)."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=level,
+        codemodel="jitdefault",
+        jit=True,
+        **options,
+    )
 
 
 def _key(ir_text: str) -> str:
@@ -76,7 +72,7 @@ def _compile(ir_text: str) -> bytes:
     # joints) the first level of code alone takes 8 to 16 times as long as what is written at once,
     # and runs by a fifth faster at best
     long = ir_text.startswith(IN_PARTS)
-    machine = _target(0 if long else 2)
+    machine = _machine(0 if long else 2, reloc="pic")
     module = llvm.parse_assembly(ir_text)
     module.verify()
     if not long:
@@ -150,16 +146,8 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
             if code is None:
                 code = _compile(ir_text)
                 _write(path, code)
-            _target(2)
-            empty = llvm.parse_assembly("")
-            machine = llvm.Target.from_default_triple().create_target_machine(
-                cpu=llvm.get_host_cpu_name(),
-                features=llvm.get_host_cpu_features().flatten(),
-                opt=2,
-                codemodel="jitdefault",
-                jit=True,
-            )
-            engine = llvm.create_mcjit_compiler(empty, machine)
+            machine = _machine(2)
+            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
             # The engine owns the machine code, which must stay as long as an address may be called.

@@ -148,7 +148,6 @@ class LaneProgram(EquationSteps):
         period_s: float,
         time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         """Simulate window after window, setting the first states anew at the start of each.
@@ -172,8 +171,8 @@ class LaneProgram(EquationSteps):
         end with its window.
         """
         memory.join = True
-        course = period_s, time_s, stepping, after, dependent
-        return self._run(memory, u, p, np.asarray(edges), entered, *course)
+        edges = np.asarray(edges)
+        return self._run(memory, u, p, edges, entered, period_s, time_s, stepping, None, dependent)
 
     def exchange_matrices(
         self, memory: LaneMemory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -434,7 +434,7 @@ class ProgramCode:
     partials when they are first needed: they take four fifths of the time, and a model that is
     only simulated needs none."""
 
-    text: ModuleTexts
+    text: ProgramText | ModuleTexts
 
     def at(self, p: Array, *, partials: bool) -> tuple[CompiledEquations, Array]:
         """The compiled functions, and the parameters p (SI) followed by what depends on them alone.
@@ -490,17 +490,6 @@ class ProgramCode:
 
 def _int_array(values: object) -> NDArray[np.int64]:
     return np.array(values, np.int64)
-
-
-class ModuleTexts(Protocol):
-    """Modules that a program is compiled from; phases: see `cell_phases`."""
-
-    @property
-    def phases(self) -> tuple[Any, list[int], list[int], list[int], list[float]]: ...
-    @property
-    def plain(self) -> PlainModule: ...
-    @property
-    def partials(self) -> PartialsModule: ...
 
 
 @dataclass(frozen=True)
@@ -578,6 +567,14 @@ class PartialsModule(NamedTuple):
     direct_at: list[int]
     direct: list[tuple[int, int, int]]
     widest: int
+
+
+class ModuleTexts(NamedTuple):
+    """The modules of a program that were written in another process."""
+
+    phases: tuple[Any, list[int], list[int], list[int], list[float]]
+    plain: PlainModule
+    partials: PartialsModule
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import (
     Memory,
+    ModuleTexts,
     PartialsModule,
     PlainModule,
     Program,
@@ -26,14 +27,6 @@ from pamid.engine.simulator import Simulator
 from pamid.engine.stepped import SteppedProgram
 
 Array = NDArray[np.float64]
-
-
-class RemoteTexts(NamedTuple):
-    """The modules of a program from another process."""
-
-    phases: tuple[Any, list[int], list[int], list[int], list[float]]
-    plain: PlainModule
-    partials: PartialsModule
 
 
 def program_data(program: SteppedProgram) -> dict[str, Any]:
@@ -61,7 +54,7 @@ def program_data(program: SteppedProgram) -> dict[str, Any]:
 def rebuilt_program(data: dict[str, Any], simulator: Simulator | Carrier) -> SteppedProgram:
     """Rebuild a program around another simulator, with code from the cache where it is there."""
     states, inputs, parameters, outputs, cells = map(tuple, data["tables"])
-    texts = RemoteTexts(
+    texts = ModuleTexts(
         data["phases"], PlainModule(**data["plain"]), PartialsModule(**data["partials"])
     )
     around = Program(

@@ -111,7 +111,6 @@ class SerialLanes:
         period_s: float,
         time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         lanes = len(memory.memories)
@@ -134,7 +133,7 @@ class SerialLanes:
                 period_s=period_s,
                 time_s=time_s + start * period_s,
                 stepping=stepping,
-                after=u[stop] if stop < len(u) else after,
+                after=u[stop] if stop < len(u) else None,
             )
             well = bad < 0
             Y[start - edges[0] : stop - edges[0], :, well] = values[:, :, well]

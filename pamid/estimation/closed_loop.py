@@ -30,7 +30,7 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     velocity and acceleration, and the command.
     """
     rig = g.evidence.rig
-    if not _has_loop(rig, r):
+    if not has_loop(rig, r):
         return None
     settings = {**rig.controller, **r.controller}
     a = Assembly(
@@ -57,7 +57,8 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
 
 
-def _has_loop(rig: Rig, r: Recording) -> bool:
+def has_loop(rig: Rig, r: Recording) -> bool:
+    """Whether the recording was made by a controller of the rig, with its references."""
     return bool(r.loop == "closed" and rig.loops and all(r.has(q.reference) for q in rig.loops))
 
 
@@ -101,7 +102,7 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
     rows = []
     for span in g.evidence.held_out:
         r, part = span.recording, slice(span.start, span.stop)
-        if not _has_loop(g.evidence.rig, r):
+        if not has_loop(g.evidence.rig, r):
             continue
         runs = {name: loop_run(model, r, p) for name, (model, p) in models.items()}
         for c in g.evidence.channels:

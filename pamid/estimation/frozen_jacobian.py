@@ -30,10 +30,10 @@ from pamid.estimation.multiple_shooting import (
     TOLERANCE,
     MultipleShooting,
     ShootingPoint,
+    WindowSums,
     reduced,
 )
 from pamid.estimation.problem import Problem
-from pamid.estimation.shooting_windows import WindowSums, assembled
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Window
 
@@ -147,8 +147,8 @@ class ChordShooting(MultipleShooting):
 
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> ShootingPoint:
         """The point with its normal equations, which cost nothing beyond the run."""
-        sums = [self._window_sums(i, s, entered) for i, entered in enumerate(starts)]
-        return ShootingPoint(s, starts, assembled(self, s, sums, True), True)
+        sums = [self._track_sums(i, s, entered) for i, entered in enumerate(starts)]
+        return ShootingPoint(s, starts, self.assembled(s, sums, True), True)
 
     def predicted_cost(self, at: ShootingPoint) -> float:
         """The cost that the linearised model expects behind one undamped step."""
@@ -162,7 +162,7 @@ class ChordShooting(MultipleShooting):
 
     # a model that runs away overflows in its sums: these are looked at afterwards
     @np.errstate(over="ignore", invalid="ignore")
-    def _window_sums(self, i: int, s: Array, entered: Array) -> WindowSums:
+    def _track_sums(self, i: int, s: Array, entered: Array) -> WindowSums:
         """One track run at scaled parameters and states of its window starts (windows, states)."""
         problem, frozen = self.problem, self.frozen.tracks[i]
         track, free = problem.tracks[i], list(problem.free)
@@ -228,19 +228,18 @@ def begin_chords(
     starts : states at the start of every window, per track (windows, states)
     weights, continuity, stepping : as of `pamid.estimation.multiple_shooting.fit`
     """
-    moves, shared = tuple(_state_moves(x) for x in starts), frozen.of_shared(problem)
+    moves = []
+    for entered in starts:
+        # The spread over the windows is the only scale of a state that needs no knowledge of its
+        # unit. A state that starts every window at the same value moves by its own size, at zero by
+        # 1 (SI).
+        size = entered.std(axis=0)
+        size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))
+        moves.append(MOVE * np.where(size > 0.0, size, 1.0))
+    shared = frozen.of_shared(problem)
     shooting = ChordShooting(
-        problem, p, weights, continuity, stepping, (), TOLERANCE, True, shared, moves
+        problem, p, weights, continuity, stepping, (), TOLERANCE, True, shared, tuple(moves)
     )
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
     return shooting, Iteration(shooting.at(s, starts), shooting.rule.start)
-
-
-def _state_moves(entered: Array) -> Array:
-    """Differences (states,) for states at window starts (windows, states)."""
-    # The spread over the windows is the only scale of a state that needs no knowledge of its unit.
-    size = entered.std(axis=0)
-    # a state that starts every window at the same value moves by its own size, at zero by 1 (SI)
-    size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))
-    return MOVE * np.where(size > 0.0, size, 1.0)

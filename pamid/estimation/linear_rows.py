@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.engine.program import Stepping
 from pamid.estimation.lane_windows import moved_parameters, run_lanes
-from pamid.estimation.problem import Problem
-from pamid.estimation.weights import Weights
+from pamid.estimation.problem import Fit, Problem
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
@@ -52,33 +50,27 @@ class LinearRows:
 
 
 def linear_rows(
-    problem: Problem,
-    p: Array,
-    starts: tuple[Array, ...],
-    weights: Weights,
-    continuity: tuple[Array, ...],
-    stepping: Stepping,
-    most: int,
-    *,
-    derivatives: bool = True,
-    known: tuple[KnownSlopes | None, ...] = (),
+    at: Fit, most: int, *, derivatives: bool = True, known: tuple[KnownSlopes | None, ...] = ()
 ) -> LinearRows:
-    """Rows at parameters p (SI) and these starts.
+    """Rows at the parameters and window starts of a fit.
 
     Of the residuals about `most` rows at most, evenly thinned and weighted up for the others:
     neighbours of a finely sampled residual are nearly the same. known: slopes along the tracks of a
     rig that is stepped, used where they hold; derivatives: without them those of the model are
     zero, and the runs cost a small part.
     """
-    free, scale = list(problem.free), problem.scale
-    k, every, at, row = len(free), _thinning(problem, most), 0, 0
+    problem = at.problem
+    free, scale, root_of_weights = list(problem.free), problem.scale, at.weights.root
+    k, every, place, row = len(free), _thinning(problem, most), 0, 0
     blocks = list[tuple[Array, Array]]()  # residuals, derivatives by the parameters
     by_starts, channel = list[tuple[int, int, Array]](), list[NDArray[np.intp]]()
-    for i, (track, x, joint) in enumerate(zip(problem.tracks, starts, continuity, strict=True)):
-        runner = Runner(problem.assembly, track, stepping, problem.free)
+    for i, (track, x, joint) in enumerate(
+        zip(problem.tracks, at.starts, at.continuity, strict=True)
+    ):
+        runner = Runner(problem.assembly, track, at.stepping, problem.free)
         runner = runner.keeping(known[i]) if known else runner
-        values, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
-        root = np.where(track.seen, weights.root, 0.0)
+        values, windows, n = runner.parameters(at.p), problem.windows(track), runner.start_states
+        root = np.where(track.seen, root_of_weights, 0.0)
         runs = runner.run_windows(runner.memory(values), windows, x, values, derivatives, root)
         for w, (window, run) in enumerate(zip(windows, runs, strict=True)):
             r = np.nan_to_num((run.Y - track.y[window.start : window.stop]) * root)
@@ -89,51 +81,43 @@ def linear_rows(
             if derivatives:
                 by = np.sqrt(every) * run.JY[::every].reshape(len(r), -1)[:, : k + n]
             blocks.append((r, by[:, :k]))
-            by_starts.append((row, at, by[:, k:]))
+            by_starts.append((row, place, by[:, k:]))
             channel.append(np.tile(np.arange(track.y.shape[1]), len(r) // track.y.shape[1]))
             row += len(r)
             if w + 1 < len(windows):
                 inverse = np.sqrt(joint)
                 end = inverse[:, None] * run.S[:, : k + n] if derivatives else np.zeros((n, k + n))
                 blocks.append((inverse * (x[w + 1] - run.end[:n]), -end[:, :k]))
-                by_starts.append((row, at, np.hstack([-end[:, k:], np.diag(inverse)])))
+                by_starts.append((row, place, np.hstack([-end[:, k:], np.diag(inverse)])))
                 channel.append(np.full(n, -1))
                 row += n
-            at += n
-    away = np.concatenate([*(r for r, _ in blocks), scale.inside(p[free])])
-    by_parameters = np.concatenate([by for _, by in blocks]) * scale.slope(p[free])
+            place += n
+    away = np.concatenate([*(r for r, _ in blocks), scale.inside(at.p[free])])
+    by_parameters = np.concatenate([by for _, by in blocks]) * scale.slope(at.p[free])
     channel.append(np.full(k, -1))
     return LinearRows(
         away,
         np.concatenate([by_parameters, np.eye(k)]),
         tuple(by_starts),
-        at,
+        place,
         np.concatenate(channel),
         every,
     )
 
 
-def moved_rows(
-    problem: Problem,
-    p: Array,
-    starts: tuple[Array, ...],
-    weights: Weights,
-    continuity: tuple[Array, ...],
-    stepping: Stepping,
-    most: int,
-    moved: NDArray[np.intp],
-) -> tuple[Array, Array]:
+def moved_rows(at: Fit, most: int, moved: NDArray[np.intp]) -> tuple[Array, Array]:
     """Rows of residuals and joints as in `linear_rows`, without those of the data sheet.
 
     moved: places, among the free parameters, of those to differentiate by. Returns the rows (m,)
     and their derivatives (m, moved) in prior spreads, as differences of runs side by side.
     """
+    problem = at.problem
     every, blocks = _thinning(problem, most), list[Array]()
-    lanes, moves = moved_parameters(problem, p, moved)
-    for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
+    lanes, moves = moved_parameters(problem, at.p, moved)
+    for track, x, joint in zip(problem.tracks, at.starts, at.continuity, strict=True):
         windows, n = problem.windows(track), x.shape[1]
-        Y, ends = run_lanes(problem.assembly, track, windows, x, lanes, stepping)
-        root = np.sqrt(every) * np.where(track.seen, weights.root, 0.0)
+        Y, ends = run_lanes(problem.assembly, track, windows, x, lanes, at.stepping)
+        root = np.sqrt(every) * np.where(track.seen, at.weights.root, 0.0)
         away = np.nan_to_num((Y - track.y[:, :, None]) * root[:, None])
         jumps = np.sqrt(joint)[:, None] * (x[1:, :, None] - ends[:-1, :n])
         for w, window in enumerate(windows):

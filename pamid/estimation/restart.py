@@ -35,11 +35,10 @@ REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     """The fit; where it ended in a local minimum, the one reached from initial states estimated
     anew. noise: of the sensors, per channel (SI)."""
-    problem = fitted.problem
     if not fitted.residuals:
         return fitted
     shooting, begun = begin(
-        problem,
+        fitted.problem,
         p=fitted.p,
         weights=fitted.weights,
         stepping=fitted.stepping,
@@ -53,16 +52,24 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     probe = iterate(shooting, begun, PROBE_STEPS)
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
-    tried = shooting.resumed(probe)
+    return _reweighted(shooting.resumed(probe), noise)
+
+
+def _reweighted(fitted: Fit, noise: Array) -> Fit:
+    """The fit continued with weights that follow its residuals."""
     for _ in range(REWEIGHT_ROUNDS):
-        weights = residual_weights(tried.residuals, noise, problem.window)
+        weights = residual_weights(fitted.residuals, noise, fitted.problem.window)
         refit = fit(
-            problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping
+            fitted.problem,
+            p=fitted.p,
+            starts=fitted.starts,
+            weights=weights,
+            stepping=fitted.stepping,
         )
         if not refit.residuals:
             break
-        tried = refit
-    return tried
+        fitted = refit
+    return fitted
 
 
 def fit_from_shorter_windows(fitted: Fit) -> Fit:
@@ -128,17 +135,4 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
         tried = fit(problem, p=p, weights=weights, iterations=DRAW_STEPS, stepping=None)
         if tried.residuals and tried.cost < least:
             best, least = tried, tried.cost
-    if best is fitted:
-        return fitted
-    for _ in range(REWEIGHT_ROUNDS):
-        refit = fit(
-            problem,
-            p=best.p,
-            starts=best.starts,
-            weights=residual_weights(best.residuals, noise, problem.window),
-            stepping=best.stepping,
-        )
-        if not refit.residuals:
-            break
-        best = refit
-    return best
+    return fitted if best is fitted else _reweighted(best, noise)

@@ -20,7 +20,6 @@ def fit_robustly(
     *,
     p: Array | None = None,
     progress: Progress | None = None,
-    rounds: int = ROUNDS,
     stepping: Stepping | None = None,
 ) -> Fit:
     """Fit with weights that follow the residuals, from the misfit at p (default: the data sheet)
@@ -50,7 +49,7 @@ def fit_robustly(
         stepping=fitted.stepping,
         exact=False,
     )
-    for last in range(2 - rounds, 1):
+    for last in range(2 - ROUNDS, 1):
         if not fitted.residuals:
             break
         # Weights change between fits and not within one: a cost that moves with every step has no

@@ -66,7 +66,6 @@ class Lanes(Protocol):
         period_s: float,
         time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]: ...
 

@@ -38,10 +38,9 @@ from scipy.special import expit, log_expit
 
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.networks.bayes import Evidence
-from pamid.networks.network import Network, Records
-from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.network import CHUNK, Network, Records, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
-from pamid.networks.training_problem import Damping, Goals, TrainingProblem
+from pamid.networks.training_problem import TrainingOptions, TrainingProblem
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
 
@@ -75,17 +74,6 @@ class Sets(NamedTuple):
     bend: Array
 
 
-def _usual_sets(inputs: int) -> int:
-    """As many sets as make at most `MOST_RULES` rules."""
-    if 2**inputs > MOST_RULES:
-        raise UsageError(
-            f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than {MOST_RULES}.",
-            "Name fewer with --inputs, or ask for them with --sets 2.",
-        )
-    # A grid that is too coarse only costs accuracy. One that is too fine has rules without data.
-    return max(sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
-
-
 @dataclass(frozen=True)
 class Anfis(Network):
     """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout:
@@ -108,12 +96,7 @@ class Anfis(Network):
     shape: str = "gaussian"
 
     def __post_init__(self) -> None:
-        for name, least in (("inputs", 1), ("sets", 2)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise DataError(
-                    f"Anfis: {name} must be a whole number of at least {least}, not {value!r}."
-                )
+        self.require_sizes(inputs=1, sets=2)
         if self.shape not in SHAPES:
             hint = nearest(str(self.shape), SHAPES) or f"Shapes: {', '.join(SHAPES)}."
             raise DataError(f"Anfis: unknown shape {self.shape!r}.", hint)
@@ -133,7 +116,18 @@ class Anfis(Network):
     def sized(
         cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
     ) -> Network:
-        return cls(inputs, sizes["sets"] if sizes else _usual_sets(inputs))
+        if sizes:
+            return cls(inputs, sizes["sets"])
+        if 2**inputs > MOST_RULES:
+            raise UsageError(
+                f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than "
+                f"{MOST_RULES}.",
+                "Name fewer with --inputs, or ask for them with --sets 2.",
+            )
+        # A grid that is too coarse only costs accuracy. One that is too fine has rules without
+        # data.
+        grids = (sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
+        return cls(inputs, max(grids))
 
     def words(self) -> str:
         return f"anfis {'x'.join([str(self.sets)] * self.inputs)} = {self.rules} rules"
@@ -171,7 +165,7 @@ class Anfis(Network):
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """The same premises with least-squares consequents: the first guess of alpha needs weights
         to go by."""
-        problem = TrainingProblem(self, tuple(records), washout, False, Damping(), Goals())
+        problem = TrainingProblem(self, tuple(records), TrainingOptions(washout=washout))
         return problem.projected(
             self.initial(seed), Evidence(0.0, CONSEQUENT_RIDGE * problem.samples, 1.0)
         )[0]

@@ -2,22 +2,14 @@
 
 from collections.abc import Sequence
 from threading import Condition, get_ident
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.networks.torch_passes import TorchPasses
+
 Array = NDArray[np.float64]
 Sums = tuple[float, Array, Array]
-
-
-class Engine(Protocol):
-    """Normal equations of several weight vectors (S, n_weights) at once: (S,), (S, n, n), (S,
-    n)."""
-
-    def normal_equations(
-        self, weights: Array, inputs: Array, target: Array, washout: int = 0
-    ) -> tuple[Array, Array, Array]: ...
 
 
 class BatchQueue:
@@ -29,7 +21,11 @@ class BatchQueue:
     """
 
     def __init__(
-        self, engine: Engine, records: Sequence[tuple[Array, Array]], washout: int, parties: int
+        self,
+        engine: TorchPasses,
+        records: Sequence[tuple[Array, Array]],
+        washout: int,
+        parties: int,
     ) -> None:
         self.engine, self.records, self.washout, self.parties = engine, records, washout, parties
         self.changed = Condition()

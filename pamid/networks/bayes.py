@@ -36,18 +36,13 @@ class Evidence:
     beta: float
 
 
-def first_guess(n_weights: int, samples: float, sse: float, ssw: float) -> Evidence:
-    """Before any Hessian: all weights count as effective (the start of Foresee and Hagan's
-    algorithm)."""
-    return _evidence(float(n_weights), samples, sse, ssw)
-
-
-def reestimate(
-    previous: Evidence, sums: Array | Spectrum, samples: float, sse: float, ssw: float
-) -> Evidence:
-    """One step of the fixed-point iteration, from the Hessian at the weights that gave `sse` and
-    `ssw`."""
-    return _evidence(effective_weights(previous, sums), samples, sse, ssw)
+def evidence_of(gamma: float, samples: float, sse: float, ssw: float) -> Evidence:
+    """One step of the fixed-point iteration at weights that gave `sse` and `ssw`. Before any
+    Hessian all weights count as effective (the start of Foresee and Hagan's algorithm)."""
+    # as many effective weights as samples leave no degree of freedom to measure noise with: keep a
+    # sliver
+    freedom = max(samples - gamma, 1e-3 * samples)
+    return Evidence(gamma, gamma / (2.0 * max(ssw, _TINY)), freedom / (2.0 * max(sse, _TINY)))
 
 
 def effective_weights(evidence: Evidence, sums: Array | Spectrum) -> float:
@@ -120,13 +115,6 @@ def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
 def _rounding(matrix: Array) -> float:
     """The size below which an eigenvalue of a positive semi-definite matrix is rounding error."""
     return float(len(matrix) * np.finfo(float).eps * max(np.trace(matrix), _TINY))
-
-
-def _evidence(gamma: float, samples: float, sse: float, ssw: float) -> Evidence:
-    # as many effective weights as samples leave no degree of freedom to measure noise with: keep a
-    # sliver
-    freedom = max(samples - gamma, 1e-3 * samples)
-    return Evidence(gamma, gamma / (2.0 * max(ssw, _TINY)), freedom / (2.0 * max(sse, _TINY)))
 
 
 def solve_damped(matrix: Array, damping: float, right: Array) -> Array:

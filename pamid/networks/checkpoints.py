@@ -2,6 +2,7 @@
 it."""
 
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -54,22 +55,14 @@ class Attempt:
         return self.steps[-1].mse if self.steps else float("inf")
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """All attempts so far, the last one being the current; `problem` identifies data, network and
-    options."""
-
-    problem: str
-    attempts: tuple[Attempt, ...]
-
-
 _STORED = ("weights", "numbers", "steps", "why")
 
 
-def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint, whole or not at all."""
-    arrays: dict[str, NDArray] = {"problem": np.array(checkpoint.problem)}
-    for k, a in enumerate(checkpoint.attempts):
+def save_checkpoint(path: Path, problem: str, attempts: Iterable[Attempt]) -> None:
+    """Write all attempts so far, whole or not at all; `problem` identifies data, network and
+    options."""
+    arrays: dict[str, NDArray] = {"problem": np.array(problem)}
+    for k, a in enumerate(attempts):
         e = a.evidence
         arrays[f"weights_{k}"] = a.weights
         arrays[f"numbers_{k}"] = np.array(
@@ -86,9 +79,9 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     write_atomically(Path(path), buffer.getvalue())
 
 
-def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
-    """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at
-    all."""
+def load_checkpoint(path: Path, problem: str, n_weights: int) -> dict[int, Attempt]:
+    """Attempts, by the number of their start, in a checkpoint of this very problem; FileError when
+    it is another's, or no checkpoint at all."""
     # The fingerprint comes first: weights of another network could have the right shape by chance.
     arrays = load_arrays(Path(path))
     if "problem" not in arrays or str(arrays["problem"]) != problem:
@@ -96,7 +89,7 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             f"{path} belongs to another training: its data, network, seed or options differ.",
             "Train afresh, or repeat the options of the interrupted training.",
         )
-    attempts = []
+    attempts = {}
     for k in range((len(arrays) - 1) // len(_STORED)):
         try:
             weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _STORED)
@@ -119,15 +112,8 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             )
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(TrainingStep._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
-        attempts.append(
-            Attempt(
-                int(start),
-                weights,
-                mu,
-                Evidence(gamma, alpha, beta),
-                rows,
-                str(why),
-                bool(converged),
-            )
+        evidence = Evidence(gamma, alpha, beta)
+        attempts[int(start)] = Attempt(
+            int(start), weights, mu, evidence, rows, str(why), bool(converged)
         )
-    return Checkpoint(problem, tuple(attempts))
+    return attempts

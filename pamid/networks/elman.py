@@ -28,7 +28,6 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.base.errors import DataError
 from pamid.engine.recurrence_kernels import (
     LANES,
     run_adjoint,
@@ -38,8 +37,7 @@ from pamid.engine.recurrence_kernels import (
     run_states,
 )
 from pamid.networks.modal_start import find_modes
-from pamid.networks.network import Network, Records, largest_determined, weighted
-from pamid.networks.normal_equations import CHUNK, Rows, aligned
+from pamid.networks.network import CHUNK, Network, Records, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
@@ -87,20 +85,7 @@ class Elman(Network):
     hidden: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("inputs", "hidden"):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise DataError(
-                    f"Elman: {name} must be a whole number of at least 1, not {value!r}."
-                )
-
-    @classmethod
-    def sized(
-        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
-    ) -> Network:
-        if sizes:
-            return cls(inputs, **sizes)
-        return largest_determined(lambda hidden: cls(inputs, hidden), samples)
+        self.require_sizes(inputs=1, hidden=1)
 
     def words(self) -> str:
         return f"elman {self.inputs}-{self.hidden}-1"
@@ -310,6 +295,15 @@ class Elman(Network):
             )
             n = len(part)
             yield start, y[:n], flat[: n * self.n_weights].reshape(n, self.n_weights)
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros (C order) that begin at a line of the cache, 64 bytes: vectors that straddle two lines
+    load at half speed."""
+    # numpy may align to 16 bytes only.
+    raw = np.zeros(int(np.prod(shape)) + 8)
+    skip = (-raw.ctypes.data % 64) // 8
+    return raw[skip : skip + int(np.prod(shape))].reshape(shape)
 
 
 def _padded(values: Array) -> Array:

@@ -11,7 +11,7 @@ F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
   * a bounded context: a step after which a small disturbance of the context would grow by more than
     `GROWTH` along a recording (`_bounded`) is not taken, however far it lowers F.
-`TrainingProblem.plain` leaves out all but the third, a `Damping.decrease` that one. Trial steps
+`TrainingOptions.plain` leaves out all but the third, a `Damping.decrease` that one. Trial steps
 cost simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold
 enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises
 one fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one
@@ -23,21 +23,22 @@ Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.networks.bayes import (
     Evidence,
-    first_guess,
+    effective_weights,
+    evidence_of,
     promised_decrease,
-    reestimate,
     resolved,
     solve_damped,
 )
 from pamid.networks.checkpoints import Attempt, TrainingStep
-from pamid.networks.normal_equations import side_by_side
 from pamid.networks.root_sums import Spectrum
 from pamid.networks.training_problem import Errors, TrainingProblem
 
@@ -111,29 +112,27 @@ def objective(evidence: Evidence, sse: float, weights: Array) -> float:
     return evidence.beta * sse + evidence.alpha * float(weights @ weights)
 
 
-def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
+def fresh(problem: TrainingProblem, start: int) -> Attempt:
     """The attempt before its first pass."""
-    network = problem.network
+    network, seed, mu = problem.network, problem.options.seed, problem.options.damping.start
     begun = (
         network.random_start(seed + start)
         if problem.plain
         else network.start(problem.records, problem.washout, seed + start)
     )
     weights = np.array(begun, dtype=np.float64)
-    if not problem.regularise:
-        return Attempt(
-            start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
-        )
+    if not problem.options.regularise:
+        return Attempt(start, weights, mu, Evidence(float(len(weights)), 0.0, 1.0), ())
     # The first alpha and beta need errors, and errors of arbitrary output weights say nothing. One
     # projection settles both.
     weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
-    return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
+    return Attempt(start, weights, mu, _first(problem, weights, errors), ())
 
 
 def _first(problem: TrainingProblem, weights: Array, errors: Errors) -> Evidence:
     with np.errstate(over="ignore"):
         counted = problem.counted_samples(errors) if np.isfinite(errors.sse) else problem.samples
-        return first_guess(len(weights), counted, errors.sse, float(weights @ weights))
+        return evidence_of(float(len(weights)), counted, errors.sse, float(weights @ weights))
 
 
 def levenberg_marquardt_steps(
@@ -177,7 +176,7 @@ def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Poi
 
 
 def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tuple[str, bool]:
-    steps, goals = point.attempt.steps, problem.goals
+    steps, goals = point.attempt.steps, problem.options.goals
     last = steps[-1]
     if last.mse <= goals.mse:
         return f"mean squared error below {goals.mse:g}", True
@@ -192,8 +191,7 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
     return (USED_UP, False) if last.iteration >= iterations else ("", False)
 
 
-@dataclass(frozen=True)
-class _Trial:
+class _Trial(NamedTuple):
     """A step with damping mu: its weights and errors, the decrease of F, and the share of its
     promise."""
 
@@ -207,7 +205,7 @@ class _Trial:
 def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
     """Raise mu until a step lowers F, take it, change mu by its gain, re-estimate alpha and beta;
     or say that mu ran out."""
-    old, damping, unbounded = point.attempt, problem.damping, False
+    old, damping, unbounded = point.attempt, problem.options.damping, False
     for trials, trial in enumerate(_trials(problem, point), start=1):
         if trial.lowered > 0.0:
             if not _bounded(problem, point, trial):
@@ -226,7 +224,7 @@ def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
     why += " with a bounded context" if unbounded else ""
     # Steps also fail at a minimum, by rounding. The promised decrease tells that case from a
     # failure.
-    converged = point.promise < problem.goals.stuck
+    converged = point.promise < problem.options.goals.stuck
     if not converged:
         why += f", though a full step promises {100.0 * point.promise:.2g} % of it"
     return replace(point, attempt=replace(old, mu=trial.mu * damping.increase)), why, converged
@@ -256,35 +254,32 @@ def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
     # All trials of one point share its normal equations; only the damping differs.
     right = point.descent
     mu = [point.attempt.mu]
-    while mu[-1] * problem.damping.increase <= problem.damping.largest:
-        mu.append(mu[-1] * problem.damping.increase)
+    while mu[-1] * problem.options.damping.increase <= problem.options.damping.largest:
+        mu.append(mu[-1] * problem.options.damping.increase)
     at_once = max(1, min(problem.threads, 2))
     for k in range(0, len(mu), at_once):
-        yield from side_by_side(lambda m: _trial(problem, point, right, m), mu[k : k + at_once])
+        ahead = mu[k : k + at_once]
+        if len(ahead) < 2:
+            yield from (_trial(problem, point, right, m) for m in ahead)
+        else:
+            # A plain pool, since it is part of every step: jobs.run_jobs first settles the threads
+            # of BLAS, which takes milliseconds.
+            with ThreadPoolExecutor(len(ahead)) as pool:
+                yield from list(pool.map(lambda m: _trial(problem, point, right, m), ahead))
 
 
 def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _Trial:
-    step = point.step(mu)
+    step, old = point.step(mu), point.attempt
     # the quadratic's own decrease of F: 2 v'g - v'Hv = v'(mu v + g), since (H + mu I) v = g
     promised = float(step @ (mu * step + right))
-    old = point.attempt
-    weights, errors = problem.projected(
-        old.weights + _accelerated(problem, point, mu, step), old.evidence
-    )
+    pulled = None if problem.plain else problem.curvature(old.weights, step)
+    # Where the second derivative overflows the plain step is still a descent direction.
+    if pulled is not None:
+        bend = 0.5 * point.solved(mu, -old.evidence.beta * pulled)
+        step = step + bend if 2.0 * np.linalg.norm(bend) <= SHORT * np.linalg.norm(step) else step
+    weights, errors = problem.projected(old.weights + step, old.evidence)
     lowered = point.objective - objective(old.evidence, errors.sse, weights)
     return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
-
-
-def _accelerated(problem: TrainingProblem, point: Point, mu: float, step: Array) -> Array:
-    """The step with its acceleration, where that is short compared with it and not switched off."""
-    if problem.plain:
-        return step
-    pulled = problem.curvature(point.attempt.weights, step)
-    # Where the second derivative overflows the plain step is still a descent direction.
-    if pulled is None:
-        return step
-    bend = 0.5 * point.solved(mu, -point.attempt.evidence.beta * pulled)
-    return step + bend if 2.0 * np.linalg.norm(bend) <= SHORT * np.linalg.norm(step) else step
 
 
 def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
@@ -294,15 +289,10 @@ def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
     evidence = old.evidence
     # The start's weights are a draw, so that alpha and beta of these would regularise against the
     # draw.
-    if problem.regularise and old.steps:
+    if problem.options.regularise and old.steps:
         counted = problem.counted_samples(point.errors)
-        evidence = reestimate(
-            evidence,
-            point.spectrum or point.jtj,
-            counted,
-            point.sse,
-            float(old.weights @ old.weights),
-        )
+        gamma = effective_weights(evidence, point.spectrum or point.jtj)
+        evidence = evidence_of(gamma, counted, point.sse, float(old.weights @ old.weights))
     point = replace(point, attempt=replace(old, evidence=evidence))
     step = TrainingStep(
         iteration=len(old.steps),

@@ -26,10 +26,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
-from pamid.networks.network import Network, largest_determined, weighted
-from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.network import CHUNK, Network, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
@@ -77,22 +75,11 @@ class Narx(Network):
     stride: int = 10
 
     def __post_init__(self) -> None:
-        least = {"inputs": 1, "hidden": 1, "input_lags": 0, "output_lags": 1, "stride": 1}
-        for name, low in least.items():
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < low:
-                raise DataError(
-                    f"Narx: {name} must be a whole number of at least {low}, not {value!r}."
-                )
+        self.require_sizes(inputs=1, hidden=1, input_lags=0, output_lags=1, stride=1)
 
     @classmethod
-    def sized(
-        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
-    ) -> Network:
-        stride = max(1, round(TAP_S / period_s))
-        if sizes:
-            return cls(inputs, stride=stride, **sizes)
-        return largest_determined(lambda hidden: cls(inputs, hidden, stride=stride), samples)
+    def at_period(cls, period_s: float) -> dict[str, int]:
+        return {"stride": max(1, round(TAP_S / period_s))}
 
     def words(self) -> str:
         return (
@@ -162,7 +149,7 @@ class Narx(Network):
         y = np.zeros(self._reach + len(u))
         # wild trial weights may overflow: the caller judges the outcome
         with np.errstate(all="ignore"):
-            drive = self._tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
+            drive = self.tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
         run_outputs(layers.feedback, layers.output, layers.output_bias, drive, self.stride, y)
         return y[self._reach :]
 
@@ -235,7 +222,7 @@ class Narx(Network):
             # The recursion of a chunk starts from the outputs that the chunk before has ended
             # with, derivatives included.
             y[:reach], jacobian[:reach] = y_before[-reach:], jacobian_before[-reach:]
-            taps = self._tapped(u, start, min(start + CHUNK, len(u)))
+            taps = self.tapped(u, start, min(start + CHUNK, len(u)))
             end = reach + len(taps)
             with np.errstate(all="ignore"):
                 drive = taps @ layers.taps.T + layers.bias
@@ -252,7 +239,7 @@ class Narx(Network):
             )
             yield start, y[reach:end], jacobian[reach:end]
 
-    def _tapped(self, u: Array, start: int, stop: int) -> Array:
+    def tapped(self, u: Array, start: int, stop: int) -> Array:
         """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ...,
         u(k-ns)."""
         k = np.arange(start, stop)

@@ -8,14 +8,14 @@ value is zero: regularisation pulls them there.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.normal_equations import Rows, add_up
 from pamid.networks.onnx_nodes import OnnxNodes
 from pamid.networks.root_sums import RootSums
 from pamid.symbolic.memory_cells import Cell
@@ -25,7 +25,11 @@ Array = NDArray[np.float64]
 
 ASIDE = 0.1  # of a step: where its second derivative is probed
 HIDDEN = 10  # default number of units: the first paper's
+# samples whose Jacobian rows a network holds at once: 0.8 MB at 95 weights, 1.4 MB at 171, so that
+# they stay inside a processor's second-level cache while they are summed
+CHUNK = 1024
 Records = Sequence[tuple[Array, Array]]
+Rows = tuple[int, Array, Array]  # first sample, output (n,), its derivative (n, n_weights)
 
 
 def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | float]) -> list[Expr]:
@@ -34,13 +38,6 @@ def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | floa
         sum((w * v for w, v in zip(row, values, strict=True)), start=expression(first))
         for row, first in zip(weights.tolist(), added, strict=True)
     ]
-
-
-def largest_determined(make: "Callable[[int], Network]", samples: int | None) -> "Network":
-    """The largest network of at most `HIDDEN` units with no more weights than samples; of one unit
-    where none is that small. make: the network of a number of units."""
-    sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))
-    return next((size for size in sizes if samples is None or size.n_weights <= samples), make(1))
 
 
 class Network(ABC):
@@ -62,9 +59,21 @@ class Network(ABC):
         cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
     ) -> "Network":
         """The network for this many inputs, sampled every `period_s`, to be trained on this many
-        samples; sizes that are not among `sizes` follow from these. UsageError where it would be
+        samples; sizes that are not among `sizes` follow from these: at most `HIDDEN` units, with no
+        more weights than samples where there is a network that small. UsageError where it would be
         too large."""
-        return cls(inputs, **sizes)  # type: ignore[call-arg]
+        choices: list[dict[str, int]] = [sizes]
+        if "hidden" in cls.size_options and not sizes:
+            choices = [{"hidden": hidden} for hidden in range(HIDDEN, 0, -1)]
+        networks = [cls(inputs, **cls.at_period(period_s), **choice) for choice in choices]  # type: ignore[call-arg]
+        return next(
+            (n for n in networks if samples is None or n.n_weights <= samples), networks[-1]
+        )
+
+    @classmethod
+    def at_period(cls, period_s: float) -> dict[str, int]:
+        """Sizes that follow from the sampling period."""
+        return {}
 
     def words(self) -> str:
         """Kind and sizes as people write them."""
@@ -144,6 +153,16 @@ class Network(ABC):
         Arrays may be overwritten by the next chunk but one.
         """
 
+    def require_sizes(self, **least: int) -> None:
+        """DataError for a size that is not a whole number of at least this."""
+        for name, low in least.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < low:
+                raise DataError(
+                    f"{type(self).__name__}: {name} must be a whole number of at least {low}, not "
+                    f"{value!r}."
+                )
+
     def flat(self, weights: ArrayLike) -> Array:
         """The weights (n_weights,) as they are computed with; DataError when there are not that
         many."""
@@ -196,7 +215,11 @@ class Network(ABC):
             raise DataError(
                 f"Target has shape {wanted.shape} for {len(np.asarray(inputs))} samples of input."
             )
-        add_up(sums, self.sweep(weights, inputs), wanted, washout, threads)
+        chunks = self.sweep(weights, inputs)
+        with np.errstate(all="ignore"):
+            for start, y, jacobian in _computed_ahead(chunks) if threads > 1 else chunks:
+                skip = min(max(washout - start, 0), len(y))
+                sums.add(jacobian[skip:], wanted[start + skip : start + len(y)] - y[skip:])
 
     def curvature(
         self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0
@@ -219,3 +242,13 @@ class Network(ABC):
         return np.concatenate(
             [np.empty((0, self.n_weights))] + [j.copy() for _, _, j in self.sweep(weights, inputs)]
         )
+
+
+def _computed_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
+    """The same chunks, each computed while the one before is in use."""
+    # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
+    with ThreadPoolExecutor(1) as maker:
+        coming = maker.submit(next, chunks, None)
+        while (chunk := coming.result()) is not None:
+            coming = maker.submit(next, chunks, None)
+            yield chunk

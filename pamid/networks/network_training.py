@@ -9,7 +9,7 @@ has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, A
 import math
 import queue
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,43 +20,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue, Engine
-from pamid.networks.bayes import Evidence, effective_samples, effective_weights, resolved
-from pamid.networks.checkpoints import (
-    Attempt,
-    Checkpoint,
-    TrainingStep,
-    load_checkpoint,
-    save_checkpoint,
-)
+from pamid.networks.batch_queue import BatchQueue
+from pamid.networks.bayes import effective_samples, effective_weights, resolved
+from pamid.networks.checkpoints import Attempt, TrainingStep, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.scaling import Scaling, scaling_of
+from pamid.networks.torch_passes import TorchPasses, engine_on
 from pamid.networks.training_problem import (
-    Damping,
-    Goals,
+    TrainingOptions,
     TrainingProblem,
     check_problem,
     fingerprint,
     recordings,
 )
 
-__all__ = [
-    "Damping",
-    "Goals",
-    "Network",
-    "Scaling",
-    "Training",
-    "TrainingStep",
-    "scaling_of",
-    "train",
-]
-
 Array = NDArray[np.float64]
-StepProgress = Callable[[TrainingStep, int], None]
 
 GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
-_DAMPING, _GOALS = Damping(), Goals()
 _CHECKPOINT_SECONDS = 5.0
 
 
@@ -120,69 +100,41 @@ def train(
     network: Network,
     inputs: ArrayLike | Sequence[ArrayLike],
     target: ArrayLike | Sequence[ArrayLike],
-    *,
-    iterations: int = 1000,
-    seed: int = 0,
-    starts: int = 1,
-    washout: int = 0,
-    regularise: bool = True,
-    goals: Goals = _GOALS,
-    damping: Damping = _DAMPING,
-    progress: StepProgress | None = None,
-    checkpoint: Path | None = None,
-    resume: bool = False,
-    independent: bool = False,
-    threads: int = 1,
-    engine: Engine | None = None,
-    plain: bool = False,
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
+    engine: TorchPasses | None = None,
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
     `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from
-    a zero state. Start s begins at `network.start(..., seed + s)`; the starts race (module), the
-    winner takes at most `iterations` steps and is kept. The first `washout` samples of every
-    recording are simulated but not counted. `regularise=False` is plain least squares (alpha 0,
-    beta 1). With `independent`, alpha and beta count only the independent samples of the errors: at
-    3 ms far fewer, and more regularisation. `progress(step, start)` is called after every step;
-    KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
-    the result does not depend on it. `engine`: computes the passes of all starts that are running
-    in one batch (batch.py); the sums differ from the network's own in the last digits.
+    a zero state. The starts race (module), and the winner is kept. KeyboardInterrupt, in
+    `options.progress` or anywhere, ends the training with what it has. engine: computes the passes
+    of all starts that are running in one batch (default: that of `options.device`).
 
-    `plain`: by the textbook's steps from a random start, as the first paper trained; the damping
-    that goes with it is `PAPER_DAMPING`.
-
-    `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
-    goes on from it (from the beginning where there is none yet) and ends with the very numbers of
-    an undisturbed one; more `iterations` than before are allowed. A failure to converge is
-    reported in the result; DataError is for data that cannot be fitted, FileError for a checkpoint
-    of another training.
+    A failure to converge is reported in the result; DataError is for data that cannot be fitted,
+    FileError for a checkpoint of another training, UsageError for a device that is not there.
     """
-    problem = TrainingProblem(
-        network, recordings(inputs, target), washout, regularise, damping, goals, independent
-    )
-    problem = replace(problem, plain=plain)
-    check_problem(problem, iterations, starts, seed)
-    if resume and checkpoint is None:
+    problem = TrainingProblem(network, recordings(inputs, target), options)
+    check_problem(problem)
+    checkpoint = options.checkpoint
+    if options.resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
     # Computed before the first step, so that a checkpoint of other data is refused before any of
     # it is overwritten.
-    key = fingerprint(problem, seed, starts)
+    key = fingerprint(problem)
     attempts: dict[int, Attempt] = {}
-    if resume and checkpoint is not None and checkpoint.exists():
-        attempts = {
-            a.start: a for a in load_checkpoint(checkpoint, key, network.n_weights).attempts
-        }
+    if options.resume and checkpoint is not None and checkpoint.exists():
+        attempts = load_checkpoint(checkpoint, key, network.n_weights)
     clock = _Clock(checkpoint, key)
-    race = _Race(problem, seed, max(threads, 1), engine, clock, progress)
-    interrupted, running = False, list(range(starts))
+    race = _Race(problem, engine or engine_on(options.device, network), clock)
+    interrupted, running = False, list(range(options.starts))
     try:
-        for gate in (g for g in GATES if g < iterations):
+        for gate in (g for g in GATES if g < options.iterations):
             race.run_until(gate, attempts, running)
             running = _better_half(attempts, running, gate)
-        race.run_until(iterations, attempts, running)
+        race.run_until(options.iterations, attempts, running)
     except KeyboardInterrupt:
         interrupted = True
-        attempts = attempts or {0: fresh(problem, seed, 0)}
+        attempts = attempts or {0: fresh(problem, 0)}
     clock.keep(attempts, always=True)
     return _training_of(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
 
@@ -192,11 +144,8 @@ class _Race:
     """Shared state of all starts of a training that run in parallel."""
 
     problem: TrainingProblem
-    seed: int
-    threads: int
-    engine: Engine | None
+    engine: TorchPasses | None
     clock: "_Clock"
-    progress: StepProgress | None
 
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
         """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
@@ -207,11 +156,17 @@ class _Race:
         open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
         if not open_starts:
             return
-        problem, threads = self._shared_out(len(open_starts))
+        count, problem = len(open_starts), self.problem
+        threads = max(problem.options.threads, 1)
+        if self.engine:  # one batch serves all: every start has to be there to ask for its pass
+            queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, count)
+            problem, threads = replace(problem, batch_queue=queue_of_all), count
+        problem = replace(problem, threads=max(1, threads // count))
+        progress = problem.options.progress
 
         def go(start: int) -> None:
             try:
-                begun = attempts[start] if start in attempts else fresh(problem, self.seed, start)
+                begun = attempts[start] if start in attempts else fresh(problem, start)
                 for attempt in levenberg_marquardt_steps(problem, begun, gate):
                     messages.put(attempt)
                     if stop.is_set():
@@ -232,22 +187,14 @@ class _Race:
                         continue
                     attempts[attempt.start] = attempt
                     self.clock.keep(attempts)
-                    if self.progress and not attempt.why:
-                        self.progress(attempt.steps[-1], attempt.start)
+                    if progress and not attempt.why:
+                        progress(attempt.steps[-1], attempt.start)
             finally:
                 stop.set()
                 for job in jobs:
                     job.cancel()
         for job in jobs:
             job.result()
-
-    def _shared_out(self, starts: int) -> tuple[TrainingProblem, int]:
-        """The problem with the threads of each start, and how many starts run at a time."""
-        problem, threads = self.problem, self.threads
-        if self.engine:  # one batch serves all: every start has to be there to ask for its pass
-            queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, starts)
-            problem, threads = replace(problem, batch_queue=queue_of_all), starts
-        return replace(problem, threads=max(1, threads // starts)), threads
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:
@@ -292,9 +239,14 @@ def _training_of(
         if all(np.isfinite(e).all() for e in residual)
         else 0.0
     )
-    counted = independent if problem.independent else problem.samples
+    counted = independent if problem.options.independent else problem.samples
     # gamma as if only the independent samples had been counted: the precision shrinks as they do
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
+    supported, sums = math.nan, problem.evaluate(best.weights)
+    if sums is not None:
+        jtj = sums[1]
+        spectrum = None if resolved(tempered, jtj) else problem.spectrum(best.weights, tempered)
+        supported = effective_weights(tempered, spectrum or jtj)
     return Training(
         weights=best.weights,
         trace=dict(zip(TrainingStep._fields, columns, strict=True)),
@@ -302,20 +254,11 @@ def _training_of(
         converged=best.converged and not interrupted,
         samples=problem.samples,
         effective_samples=independent,
-        supported_weights=_supported(problem, best.weights, tempered),
+        supported_weights=supported,
         best=best.start,
         starts_mse=tuple(a.mse for a in attempts),
         plain=problem.plain,
     )
-
-
-def _supported(problem: TrainingProblem, weights: Array, evidence: Evidence) -> float:
-    """gamma at these weights; NaN where they overflow."""
-    evaluation = problem.evaluate(weights)
-    if evaluation is None:
-        return math.nan
-    spectrum = None if resolved(evidence, evaluation[1]) else problem.spectrum(weights, evidence)
-    return effective_weights(evidence, spectrum or evaluation[1])
 
 
 def _finite(value: float) -> float | None:
@@ -333,7 +276,5 @@ class _Clock:
         # By the clock, as steps take from milliseconds to minutes. The clock decides when to write
         # and nothing else.
         if self.path is not None and (always or now - self.last > _CHECKPOINT_SECONDS):
-            save_checkpoint(
-                self.path, Checkpoint(self.problem, tuple(attempts[k] for k in sorted(attempts)))
-            )
+            save_checkpoint(self.path, self.problem, (attempts[k] for k in sorted(attempts)))
             self.last = now

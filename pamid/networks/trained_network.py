@@ -31,6 +31,7 @@ from pamid.base.scanned import classes_of, modules_of
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
+from pamid.networks.training_problem import TrainingOptions
 from pamid.schemas.network_file import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 
 Array = NDArray[np.float64]
@@ -108,13 +109,13 @@ def train_on_signals(
     *,
     output_name: str,
     period_s: float,
-    **options: Any,
+    options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
 ) -> tuple[TrainedNetwork, Training]:
     """Scale, train and bind together: `signals` by name in own units, in the order of the network's
     inputs.
 
-    Several recordings are lists of signals and of outputs; one scaling spans them all. `options` go
-    to `train`. DataError as in `scaling_of` and `train`.
+    Several recordings are lists of signals and of outputs; one scaling spans them all. DataError as
+    in `scaling_of` and `train`.
     """
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
@@ -131,7 +132,7 @@ def train_on_signals(
         [input_scaling.forward(t) for t in tables],
         [output_scaling.forward(o) for o in outputs],
     )
-    training = train(network, *scaled, **options)
+    training = train(network, *scaled, options)
     trained = TrainedNetwork(
         network,
         training.weights,
@@ -207,7 +208,12 @@ def load_network(folder: Path | str) -> TrainedNetwork:
         )
     try:
         inputs, output = about["inputs"], about["output"]
-        network = _class_of(str(about["kind"]), path)(**about["sizes"])
+        kind, kinds = str(about["kind"]), network_kinds()
+        if kind not in kinds:
+            raise FileError(
+                f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY
+            )
+        network = kinds[kind](**about["sizes"])
         return TrainedNetwork(
             network=network,
             weights=_weights(
@@ -235,15 +241,6 @@ def network_kinds() -> dict[str, type[Network]]:
     """Every kind of network by its name: the classes in the files of this package, no others."""
     modules = modules_of("pamid.networks").values()
     return {kind.kind: kind for module in modules for kind in classes_of(module, Network)}
-
-
-def _class_of(kind: str, path: Path) -> type[Any]:
-    kinds = network_kinds()
-    if kind not in kinds:
-        raise FileError(
-            f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY
-        )
-    return kinds[kind]
 
 
 def _weights(path: Path, sha256: str, n_weights: int) -> Array:

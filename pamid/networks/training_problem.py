@@ -2,8 +2,10 @@
 checked."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +13,13 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
+from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.network import Network
 from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.scaling import check_finite
 
 Array = NDArray[np.float64]
+StepProgress = Callable[[TrainingStep, int], None]
 
 
 @dataclass(frozen=True)
@@ -92,26 +96,60 @@ class Goals:
 
 
 @dataclass(frozen=True)
+class TrainingOptions:
+    """Course of a training.
+
+    iterations: steps of the start that wins the race, at most. seed, starts: start s begins at
+    `network.start(..., seed + s)`. washout: samples at the beginning of every recording that are
+    simulated but not counted. regularise: else plain least squares (alpha 0, beta 1). independent:
+    alpha and beta count only the independent samples of the errors: at 3 ms far fewer, and more
+    regularisation. plain: as the first paper trained, by the textbook's steps from a random start
+    (no geodesic acceleration, the linear weights like the others, the context not kept bounded);
+    the damping that goes with it is `PAPER_DAMPING`. threads: cores used; the result does not
+    depend on it. device: where torch computes the passes of all running starts together; None: the
+    compiled kernels do, and the sums differ in the last digits. progress(step, start) is called
+    after every step. checkpoint: a file rewritten every few seconds and at the end; with `resume`
+    the training goes on from it (from the beginning where there is none yet) and ends with the very
+    numbers of an undisturbed one; more `iterations` than before are allowed.
+    """
+
+    iterations: int = 1000
+    seed: int = 0
+    starts: int = 1
+    washout: int = 0
+    regularise: bool = True
+    goals: Goals = Goals()
+    damping: Damping = Damping()
+    independent: bool = False
+    plain: bool = False
+    threads: int = 1
+    device: str | None = None
+    checkpoint: Path | None = None
+    resume: bool = False
+    progress: StepProgress | None = None
+
+
+@dataclass(frozen=True)
 class TrainingProblem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
-    independent: alpha and beta count the independent samples that the errors are worth, not every
-    sample. threads: for one pass; batch_queue: computes the passes of several starts together; None
-    where every start computes its own. plain: as the first paper trained, by the textbook's steps
-    from a random start: no geodesic acceleration, the linear weights like the others, the context
-    not kept bounded.
+    threads: for one pass; batch_queue: computes the passes of several starts together; None where
+    every start computes its own.
     """
 
     network: Network
     records: tuple[tuple[Array, Array], ...]
-    washout: int
-    regularise: bool
-    damping: Damping
-    goals: Goals
-    independent: bool = False
+    options: TrainingOptions = TrainingOptions()
     threads: int = 1
     batch_queue: BatchQueue | None = None
-    plain: bool = False
+
+    @property
+    def washout(self) -> int:
+        return self.options.washout
+
+    @property
+    def plain(self) -> bool:
+        return self.options.plain
 
     @property
     def samples(self) -> int:
@@ -121,7 +159,7 @@ class TrainingProblem:
         """Samples that alpha and beta count."""
         return (
             sum(effective_samples(e) for e in errors.each)
-            if self.independent
+            if self.options.independent
             else float(self.samples)
         )
 
@@ -203,12 +241,8 @@ class TrainingProblem:
         )
 
     def spectrum(self, weights: Array, evidence: Evidence) -> Spectrum | None:
-        """J by its singular values, down to what matters next to alpha, from a separate pass; None
-        where passes are another's, or where J'J holds as much after all."""
-        # A batch serves all starts with the same pass. A pass for one of them would stop the
-        # others.
-        if self.batch_queue is not None:
-            return None
+        """J by its singular values, down to what matters next to alpha, from a separate pass of the
+        compiled kernels; None where J'J holds as much after all."""
         sums = RootSums(len(weights), evidence.alpha / evidence.beta)
         for u, t in self.records:
             self.network.add_to(sums, weights, u, t, self.washout, self.threads)
@@ -236,15 +270,10 @@ def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...
     return tuple(pairs)
 
 
-def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: int) -> None:
+def check_problem(problem: TrainingProblem) -> None:
     """DataError where there is nothing to fit, or less data than weights."""
-    least = {
-        "iterations": (iterations, 0),
-        "starts": (starts, 1),
-        "seed": (seed, 0),
-        "washout": (problem.washout, 0),
-    }
-    for name, (value, low) in least.items():
+    for name, low in {"iterations": 0, "starts": 1, "seed": 0, "washout": 0}.items():
+        value = getattr(problem.options, name)
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < low:
             raise DataError(
                 f"Training needs {name} to be a whole number of at least {low}, not {value!r}."
@@ -262,22 +291,14 @@ def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: 
         )
 
 
-def fingerprint(problem: TrainingProblem, seed: int, starts: int) -> str:
+def fingerprint(problem: TrainingProblem) -> str:
     """Identify the training of a checkpoint. The length of the training and the number of cores are
     not part of it."""
-    digest = hashlib.sha256()
+    digest, o = hashlib.sha256(), problem.options
     for u, t in problem.records:
         # With the shape, because the same bytes can be cut into other columns.
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    options = (
-        int(problem.washout),
-        bool(problem.regularise),
-        bool(problem.independent),
-        problem.damping,
-        problem.goals,
-        bool(problem.plain),
-        int(seed),
-        int(starts),
-    )
-    digest.update(repr((problem.network, *options)).encode())
+    flags = int(o.washout), bool(o.regularise), bool(o.independent)
+    begun = bool(o.plain), int(o.seed), int(o.starts)
+    digest.update(repr((problem.network, *flags, o.damping, o.goals, *begun)).encode())
     return digest.hexdigest()

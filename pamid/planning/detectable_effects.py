@@ -210,22 +210,13 @@ def linearised(
 ) -> LinearRows:
     """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
     those of the rig."""
-    stepping = base.stepping
+    at = replace(base, problem=problem, p=p)
     for _ in range(settings.finer):
         with np.errstate(over="ignore", invalid="ignore"):
-            linear = linear_rows(
-                problem,
-                p,
-                base.starts,
-                base.weights,
-                base.continuity,
-                stepping,
-                settings.rows,
-                derivatives=derivatives,
-            )
+            linear = linear_rows(at, settings.rows, derivatives=derivatives)
         if linear.finite:
             break
-        stepping = stepping.doubled()
+        at = replace(at, stepping=at.stepping.doubled())
     return linear
 
 

@@ -39,6 +39,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
 from pamid.networks.network_folders import TRACE_FILE
 from pamid.networks.trained_network import save_network, trace_csv
+from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_figures import (
     excitation_png,
@@ -242,15 +243,17 @@ def train_elman(
     begun = time.perf_counter()
     correction = train_correction(
         residual_data_of(records),
-        iterations=plan.iterations,
-        seed=plan.seed,
-        starts=plan.starts,
-        threads=plan.jobs,
-        checkpoint=run.path(CHECKPOINT_FILE),
-        resume=resume,
-        progress=lambda step, start: progress(
-            f"training {step.iteration}/{plan.iterations}: start {start + 1} of {plan.starts}, "
-            f"MSE {step.mse:.3g}"
+        options=TrainingOptions(
+            iterations=plan.iterations,
+            seed=plan.seed,
+            starts=plan.starts,
+            threads=plan.jobs,
+            checkpoint=run.path(CHECKPOINT_FILE),
+            resume=resume,
+            progress=lambda step, start: progress(
+                f"training {step.iteration}/{plan.iterations}: start {start + 1} of {plan.starts}, "
+                f"MSE {step.mse:.3g}"
+            ),
         ),
     )
     run.claim(WEIGHTS_FILE, NETWORK_FILE)

@@ -21,6 +21,7 @@ Frisch and Waugh (1933), Econometrica 1:387; Lovell (1963), JASA 58:993; Belsley
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,16 +98,8 @@ def _without(column: Array, other: Array) -> Array:
 def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> LinearRows:
     """Rows of a fit's model at p, with the weights of the refitted model."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return linear_rows(
-            at.problem,
-            p,
-            at.starts,
-            fitted.weights,
-            fitted.continuity,
-            at.stepping,
-            PLOT_ROWS,
-            derivatives=derivatives,
-        )
+        point = replace(at, p=p, weights=fitted.weights, continuity=fitted.continuity)
+        return linear_rows(point, PLOT_ROWS, derivatives=derivatives)
 
 
 def _with_and_without(fitted: Fit, model: CandidateModel, label: str) -> tuple[Array, Array]:

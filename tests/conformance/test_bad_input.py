@@ -263,7 +263,7 @@ WORDS: tuple[tuple[str, int, str, str], ...] = (
     ("score run slow.csv", 4, "", "0.01 s"),
     ("train-residual run --network anfis --hidden 5", 2, "usage", "--hidden"),
     ("train-residual run --network narx --sets 3", 2, "usage", "--sets"),
-    ("train-residual run --network narx --device cuda", 2, "usage", "elman"),
+    ("train-residual run --network anfis --device cpu", 2, "usage", "elman and narx"),
     ("train-residual run --device gpu", 2, "usage", "gpu"),
     ("train-residual run --network elmann", 2, "unknown-network", "elman"),
     ("train-residual run --channel angel_deg", 2, "usage", "angle_deg"),

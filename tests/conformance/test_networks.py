@@ -13,7 +13,11 @@ from pamid.networks.narx import Narx
 from pamid.networks.network import Network
 from pamid.networks.network_training import train
 from pamid.networks.trained_network import load_network, save_network, train_on_signals
-from pamid.networks.training_problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.training_problem import (
+    TrainingOptions,
+    TrainingProblem,
+    recordings,
+)
 
 KINDS = [
     Elman(2, 3),
@@ -116,7 +120,7 @@ def test_wild_weights_overflow_quietly(network):
     for w in (np.full(network.n_weights, 1e300), np.full(network.n_weights, np.nan)):
         assert network.simulate(w, u).shape == (len(u),)
         network.normal_equations(w, u, t)
-        problem = TrainingProblem(network, recordings(u, t), 0, True, Damping(), Goals())
+        problem = TrainingProblem(network, recordings(u, t))
         assert (
             not np.isfinite(problem.errors(w).sse)
             or problem.evaluate(np.full_like(w, np.nan)) is None
@@ -140,7 +144,12 @@ def test_learns_and_comes_back_from_disk(network, tmp_path):
     constant = np.mean((t - t.mean()) ** 2)
     signals = {f"u{j}_deg": u[:, j] for j in range(network.inputs)}
     trained, training = train_on_signals(
-        network, signals, t, output_name="y_deg", period_s=0.003, iterations=25, starts=2
+        network,
+        signals,
+        t,
+        output_name="y_deg",
+        period_s=0.003,
+        options=TrainingOptions(iterations=25, starts=2),
     )
     assert np.all(np.diff(training.trace["mse"]) <= 0.0) or training.trace["alpha"].any()
     assert np.mean((t - trained.predict(signals)) ** 2) < 0.7 * constant
@@ -155,16 +164,29 @@ def test_resuming_shows_in_no_bit(network, tmp_path, stop):
             raise KeyboardInterrupt
 
     u, t = record(network)
-    whole = train(network, u, t, iterations=14)
-    train(network, u, t, iterations=14, checkpoint=tmp_path / "c.npz", progress=interrupt)
-    again = train(network, u, t, iterations=14, checkpoint=tmp_path / "c.npz", resume=True)
+    whole = train(network, u, t, options=TrainingOptions(iterations=14))
+    train(
+        network,
+        u,
+        t,
+        options=TrainingOptions(iterations=14, checkpoint=tmp_path / "c.npz", progress=interrupt),
+    )
+    again = train(
+        network,
+        u,
+        t,
+        options=TrainingOptions(iterations=14, checkpoint=tmp_path / "c.npz", resume=True),
+    )
     np.testing.assert_array_equal(again.weights, whole.weights)
     np.testing.assert_array_equal(again.trace["mse"], whole.trace["mse"])
 
 
 def test_the_number_of_threads_does_not_show(network):
     u, t = record(network)
-    runs = [train(network, u, t, iterations=22, starts=3, threads=k).weights for k in (1, 2, 4)]
+    runs = [
+        train(network, u, t, options=TrainingOptions(iterations=22, starts=3, threads=k)).weights
+        for k in (1, 2, 4)
+    ]
     np.testing.assert_array_equal(runs[0], runs[1])
     np.testing.assert_array_equal(runs[0], runs[2])
 
@@ -184,4 +206,11 @@ def test_data_that_cannot_be_fitted(network, change, words):
     u, t = change(*record(network))
     signals = {f"u{j}_deg": u[:, j] for j in range(network.inputs)}
     with pytest.raises(DataError, match=words):
-        train_on_signals(network, signals, t, output_name="y_deg", period_s=0.003, iterations=2)
+        train_on_signals(
+            network,
+            signals,
+            t,
+            output_name="y_deg",
+            period_s=0.003,
+            options=TrainingOptions(iterations=2),
+        )

@@ -30,6 +30,7 @@ from pamid.networks.trained_network import (
     save_network,
     train_on_signals,
 )
+from pamid.networks.training_problem import TrainingOptions
 from pamid.rigs.muscle import exponential
 from pamid.simulation.free_runs import free_run
 from pamid.symbolic.vocabulary import expression
@@ -123,7 +124,12 @@ def test_training_recovers_a_smooth_function():
     u = draw.uniform(-1.0, 1.0, (4000, 2))
     truth = 0.75 * np.tanh(2.0 * u[:, 0] + u[:, 1]) + 0.2 * np.sin(2.0 * u[:, 1]) * u[:, 0]
     network = Anfis(2, 5)
-    training = train(network, u, truth + 4e-3 * draw.standard_normal(len(u)), iterations=15)
+    training = train(
+        network,
+        u,
+        truth + 4e-3 * draw.standard_normal(len(u)),
+        options=TrainingOptions(iterations=15),
+    )
     error = network.simulate(training.weights, u) - truth
     assert math.sqrt(np.mean(error**2)) / np.ptp(truth) < 4e-4
 
@@ -148,7 +154,7 @@ def muscle() -> TrainedNetwork:
         chart(e, p) / 1e3,
         output_name="force_kn",
         period_s=1.0,
-        iterations=60,
+        options=TrainingOptions(iterations=60),
     )[0]
 
 
@@ -215,7 +221,7 @@ def wavy(along: int, size_n: float) -> TrainedNetwork:
     network = Anfis(2, 5)
     wave = size_n * np.sin(4.0 * x[:, along]) * (1.0 if along == 0 else -1.0)
     force = 500.0 + 250.0 * (x[:, 1] - x[:, 0]) + wave
-    weights = train(network, x, force / 500.0 - 1.0, iterations=10).weights
+    weights = train(network, x, force / 500.0 - 1.0, options=TrainingOptions(iterations=10)).weights
     return TrainedNetwork(
         network,
         weights,

@@ -192,7 +192,8 @@ def test_a_law_that_moves_the_wrong_way_is_constrained() -> None:
     assert found.unconstrained is not None and found.monotone
     assert max(found.wrong_way) < 1e-5
     allowed = 5e-3 * found.map.force_n.max()
-    assert max(check_force_law(found.unconstrained, tolerance=1.0)) > 2.0 * allowed
+    with pytest.warns(UserWarning, match="wrong way"):
+        assert max(check_force_law(found.unconstrained, strict=False)) > 2.0 * allowed
     assert "constrained" in found.guard and " N RMS, as trained by " in found.guard
     own, trained = (pulls(ForceLaw(one), found.map) for one in (found.trained, found.unconstrained))
     assert rms(own, trained) < allowed
@@ -206,8 +207,9 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
     is monotone, nor towards it from the law as trained."""
     points = noisy()
     found = judge(points, sets=3)
-    trained, law, checked = found.unconstrained, found.trained, grid_of_law(found.trained)
-    assert trained is not None and checked.pressure_axis == 1
+    trained, law = found.unconstrained, found.trained
+    features, _, pressure_axis = grid_of_law(law)
+    assert trained is not None and pressure_axis == 1
     linear = law.network.linear
     inputs = np.column_stack([points.contraction, points.pressure_kpa])
     rows = law.network.features(law.weights, law.input_scaling.forward(inputs))
@@ -221,7 +223,7 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
         plane[:, 1:] = -fall, rise
         plane[:, 0] = place @ [-fall, rise]
         other = plane.ravel()
-        force = (checked.features @ other).reshape(121, 121)
+        force = (features @ other).reshape(121, 121)
         assert np.diff(force, axis=1).min() > -1e-9 and np.diff(force, axis=0).max() < 1e-9
         assert slope @ (other - law.weights[linear]) > 0.0
 

@@ -8,6 +8,7 @@ from pamid.base.errors import FileError
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.elman import Elman
 from pamid.networks.network_training import Training, train
+from pamid.networks.training_problem import TrainingOptions
 
 
 def teacher_data() -> tuple[np.ndarray, np.ndarray]:
@@ -37,14 +38,24 @@ def same(a: Training, b: Training) -> None:
 
 def test_interrupt_returns_the_best_so_far():
     u, target = teacher_data()
-    stopped = train(Elman(2, 3), u, target, iterations=50, progress=stop_at(6))
+    stopped = train(
+        Elman(2, 3), u, target, options=TrainingOptions(iterations=50, progress=stop_at(6))
+    )
     assert stopped.why == "interrupted" and not stopped.converged
     np.testing.assert_array_equal(
-        stopped.weights, train(Elman(2, 3), u, target, iterations=6).weights
+        stopped.weights,
+        train(Elman(2, 3), u, target, options=TrainingOptions(iterations=6)).weights,
     )
-    second = train(Elman(2, 3), u, target, iterations=12, starts=3, progress=stop_at(0, start=1))
+    second = train(
+        Elman(2, 3),
+        u,
+        target,
+        options=TrainingOptions(iterations=12, starts=3, progress=stop_at(0, start=1)),
+    )
     # where it waits for the others
-    at_the_gate = train(Elman(2, 3), u, target, iterations=training_module.GATES[0])
+    at_the_gate = train(
+        Elman(2, 3), u, target, options=TrainingOptions(iterations=training_module.GATES[0])
+    )
     np.testing.assert_array_equal(second.weights, at_the_gate.weights)
     assert len(second.starts_mse) == 2
     assert second.why == "interrupted" and not second.converged
@@ -54,10 +65,20 @@ def test_interrupt_returns_the_best_so_far():
 def test_resuming_equals_never_having_stopped(tmp_path, start):
     u, target = teacher_data()
     options = {"iterations": 15, "starts": 2, "seed": 3}
-    undisturbed = train(Elman(2, 4), u, target, **options)
+    undisturbed = train(Elman(2, 4), u, target, options=TrainingOptions(**options))
     file = tmp_path / "checkpoint.npz"
-    train(Elman(2, 4), u, target, **options, checkpoint=file, progress=stop_at(7, start))
-    same(train(Elman(2, 4), u, target, **options, checkpoint=file, resume=True), undisturbed)
+    train(
+        Elman(2, 4),
+        u,
+        target,
+        options=TrainingOptions(**options, checkpoint=file, progress=stop_at(7, start)),
+    )
+    same(
+        train(
+            Elman(2, 4), u, target, options=TrainingOptions(**options, checkpoint=file, resume=True)
+        ),
+        undisturbed,
+    )
 
 
 def test_resuming_after_a_crash(tmp_path, monkeypatch):
@@ -69,9 +90,9 @@ def test_resuming_after_a_crash(tmp_path, monkeypatch):
             Elman(2, 4),
             u,
             target,
-            iterations=15,
-            checkpoint=file,
-            progress=stop_at(9, error=RuntimeError),
+            options=TrainingOptions(
+                iterations=15, checkpoint=file, progress=stop_at(9, error=RuntimeError)
+            ),
         )
     seen = []
     going_on = {
@@ -79,38 +100,65 @@ def test_resuming_after_a_crash(tmp_path, monkeypatch):
         "resume": True,
         "progress": lambda step, _: seen.append(step.iteration),
     }
-    resumed = train(Elman(2, 4), u, target, iterations=15, **going_on)
+    resumed = train(Elman(2, 4), u, target, options=TrainingOptions(iterations=15, **going_on))
     assert seen == [10, 11, 12, 13, 14, 15]
-    same(resumed, train(Elman(2, 4), u, target, iterations=15))
+    same(resumed, train(Elman(2, 4), u, target, options=TrainingOptions(iterations=15)))
 
 
 @pytest.mark.parametrize("starts", [1, 3])
 def test_a_finished_training_can_be_prolonged(tmp_path, starts):
     u, target = teacher_data()
     file = tmp_path / "checkpoint.npz"
-    train(Elman(2, 4), u, target, iterations=5, starts=starts, checkpoint=file)
-    prolonged = train(
-        Elman(2, 4), u, target, iterations=12, starts=starts, checkpoint=file, resume=True
+    train(
+        Elman(2, 4),
+        u,
+        target,
+        options=TrainingOptions(iterations=5, starts=starts, checkpoint=file),
     )
-    same(prolonged, train(Elman(2, 4), u, target, iterations=12, starts=starts))
+    prolonged = train(
+        Elman(2, 4),
+        u,
+        target,
+        options=TrainingOptions(iterations=12, starts=starts, checkpoint=file, resume=True),
+    )
+    same(
+        prolonged,
+        train(Elman(2, 4), u, target, options=TrainingOptions(iterations=12, starts=starts)),
+    )
 
 
 def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
     u, target = teacher_data()
     file = tmp_path / "checkpoint.npz"
-    train(Elman(2, 4), u, target, iterations=2, checkpoint=file)
+    train(Elman(2, 4), u, target, options=TrainingOptions(iterations=2, checkpoint=file))
     with pytest.raises(FileError, match="another training"):
-        train(Elman(2, 4), u, target + 1e-9, iterations=2, checkpoint=file, resume=True)
+        train(
+            Elman(2, 4),
+            u,
+            target + 1e-9,
+            options=TrainingOptions(iterations=2, checkpoint=file, resume=True),
+        )
     with pytest.raises(FileError, match="another training"):
-        train(Elman(2, 4), u, target, iterations=2, seed=1, checkpoint=file, resume=True)
+        train(
+            Elman(2, 4),
+            u,
+            target,
+            options=TrainingOptions(iterations=2, seed=1, checkpoint=file, resume=True),
+        )
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(FileError, match="not a plain npz"):
-        train(Elman(2, 4), u, target, iterations=2, checkpoint=file, resume=True)
+        train(
+            Elman(2, 4),
+            u,
+            target,
+            options=TrainingOptions(iterations=2, checkpoint=file, resume=True),
+        )
     with pytest.raises(FileError, match="cannot be written"):
         train(
             Elman(2, 4),
             u,
             target,
-            iterations=2,
-            checkpoint=tmp_path / "no_folder" / "checkpoint.npz",
+            options=TrainingOptions(
+                iterations=2, checkpoint=tmp_path / "no_folder" / "checkpoint.npz"
+            ),
         )

@@ -178,6 +178,19 @@ def test_every_network_is_trained(
     assert trace[-1, 1] < trace[0, 1]
 
 
+@pytest.mark.parametrize("network", ["elman", "narx"])
+def test_torch_trains_the_network_of_the_compiled_kernels(run: Copy, network: str) -> None:
+    compiled, by_torch = run(), run()
+    options = ("--network", network, *QUICK, "--starts", "2")
+    assert train(compiled, *options) == train(by_torch, *options, "--device", "cpu") == 0
+    ours, theirs = (read_json(folder / "network.json") for folder in (compiled, by_torch))
+    assert theirs["training"]["starts_mse"] == pytest.approx(
+        ours["training"]["starts_mse"], rel=0.02
+    )
+    errors = [about["mae"]["angle_deg"]["with_network"] for about in (theirs, ours)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.02)
+
+
 def test_same_run_and_seed_same_bytes(run: Copy) -> None:
     one, other = run(), run()
     before = (one / "residual.csv").read_text().splitlines()

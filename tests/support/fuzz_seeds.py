@@ -13,6 +13,7 @@ from synthetic_run import make_run, make_trial
 from virtual_joint import record
 
 from pamid.networks.elman import Elman
+from pamid.networks.training_problem import TrainingOptions
 
 LOG = "t [ms];Winkel [°];p1 [bar];u\r\n" + "".join(
     f"{3 * k},{k % 7};{np.sin(k / 20):.3f};{1 + np.cos(k / 30):.4f};{(k // 40) % 3 - 1}\r\n".replace(  # noqa: E501
@@ -73,10 +74,9 @@ def _checkpoint(place: Path) -> None:
     train_correction(
         read_residual_data(place / "explained"),
         wanted=NetworkChoice("elman", {"hidden": 2}),
-        iterations=1,
-        seed=0,
-        threads=1,
-        checkpoint=place / "checkpoint.npz",
+        options=TrainingOptions(
+            iterations=1, seed=0, threads=1, checkpoint=place / "checkpoint.npz"
+        ),
     )
 
 

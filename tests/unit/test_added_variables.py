@@ -65,7 +65,7 @@ def gauss_newton_amount(d: Diagnosis, effect: str, key: str) -> float:
     at = model.assembly.keys[f"{effect}:{key}"]
     p[at] = 0.0
     f, problem = base.fit, model.fit.problem
-    rows = linear_rows(problem, p, f.starts, f.weights, f.continuity, f.stepping, EVERYTHING)
+    rows = linear_rows(replace(f, problem=problem, p=p), EVERYTHING)
     bounds = [model.assembly.parameters[i] for i in problem.free]
     own = np.array([b.owner == effect for b in bounds])
     sheet = len(rows.away) - len(own)
@@ -122,7 +122,7 @@ def test_the_run_folder_holds_them_whole(recording: Path, tmp_path: Path) -> Non
 
 def test_left_over_is_what_dense_least_squares_leaves(found: Diagnosis) -> None:
     f = found.budget.baseline.fit
-    rows = linear_rows(f.problem, f.p, f.starts, f.weights, f.continuity, f.stepping, EVERYTHING)
+    rows = linear_rows(f, EVERYTHING)
     random = np.random.default_rng(2)
     columns = random.normal(size=(len(rows.away), 3))
     for held in (np.zeros(len(f.problem.free), bool), np.arange(len(f.problem.free)) == 0):

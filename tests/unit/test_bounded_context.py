@@ -6,6 +6,7 @@ import pytest
 import pamid.networks.levenberg_marquardt as steps
 from pamid.networks.elman import Elman, ElmanLayers
 from pamid.networks.network_training import train
+from pamid.networks.training_problem import TrainingOptions
 
 
 def latch(seed):
@@ -56,15 +57,20 @@ def test_growth_is_what_becomes_of_a_neighbour():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_training_keeps_the_context_bounded(seed, monkeypatch):
     (u, y), network = latch(seed), Elman(1, 3)
-    kept = train(network, u, y, iterations=40, seed=seed)
+    kept = train(network, u, y, options=TrainingOptions(iterations=40, seed=seed))
     assert grown(network, kept.weights, u) <= steps.GROWTH + 1e-9
     assert kept.trace["mse"][-1] < kept.trace["mse"][0]
     monkeypatch.setattr(steps, "_bounded", lambda *_: True)
-    free = train(network, u, y, iterations=40, seed=seed)
+    free = train(network, u, y, options=TrainingOptions(iterations=40, seed=seed))
     assert grown(network, free.weights, u) > 2.0 * steps.GROWTH
 
 
 def test_as_in_the_paper_nothing_is_bounded(monkeypatch):
     u, y = latch(0)
     monkeypatch.setattr(Elman, "growth", lambda *_: pytest.fail("the paper does not ask"))
-    assert train(Elman(1, 3), u, y, iterations=3, plain=True).trace["iteration"][-1] == 3
+    assert (
+        train(Elman(1, 3), u, y, options=TrainingOptions(iterations=3, plain=True)).trace[
+            "iteration"
+        ][-1]
+        == 3
+    )

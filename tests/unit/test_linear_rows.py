@@ -4,6 +4,7 @@ differences."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fit:
 
 
 def rows_of(f: Fit, most: int = EVERYTHING) -> LinearRows:
-    return linear_rows(f.problem, f.p, f.starts, f.weights, f.continuity, f.stepping, most)
+    return linear_rows(f, most)
 
 
 def test_they_add_up_to_the_cost_of_the_fit(fitted: Fit) -> None:
@@ -38,16 +39,7 @@ def test_derivatives_are_those_of_differences(fitted: Fit) -> None:
         free = list(fitted.problem.free)
         p[free] = scale.outside(scale.inside(p[free]) + ds)
         starts[0][1, 0] += dx
-        problem = fitted.problem
-        return linear_rows(
-            problem,
-            p,
-            tuple(starts),
-            fitted.weights,
-            fitted.continuity,
-            fitted.stepping,
-            EVERYTHING,
-        ).away
+        return linear_rows(replace(fitted, p=p, starts=tuple(starts)), EVERYTHING).away
 
     def slope(f: Callable[[float], np.ndarray], h: float) -> np.ndarray:
         return (f(h) - f(-h)) / (2.0 * h)

@@ -10,6 +10,7 @@ import pamid.networks.narx as narx_module
 from pamid.networks.narx import Narx
 from pamid.networks.network_training import train
 from pamid.networks.trained_network import load_network, save_network, train_on_signals
+from pamid.networks.training_problem import TrainingOptions
 
 SIZES = [  # inputs, hidden, input_lags, output_lags, stride
     Narx(),
@@ -131,7 +132,7 @@ def known_narx(samples: int = 1500) -> tuple[Narx, np.ndarray, np.ndarray]:
 
 def test_learns_a_known_narx():
     network, u, target = known_narx()
-    trained = train(network, u, target, iterations=150, starts=3)
+    trained = train(network, u, target, options=TrainingOptions(iterations=150, starts=3))
     assert trained.trace["mse"][0] > 1e-2
     assert trained.trace["mse"][-1] < 1e-15, trained.starts_mse
     assert trained.summary["converged"]
@@ -145,7 +146,7 @@ def test_round_trip_through_files(tmp_path):
         7.0 * y,
         output_name="angle_deg",
         period_s=0.003,
-        iterations=4,
+        options=TrainingOptions(iterations=4),
     )
     save_network(tmp_path, trained)
     loaded = load_network(tmp_path)

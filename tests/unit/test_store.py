@@ -17,6 +17,7 @@ from pamid.networks.trained_network import (
     save_network,
     train_on_signals,
 )
+from pamid.networks.training_problem import TrainingOptions
 
 
 def teacher_data() -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +52,7 @@ def trained() -> tuple[TrainedNetwork, dict[str, np.ndarray], np.ndarray]:
         3.0 * target + 1.0,
         output_name="residual_deg",
         period_s=0.003,
-        iterations=60,
+        options=TrainingOptions(iterations=60),
     )
     return network, signals, 3.0 * target + 1.0
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pamid.networks.bayes import Evidence, first_guess
+from pamid.networks.bayes import Evidence, evidence_of
 from pamid.networks.elman import Elman
 from pamid.networks.network_training import train
-from pamid.networks.training_problem import PAPER_DAMPING
+from pamid.networks.training_problem import PAPER_DAMPING, TrainingOptions
 
 
 def data(n=400, seed=5):
@@ -22,7 +22,7 @@ def trainbr(network, u, target, steps, seed):
     weights = network.random_start(seed)
     n, count, mu, rows = len(weights), len(target), 0.005, []
     sse, jtj, jte = network.normal_equations(weights, u, target)
-    evidence = first_guess(n, count, sse, weights @ weights)
+    evidence = evidence_of(n, count, sse, weights @ weights)
     for _ in range(steps):
         alpha, beta = evidence.alpha, evidence.beta
         before = beta * sse + alpha * weights @ weights
@@ -47,7 +47,10 @@ def test_it_is_matlabs_trainbr():
     u, target = data()
     network, steps = Elman(2, 2), 8
     trace = train(
-        network, u, target, iterations=steps, seed=4, plain=True, damping=PAPER_DAMPING
+        network,
+        u,
+        target,
+        options=TrainingOptions(iterations=steps, seed=4, plain=True, damping=PAPER_DAMPING),
     ).trace
     expected = trainbr(network, u, target, steps, 4)
     found = np.column_stack([trace[name][1:] for name in ("mse", "mu", "gamma", "alpha", "beta")])

@@ -105,10 +105,10 @@ class TrainingArguments(NetworkSizes):
         "--preset paper]",
     )
     mu_largest: float | None = option(None, "Value of mu that ends training. [default: 1e10]")
-    device: str = option(
-        "cpu",
-        "cpu, or cuda if torch has one. On cuda all starts of an elman network are computed "
-        "together, which pays off for dozens of starts.",
+    device: str | None = option(
+        None,
+        "Device on which torch computes elman or narx networks, all starts together: cpu or cuda. "
+        "[default: the compiled kernels, on the processor]",
     )
     at: str = option(
         "output",
