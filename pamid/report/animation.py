@@ -25,7 +25,7 @@ from PIL import Image
 from pamid.base.errors import DataError
 from pamid.report import formatting
 from pamid.report.motion import MEASURED, TRACE_ROLES, Motion, gap_label, scale_of
-from pamid.report.style import DRAWING_SETTINGS, colour, grid, label
+from pamid.report.style import DRAWING_SETTINGS, axis, colour, finish, label
 
 ANIMATION_HZ = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
@@ -201,10 +201,8 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
     )
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5, labelbottom=last)
-    grid(axes, "y")
-    what = formatting.axis_label(
-        label(gap_label(channel), 44), label(formatting.channel_unit(channel))
-    )
+    finish(axes)
+    what = axis(gap_label(channel), formatting.channel_unit(channel), 44)
     axes.set_title(what, loc="left", fontsize=8.0, color=colour("muted"), pad=3.0)
     if last:
         axes.set_xlabel(

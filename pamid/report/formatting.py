@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
+from pamid.schemas.estimates import Estimate
 
 #: names of people and letters that a hyphenated effect name has lost
 _PROPER = {
@@ -125,7 +126,7 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
         factor, unit_text = _scaled_unit(unit_text, *values)
         values = [factor * value for value in values]
     text = between.join(short(value) for value in values)
-    return f"{text}{SPACE}{unit_text}" if unit_text else text
+    return with_unit(text, unit_text)
 
 
 def with_interval(
@@ -150,6 +151,22 @@ def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
     if unit_text not in _PREFIXED or not 0.0 < largest < _MILLI:
         return 1.0, unit_text
     return (1e6, f"µ{unit_text}") if largest < _MICRO else (1e3, f"m{unit_text}")
+
+
+def with_unit(figure: str, unit_text: str) -> str:
+    """A figure and its unit on one line."""
+    return f"{figure}{SPACE}{unit_text}" if unit_text else figure
+
+
+def unbroken(text: str) -> str:
+    """A figure and its unit stay on one line."""
+    return text.replace(" ", SPACE)
+
+
+def parameter_text(name: str, estimate: Estimate) -> str:
+    """ "torque 0.41 N m (95 % interval 0.38 to 0.44 N m)"."""
+    size = with_interval(estimate.value, estimate.low, estimate.high, channel_unit(name))
+    return f"{channel_label(name)} {size}"
 
 
 def percent(share: float | None) -> str:
@@ -222,7 +239,10 @@ def not_converged(what: str, why: str) -> str:
 
 def sentence(text: str) -> str:
     """With a capital first letter and a full stop."""
-    text = text.strip()
-    if not text:
-        return ""
-    return text[0].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
+    text = capital(text.strip())
+    return text + ("" if not text or text.endswith((".", "!", "?", ":")) else ".")
+
+
+def capital(text: str) -> str:
+    """With a capital first letter: a heading or a title."""
+    return text[:1].upper() + text[1:]

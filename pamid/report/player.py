@@ -26,8 +26,8 @@ from pamid.report.motion import (
     rig_of_run,
     scale_of,
 )
+from pamid.report.page import asset
 from pamid.report.reading import FloatArray
-from pamid.report.web_page import asset
 
 PLAYER_HZ = 30  # frames per second
 TRAIL_S = 1.0

@@ -19,7 +19,7 @@ from pamid.recording.file_checks import HUGE
 from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording
 from pamid.report import formatting
-from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
+from pamid.report.style import PNG_DPI, WIDE_IN, colour, finish, label, line, settings
 
 Array = NDArray[np.float64]
 
@@ -122,24 +122,13 @@ def _rows(recording: Recording, issues: Sequence[QualityIssue]) -> list[str]:
 def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[QualityIssue]) -> None:
     time, values = recording.time, _drawable(recording, name)
     wrong = any(issue.severity == "wrong" for issue in issues)
-    axes.plot(
-        *envelope(time, values),
-        color=colour("refitted" if not wrong else "with_cause"),
-        linewidth=0.8,
-    )
+    line(axes, *envelope(time, values), "refitted" if not wrong else "with_cause", 0.8)
     across = blended_transform_factory(axes.transData, axes.transAxes)
     least = NARROWEST * (time[-1] - time[0])
     for begin, end in joined([window for issue in issues for window in issue.windows_s], least):
         axes.axvspan(begin, end, color=colour("with_cause"), alpha=0.22, linewidth=0.0)
-        axes.plot(
-            [begin, end],
-            [1.0, 1.0],
-            transform=across,
-            color=colour("with_cause"),
-            linewidth=2.0,
-            solid_capstyle="butt",
-            clip_on=False,
-        )
+        look = {"transform": across, "solid_capstyle": "butt", "clip_on": False}
+        line(axes, [begin, end], [1.0, 1.0], "with_cause", 2.0, **look)
     kinds = list(dict.fromkeys(issue.kind.replace("-", " ") for issue in issues))
     axes.set_title(
         label(name, 60) + (f":  {', '.join(kinds)}" if kinds else ""),
@@ -149,12 +138,11 @@ def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Qua
         color=colour("with_cause" if kinds else "ink"),
         fontweight="bold" if kinds else "normal",
     )
-    axes.set_ylabel(f"[{label(formatting.channel_unit(name), 12) or '-'}]")
     axes.set_xlim(time[0], time[-1])
     axes.margins(y=0.08)
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5)
-    grid(axes, "y")
+    finish(axes, "", f"[{label(formatting.channel_unit(name), 12) or '-'}]")
 
 
 def _close_unit(recording: Recording) -> tuple[float, str]:

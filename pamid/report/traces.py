@@ -21,6 +21,7 @@ from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData, repeats_refit
 from pamid.report.markup import paragraphs, tag
+from pamid.report.page import asset
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
     MOST_VALUES,
@@ -35,7 +36,6 @@ from pamid.report.samples import (
     packed_times,
     stretches_of,
 )
-from pamid.report.web_page import asset
 
 MEASURED = "measured"
 #: kind of trace -> the role its colour goes by, its dashes [px]; in the order they are drawn
@@ -113,8 +113,8 @@ def traces_of(
         return Traces()
     first = headline(rows)
     channels.sort(key=lambda name: first is None or name != first.channel)
-    plots = [_channel_plot(residual, name) for name in channels]
-    plots[1:1] = [_input_plot(name) for name in inputs_of(residual)]
+    plots = [_plot(name, [MEASURED, *_models(residual, name)], True) for name in channels]
+    plots[1:1] = [_plot(name, [MEASURED], False) for name in inputs_of(residual)]
     stretches = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
     if not stretches:
         return Traces()
@@ -146,47 +146,32 @@ def traces_of(
             for place in places
         ],
     }
+    without = "The plots of all samples need scripts; the pictures above do not."
     section = tag(
-        "section",
-        tag("h2", "All samples"),
+        "div",
         paragraphs([_MOVING], "note scripted"),
-        tag(
-            "noscript",
-            tag(
-                "p",
-                "The plots of all samples need scripts; the pictures above do not.",
-                class_="note",
-            ),
-        ),
+        tag("noscript", paragraphs([without], "note")),
         tag("div", class_="plots scripted"),
         paragraphs(_exactness(residual, stretches, channels), "note scripted"),
         _blocks(residual, stretches, plots),
-        class_="samples",
         id="samples",
         data_plan=json.dumps(plan, ensure_ascii=False, separators=(",", ":")),
     )
     return Traces(section, tuple(places))
 
 
-def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
-    kinds = [kind for kind in LOOKS if kind == MEASURED or has(residual, channel, kind)]
-    return {
-        "name": channel_label(channel),
-        "unit": channel_unit(channel),
-        "column": channel,
-        "kinds": kinds,
-        "modelled": True,
-    }
-
-
-def _input_plot(column: str) -> dict[str, Any]:
+def _plot(column: str, kinds: Sequence[str], modelled: bool) -> dict[str, Any]:
     return {
         "name": channel_label(column),
         "unit": channel_unit(column),
         "column": column,
-        "kinds": [MEASURED],
-        "modelled": False,
+        "kinds": [kind for kind in LOOKS if kind in kinds],
+        "modelled": modelled,
     }
+
+
+def _models(residual: Residual, channel: str) -> list[str]:
+    return [kind for kind in TRACE_KINDS if has(residual, channel, kind)]
 
 
 def _kind_label(kind: str, run: RunData) -> str:
@@ -272,11 +257,8 @@ def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[
     """Note on the resolution of the numbers and on omitted samples."""
     exact = []
     for channel in channels:
-        traces = [
-            _values(residual, channel, kind)
-            for kind in (MEASURED, *TRACE_KINDS)
-            if kind == MEASURED or has(residual, channel, kind)
-        ]
+        kinds = (MEASURED, *_models(residual, channel))
+        traces = [_values(residual, channel, kind) for kind in kinds]
         span = max(float(np.nanmax(trace) - np.nanmin(trace)) for trace in traces)
         exact.append(
             f"{channel_label(channel)} "

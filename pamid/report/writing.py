@@ -15,19 +15,18 @@ from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
-from pamid.report.comparison_figure import comparison_drawing
-from pamid.report.comparison_page import ComparedRun, comparison_document
-from pamid.report.correlation_figure import correlation_drawing
-from pamid.report.document import Document
-from pamid.report.error_signal_figure import error_signal_drawing
+from pamid.report.comparison_page import ComparedRun, comparison_page
 from pamid.report.evidence_figures import (
+    correlation_drawing,
+    error_signal_drawing,
     pulls_drawing,
-    pulls_of,
     timeline_drawing,
     training_drawing,
 )
 from pamid.report.figures import (
     budget_drawing,
+    comparison_drawing,
+    free_form_drawing,
     free_run_drawing,
     missing_drawing,
     ports_drawing,
@@ -35,21 +34,18 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.free_form_figure import free_form_drawing
 from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.motion import NO_POSE, rig_of_run
-from pamid.report.paper_page import paper_document
-from pamid.report.papers import PaperStory, read_paper
+from pamid.report.page import MARK, Page, html_of
+from pamid.report.paper_page import read_paper
 from pamid.report.pdf import PDF_MARK, printed
 from pamid.report.recording_errors import held_out_errors
 from pamid.report.rig_figure import rig_drawing
-from pamid.report.run_page import run_document
+from pamid.report.run_page import run_page
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
-from pamid.report.trial_page import trial_document
+from pamid.report.trial_page import trial_page
 from pamid.report.trial_results import read_trial
-from pamid.report.web_page import MARK, html_of
-from pamid.schemas.run_file import Step
 from pamid.schemas.score_file import RecordingError
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
@@ -100,12 +96,12 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a report: rows of the MAE table, drawings, and the document once these are
+    """Content of a report: rows of the MAE table, drawings, and the page once these are
     pictures."""
 
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]
-    document_of: Callable[[dict[str, Picture]], Document]
+    page_of: Callable[[dict[str, Picture]], Page]
     recordings: tuple[RecordingError, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -135,24 +131,27 @@ def write_report(
         tell(f"pictures {k}/{len(content.drawings)}: {drawing.name}")
         pictures[drawing.name] = render(drawing)
     tell("the page")
-    document = content.document_of(pictures)  # everything is made before anything is written
-    html = html_of(document).encode(errors="replace")
-    paper = {pdf: printed(html)} if pdf is not None else {}
+    files = _files(content.page_of(pictures), page, pdf)  # before anything is written
     figure_names = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in figure_names.items() if name in pictures]
-    outputs = [path_ for path_ in (page, pdf) if path_ is not None]
-    for item in outputs:
-        make_folder(item.parent)
     run = Run.open(run_folder)
     run.remove(*(file for file in figure_names if file not in drawn))
-    figures = run.claim(*drawn, *(item.name for item in outputs if item.parent == run_folder))[
-        : len(drawn)
-    ]
-    files = {
+    figures = run.claim(*drawn, *(item.name for item in files if item.parent == run_folder))
+    figures = figures[: len(drawn)]
+    pngs = {
         path: pictures[figure_names[file]].png for path, file in zip(figures, drawn, strict=True)
     }
-    write_together({**files, **paper, page: html})
+    write_together({**pngs, **files})
     return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
+
+
+def _files(content: Page, page: Path, pdf: Path | None) -> dict[Path, bytes]:
+    """The page, on request also printed, and folders for them."""
+    html = html_of(content).encode(errors="replace")
+    files = {pdf: printed(html), page: html} if pdf is not None else {page: html}
+    for path in files:
+        make_folder(path.parent)
+    return files
 
 
 def content_of(run_folder: Path, rig: str | None = None) -> Content:
@@ -162,15 +161,18 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
     if trial is not None or paper is not None:
         Run.open(run_folder)
         steps = read_steps(run_folder / "run.json")
-        if trial is not None:
-            return Content((), trial_drawings(trial), partial(trial_document, trial, steps))
-        assert paper is not None
-        return _paper_content(run_folder, paper, steps)
+    if trial is not None:
+        return Content((), trial_drawings(trial), partial(trial_page, trial, steps))
+    if paper is not None and not (run_folder / "diagnosis.json").exists():
+        return Content((), [], partial(paper.page, steps, None, ()))
     run = load_run(run_folder)
     rows = errors_of(run)
+    drawings, recordings = drawings_of(run, rows), held_out_errors(run)
+    if paper is not None:
+        return Content(rows, drawings, partial(paper.page, steps, run, rows), recordings)
     drawn_by, notes = _posed_rig(run, rig)
-    document_of = partial(run_document, run, rows, drawn_by=drawn_by)
-    return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run), notes)
+    page_of = partial(run_page, run, rows, drawn_by=drawn_by)
+    return Content(rows, drawings, page_of, recordings, notes)
 
 
 def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
@@ -185,21 +187,6 @@ def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ..
         return None, (f"no animation: {error.message} {error.hint}",)
 
 
-def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
-    """Content of a reproduced paper: its pictures, and the drawn ones of its diagnosis, if there is
-    one."""
-    if not (run_folder / "diagnosis.json").exists():
-        return Content((), [], partial(paper_document, paper, steps, None, ()))
-    run = load_run(run_folder)
-    rows = errors_of(run)
-    return Content(
-        rows,
-        drawings_of(run, rows),
-        partial(paper_document, paper, steps, run, rows),
-        held_out_errors(run),
-    )
-
-
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     """The drawings that the content of this run allows."""
     drawings: list[Drawing | None] = []
@@ -211,7 +198,7 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
         drawings.append(comparison_drawing(diagnosis))
         drawings += [free_form_drawing(diagnosis), missing_drawing(run)]
         drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
-    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
+    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(run)]
     drawings.append(correlation_drawing(run.fit))
     if run.residual is not None and row is not None:
         drawings += [
@@ -245,11 +232,7 @@ def write_comparison(
     unless it may be overwritten."""
     if not overwrite:
         _require_ours(page, pdf)
-    html = html_of(comparison_document(runs)).encode(errors="replace")
-    paper = {pdf: printed(html)} if pdf is not None else {}
-    for path in filter(None, (page, pdf)):
-        make_folder(path.parent)
-    write_together({**paper, page: html})
+    write_together(_files(comparison_page(runs), page, pdf))
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
