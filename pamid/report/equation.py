@@ -19,14 +19,13 @@ from pamid.model.attachment import attach
 from pamid.model.bound_parameter import bind, parameters_of
 from pamid.model.effect import Effect
 from pamid.model.registry import all_effects, catalogue_rig
-from pamid.model.rig import Port
 from pamid.report import formatting
 from pamid.report.captions import at_port, missing_term
 from pamid.report.formatting import channel_unit, effect_label
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import paragraphs, prose, tag
-from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
+from pamid.report.mathml import Typeset, math_html, name, number_html, operator
 from pamid.schemas.diagnosis_file import Unknown
 from pamid.schemas.estimates import Estimate
 from pamid.symbolic import vocabulary as equations
@@ -110,22 +109,26 @@ def acting(rig: str, label: str) -> ActingEffect | None:
     try:
         of = catalogue_rig(rig)
         where = attach(of, label, all_effects())
-        port = of.ports[where.ports[0]]
-        return _acting(where.effect, port, where.ports[0], of.period_s)
     except PamidError:
         return None
-
-
-def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> ActingEffect:
-    offered = frozenset(port.signals) | {"time", "period"}
+    effect, port_name = where.effect, where.ports[0]
+    port = of.ports[port_name]
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
-    at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
+    offered = frozenset(port.signals) | {"time", "period"}
+    at = _NamedSignals(offered, port.kind, of.period_s, {k: b.high for k, b in bounds.items()})
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
-    change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    try:
+        change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    except PamidError:
+        return None
     value, rates = change if isinstance(change, tuple) else (change, {})
-    names = {name: b.name for name, b in bounds.items()}
     return ActingEffect(
-        effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
+        effect,
+        letter,
+        what,
+        expression(value),
+        {state: expression(rate) for state, rate in rates.items()},
+        {name: bound.name for name, bound in bounds.items()},
     )
 
 
@@ -205,9 +208,8 @@ def _rows(act: ActingEffect, typeset: Typeset) -> list[list[Markup]]:
     after = tag("mrow", name(act.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(act.value))]]
     for state, rate in act.rates.items():
-        left = fraction(
-            tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t"))
-        )
+        above, below = (tag("mrow", tag("mi", "d"), name(of)) for of in (state, "t"))
+        left = tag("mfrac", above, below)
         rows.append([left, tag("mrow", operator("="), typeset(rate))])
     return rows
 
@@ -251,11 +253,10 @@ def _legend(act: ActingEffect, typeset: Typeset) -> Iterator[str]:
         f"{letter}: the {act.what} without the effect, {letter}′ with it. Plain numbers are "
         "in SI units."
     )
-    meanings = [
-        f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)
-    ]
-    if meanings:
-        yield "; ".join(meanings) + "."
+    meanings = {function: _meaning(function) for function in typeset.functions}
+    texts = [f"{function}: {meaning}" for function, meaning in meanings.items() if meaning]
+    if texts:
+        yield "; ".join(texts) + "."
 
 
 def _meaning(function: str) -> str:

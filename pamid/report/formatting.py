@@ -184,18 +184,13 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
         unit_text, *(bound for bound in (low, high) if bound is not None)
     )
     low, high = (None if bound is None else factor * bound for bound in (low, high))
-    tail = f"{SPACE}{unit_text}" if unit_text else ""
-    if low is None:
-        return f"below {short(high, digits)}{tail}"
-    if high is None:
-        return f"above {short(low, digits)}{tail}"
-    first, last = (
-        number(low, digits).partition(f"{SPACE}×"),
-        number(high, digits).partition(f"{SPACE}×"),
-    )
+    if low is None or high is None:
+        side, bound = ("below", high) if low is None else ("above", low)
+        return with_unit(f"{side} {short(bound, digits)}", unit_text)
+    first, last = (number(bound, digits).partition(f"{SPACE}×") for bound in (low, high))
     if first[1] and first[2] == last[2]:  # one power of ten is enough
-        return f"({first[0]} to {last[0]}){''.join(last[1:])}{tail}"
-    return f"{short(low, digits)} to {short(high, digits)}{tail}"
+        return with_unit(f"({first[0]} to {last[0]}){''.join(last[1:])}", unit_text)
+    return with_unit(f"{short(low, digits)} to {short(high, digits)}", unit_text)
 
 
 def chance(probability: float | None) -> str:
@@ -223,13 +218,7 @@ def count(value: float | None) -> str:
 def join(parts: Iterable[str], last: str = "and") -> str:
     """ "a, b and c"."""
     words = list(parts)
-    return (
-        words[0]
-        if len(words) == 1
-        else f"{', '.join(words[:-1])} {last} {words[-1]}"
-        if words
-        else ""
-    )
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def not_converged(what: str, why: str) -> str:

@@ -97,6 +97,20 @@ class Page:
 def html_of(page: Page) -> str:
     """The whole page as text; the same page gives the same text."""
     scripts, styles = (page_script(), *page.scripts), f"{_style_sheet()}{page.styles}"
+    return rendered(
+        "page.html",
+        mark=MARK,
+        policy=f"{_POLICY}; style-src-elem {_hash(styles)}; "
+        f"script-src {' '.join(map(_hash, scripts))}",
+        styles=styles,
+        scripts=scripts,
+        page=page,
+        contents=sum((section.contents for section in page.sections), []),
+    )
+
+
+def rendered(template: str, **content: object) -> Markup:
+    """A template with its content, which is escaped unless it is markup."""
     environment = Environment(
         loader=PackageLoader("pamid.report", "templates"),
         autoescape=True,
@@ -107,15 +121,7 @@ def html_of(page: Page) -> str:
         keep_trailing_newline=True,
     )
     environment.filters["prose"] = prose
-    return environment.get_template("page.html").render(
-        mark=MARK,
-        policy=f"{_POLICY}; style-src-elem {_hash(styles)}; "
-        f"script-src {' '.join(map(_hash, scripts))}",
-        styles=styles,
-        scripts=scripts,
-        page=page,
-        contents=sum((section.contents for section in page.sections), []),
-    )
+    return Markup(environment.get_template(template).render(**content))
 
 
 # ---- content of sections -------------------------------------------------------------------------

@@ -21,6 +21,7 @@ from pamid.report.block_diagram import (
     BlockText,
     Diagram,
     Link,
+    columns_of,
     narrow_diagram,
     wide_diagram,
 )
@@ -51,6 +52,7 @@ from pamid.verdict.verdict_words import chance_figure
 
 DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
 TINT = 0.5  # opacity of a block that holds the whole gap
+_EDGES_IN = 0.083  # that matplotlib leaves above and below
 BASE = 11.0  # from the top of a line to its letters' foot
 PIN, DOUBT = "◆ ", "? "
 _MOST_TRIED = 4
@@ -58,8 +60,8 @@ _ABOVE = 10.0  # the blocks, and what of them is a link, in the order in which t
 
 
 def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
-    """The diagram; None if the run does not say which ports its rig has."""
-    if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
+    """The diagram; None if the run does not say which ports its rig has, or of which kinds."""
+    if diagnosis is None or diagnosis.rig is None or not columns_of(diagnosis.rig):
         return None
     rig = diagnosis.rig
     return _drawing(rig, _title(diagnosis, rig), block_texts(diagnosis, rig), linked=True)
@@ -133,7 +135,8 @@ def _drawing(rig: RigMap, title: str, texts: dict[str, BlockText], *, linked: bo
     def draw(figure: Figure, is_narrow: bool) -> None:
         _draw(figure, narrow if is_narrow else wide, linked)
 
-    tall, narrow_tall = WIDE_IN * wide.tall / wide.wide, NARROW_IN * narrow.tall / narrow.wide
+    tall = WIDE_IN * wide.tall / wide.wide + _EDGES_IN
+    narrow_tall = NARROW_IN * narrow.tall / narrow.wide + _EDGES_IN
     return Drawing("rig", title, draw, tall, narrow_tall, linked=linked)
 
 

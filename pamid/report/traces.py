@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from pamid.report.samples import (
     MOST_VALUES,
     SAMPLE_LEVELS,
     TRACE_KINDS,
-    Packed,
     Stretch,
     channels_of,
     has,
@@ -119,32 +118,17 @@ def traces_of(
     if not stretches:
         return Traces()
     places = highlights_of(run, residual, channels[0], stretches)
-    kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
+    drawn = {kind for plot in plots for kind in plot["kinds"]}
     plan = {
         "plots": plots,
         "kinds": {
-            kind: {
-                "name": _kind_label(kind, run),
-                "role": LOOKS[kind][0],
-                "dash": LOOKS[kind][1],
-                "off": _hides(kind, rows)
-                or kind in _FREE
-                or (kind in _IN_LOOP and "loop_network" not in kinds),
-            }
-            for kind in kinds
+            kind: {"name": _kind_label(kind, run), "role": role, "dash": dash, "off": off}
+            for kind, (role, dash) in LOOKS.items()
+            if kind in drawn
+            for off in [_is_off(kind, first, drawn)]
         },
         "recordings": [_recording(run, stretch) for stretch in stretches],
-        "places": [
-            {
-                "label": place.label,
-                "answer": place.answer,
-                "recording": place.recording,
-                "begin": place.begin,
-                "end": place.end,
-                "bands": place.bands,
-            }
-            for place in places
-        ],
+        "places": [asdict(place) for place in places],
     }
     without = "The plots of all samples need scripts; the pictures above do not."
     section = tag(
@@ -182,17 +166,13 @@ def _kind_label(kind: str, run: RunData) -> str:
     return _IN_LOOP.get(kind, kind)
 
 
-def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
-    """Whether the error of the model in the leading channel is so large that it would hide the
-    others."""
-    row = headline(rows)
-    error = getattr(row, _FIELDS[kind]) if row is not None and kind in _FIELDS else None
-    return (
-        error is not None
-        and row is not None
-        and row.refitted is not None
-        and error > _HUGE * row.refitted
-    )
+def _is_off(kind: str, first: ChannelErrors | None, drawn: set[str]) -> bool:
+    """Whether a trace is not drawn at first: a free run, a loop without its network, or a model
+    whose error in the leading channel would hide the others."""
+    error = getattr(first, _FIELDS[kind]) if first is not None and kind in _FIELDS else None
+    refitted = first.refitted if first is not None else None
+    hides = error is not None and refitted is not None and error > _HUGE * refitted
+    return hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
 
 
 def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
@@ -215,32 +195,25 @@ def _blocks(
     residual: Residual, stretches: Sequence[Stretch], plots: list[dict[str, Any]]
 ) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
-    blocks = []
+    blocks = {}
     for stretch in stretches:
-        blocks.append(
-            _block(
-                f"samples-{stretch.recording}-time",
-                packed_times(residual.columns["time_s"][stretch.rows]),
-            )
-        )
+        name = f"samples-{stretch.recording}"
+        blocks[f"{name}-time"] = packed_times(residual.columns["time_s"][stretch.rows])
         for number, plot in enumerate(plots):
             for kind in plot["kinds"]:
                 values = _values(residual, plot["column"], kind)[stretch.rows]
-                blocks.append(
-                    _block(f"samples-{stretch.recording}-{number}-{kind}", packed(values))
-                )
-    return blocks
-
-
-def _block(name: str, content: Packed) -> Markup:
-    return tag(
-        "script",
-        Markup(content.text),
-        type="text/plain",
-        id=name,
-        data_offset=repr(content.offset),
-        data_step=repr(content.step),
-    )
+                blocks[f"{name}-{number}-{kind}"] = packed(values)
+    return [
+        tag(
+            "script",
+            Markup(content.text),
+            type="text/plain",
+            id=name,
+            data_offset=repr(content.offset),
+            data_step=repr(content.step),
+        )
+        for name, content in blocks.items()
+    ]
 
 
 def _values(residual: Residual, column: str, kind: str) -> FloatArray:

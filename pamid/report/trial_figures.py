@@ -7,8 +7,7 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamid.report import formatting
-from pamid.report.formatting import effect_label
+from pamid.report.formatting import count, effect_label, percent
 from pamid.report.style import (
     Drawing,
     annotate,
@@ -23,11 +22,9 @@ from pamid.report.style import (
 )
 from pamid.report.trial_results import (
     Trial,
-    confusion_title,
-    reliability_title,
-    strata_title,
+    reached_text,
+    signs,
     stratum_label,
-    targets_title,
 )
 from pamid.trial.figure_table import TITLES
 
@@ -67,8 +64,15 @@ def targets_drawing(trial: Trial) -> Drawing | None:
         note = f"{interval}bar: target, open: missed"
         finish(axes, f"share of the cases [%]\n{note}", lines="x")
 
+    missed = [
+        f"{score.row.title.removeprefix('... ')} ({score.texts[1]}, target {signs(score.texts[4])})"
+        for score in trial.scored
+        if score.reached is False
+    ]
+    more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
+    named = f"; missed: {', '.join(missed[:2])}{more}" if missed else ""
     tall, narrow_tall = 0.85 + 0.28 * len(shown), 0.85 + 0.42 * len(shown)
-    return Drawing("targets", targets_title(trial), draw, tall, narrow_tall)
+    return Drawing("targets", f"{reached_text(trial)}{named}", draw, tall, narrow_tall)
 
 
 def reliability_drawing(trial: Trial) -> Drawing | None:
@@ -85,7 +89,7 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
             line(axes, [bin_.said] * 2, [right.low, right.high], "refitted", 1.6)
             top = max(right.high, right.share or 0.0)
             look = {"ha": "center", "va": "baseline"}
-            number = formatting.count(right.of)
+            number = count(right.of)
             annotate(axes, number, (bin_.said, top), (0, 5), "muted", 8.0, **look)
         stated = [bin_.said for bin_ in trial.reliability]
         shares = [bin_.right.share or 0.0 for bin_ in trial.reliability]
@@ -96,7 +100,11 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
         across = "probability stated for the first candidate [-]"
         finish(axes, across, "share that was right [-]", legend=1 if narrow else 2)
 
-    return Drawing("reliability", reliability_title(trial), draw, 3.4, 3.4)
+    score, title = trial.of("ece"), "Stated probabilities against the share that was right"
+    if score is not None and score.value is not None:
+        aim = f" (target {signs(score.texts[4])})" if score.row.target is not None else ""
+        title = f"Stated probabilities are off by {score.texts[1]} on average{aim}"
+    return Drawing("reliability", title, draw, 3.4, 3.4)
 
 
 def confusion_drawing(trial: Trial) -> Drawing | None:
@@ -112,11 +120,11 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
         for y, (family, row) in enumerate(rows.items()):
             total = sum(row.values())
             for x, answer in enumerate(answers):
-                if count := row.get(answer, 0.0):
+                if cases := row.get(answer, 0.0):
                     role = "with_network" if answer == family else "with_cause"
-                    shade = 0.15 + 0.6 * count / total
+                    shade = 0.15 + 0.6 * cases / total
                     bar(axes, y, 1.0, role, 1.0, left=x - 0.5, alpha=shade)
-                    write(axes, x, y, formatting.count(count), size=size, ha="center")
+                    write(axes, x, y, count(cases), size=size, ha="center")
         columns, lines = (
             [label(effect_label(name), longest) for name in names] for names in (answers, rows)
         )
@@ -127,8 +135,25 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
         planted = "planted [cases]" if narrow else "planted family [cases]"
         finish(axes, "answer [cases]", planted, lines="")
 
-    height = 1.9 + 0.27 * len(rows)
-    return Drawing("confusion", confusion_title(trial), draw, height, 1.4 + 0.2 * len(rows))
+    totals = {family: sum(row.values()) for family, row in rows.items()}
+    right = sum(row.get(family, 0.0) for family, row in rows.items())
+    title = (
+        f"{count(right)} of {count(sum(totals.values()))} visible single faults are given their "
+        "family"
+    )
+    wrong = [
+        (cases, family, answer)
+        for family, row in rows.items()
+        for answer, cases in row.items()
+        if answer != family and cases > 0
+    ]
+    if wrong:
+        cases, family, answer = max(wrong, key=lambda item: item[0])
+        title += (
+            f"; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
+            f"{count(cases)} of {count(totals[family])}"
+        )
+    return Drawing("confusion", title, draw, 1.9 + 0.27 * len(rows), 1.4 + 0.2 * len(rows))
 
 
 def strata_drawing(trial: Trial) -> Drawing | None:
@@ -161,7 +186,7 @@ def strata_drawing(trial: Trial) -> Drawing | None:
         _percent_axis(axes, narrow)
         what = "share of the cases [%], number of cases at the right"
         for place, (_, _, rates) in zip(places, shown, strict=True):
-            counts = " / ".join(formatting.count(rates[series].of) for series in SERIES)
+            counts = " / ".join(count(rates[series].of) for series in SERIES)
             write(axes, 103.0, place, counts, "muted", 8.0)
         finish(
             axes,
@@ -171,7 +196,28 @@ def strata_drawing(trial: Trial) -> Drawing | None:
         )
 
     height = 0.95 + 0.26 * (places[-1] + 1.0)
-    return Drawing("strata", strata_title(trial), draw, height, height + 0.2)
+    return Drawing("strata", _strata_title(trial), draw, height, height + 0.2)
+
+
+def _strata_title(trial: Trial) -> str:
+    """ "The family is named first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility ≥ 2) of the
+    visible faults"."""
+    shares = [
+        (rates["family_first"].share, stratum_label(name, key))
+        for name, bins in trial.strata.items()
+        for key, rates in bins.items()
+        if rates["family_first"].share is not None
+    ]
+    if not shares:
+        return "No visible single fault in any stratum"
+    (low, worst), (high, best) = min(shares), max(shares)
+    shown = percent(low)
+    if shown == percent(high):
+        return f"The family is named first in {shown} of the visible faults, in every stratum"
+    return (
+        f"The family is named first in {shown} ({worst}) to {percent(high)} ({best}) of the "
+        "visible faults"
+    )
 
 
 def _percent_axis(axes: Axes, narrow: bool) -> None:
