@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from markupsafe import Markup
@@ -102,36 +102,23 @@ _JOINT_TRAINING = {
 }
 
 
-@dataclass(frozen=True)
-class Paper:
-    """A reproduced paper: its page, without provenance and diagnosis."""
-
-    lead: str
-    subtitle: str
-    warnings: tuple[str, ...]
-    sections: tuple[Section | None, ...]
-
-    def page(
-        self,
-        steps: tuple[Step, ...],
-        run: RunData | None,
-        rows: tuple[ChannelErrors, ...],
-        pictures: Mapping[str, Picture],
-    ) -> Page:
-        """The report of a paper; run: of the diagnosis that belongs to it, if there is one."""
-        sections = [section for section in self.sections if section is not None]
-        if run is not None:
-            answers = answer_sections(run, rows, pictures)
-            sections.append(Section("The diagnosis of the training record", answers))
-        return Page(
-            headline=self.lead,
-            subtitle=self.subtitle,
-            preface=paragraphs(map(clean, self.warnings), "warning"),
-            sections=(*sections, provenance(steps)),
-        )
+def paper_page(
+    paper: Page,
+    steps: tuple[Step, ...],
+    run: RunData | None,
+    rows: tuple[ChannelErrors, ...],
+    pictures: Mapping[str, Picture],
+) -> Page:
+    """The report of a paper with provenance, and with the answers of the diagnosis that belongs to
+    it, if there is one."""
+    sections = [*paper.sections, provenance(steps)]
+    if run is not None:
+        answers = answer_sections(run, rows, pictures)
+        sections.insert(-1, Section("The diagnosis of the training record", answers))
+    return replace(paper, sections=tuple(sections))
 
 
-def read_paper(folder: Path) -> Paper | None:
+def read_paper(folder: Path) -> Page | None:
     """The reproduced paper in a folder; None if there is none, FileError if its file is
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
@@ -180,7 +167,7 @@ def _topic(
 # ---- the first paper ---------------------------------------------------------------------------
 
 
-def _joint(paper: PaperFile, folder: Path) -> Paper:
+def _joint(paper: PaperFile, folder: Path) -> Page:
     rows, cases = paper.rows, list(paper.rows[0].mae)
     training = [("", *_JOINT_TRAINING.values())]
     for name, row in (("published", paper.published.training), ("here", paper.training)):
@@ -204,7 +191,7 @@ def _joint(paper: PaperFile, folder: Path) -> Paper:
         *_twin_and_notes(paper.twin.model_extra or {}, paper),
     ]
     lead = _joint_lead(rows, cases)
-    return Paper(lead, "The first paper: a joint", _warnings(paper), tuple(sections))
+    return _page(lead, "The first paper: a joint", _quick(paper), sections)
 
 
 def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
@@ -264,7 +251,7 @@ def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
 # ---- the second paper --------------------------------------------------------------------------
 
 
-def _arm(paper: ArmPaperFile, folder: Path) -> Paper:
+def _arm(paper: ArmPaperFile, folder: Path) -> Page:
     target = paper.target
     reached = "lie" if target.reached else "do not lie"
     lead = (
@@ -305,8 +292,8 @@ def _arm(paper: ArmPaperFile, folder: Path) -> Paper:
     stuck = [
         f"Not converged: {name}: {fit.why}" for name, fit in paper.fits.items() if not fit.converged
     ]
-    subtitle = "The second paper: an arm of two links"
-    return Paper(lead, subtitle, (*_warnings(paper), *stuck), sections)
+    warnings = [*_quick(paper), *stuck]
+    return _page(lead, "The second paper: an arm of two links", warnings, sections)
 
 
 def _coupling_topic(each: Sequence[ArmCoupling], folder: Path) -> Section | None:
@@ -384,6 +371,13 @@ def _twin_and_notes(
     )
 
 
-def _warnings(paper: PaperFile | ArmPaperFile) -> tuple[str, ...]:
+def _quick(paper: PaperFile | ArmPaperFile) -> list[str]:
     quick = "QUICK: records and trainings are too short; these figures only show that it runs."
-    return (quick,) if paper.quick else ()
+    return [quick] if paper.quick else []
+
+
+def _page(
+    lead: str, subtitle: str, warnings: Iterable[str], sections: Iterable[Section | None]
+) -> Page:
+    shown = tuple(section for section in sections if section is not None)
+    return Page(lead, subtitle, shown, paragraphs(map(clean, warnings), "warning"))

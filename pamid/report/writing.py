@@ -37,7 +37,7 @@ from pamid.report.figures import (
 from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.motion import NO_POSE, rig_of_run
 from pamid.report.page import MARK, Page, html_of
-from pamid.report.paper_page import read_paper
+from pamid.report.paper_page import paper_page, read_paper
 from pamid.report.pdf import PDF_MARK, printed
 from pamid.report.recording_errors import held_out_errors
 from pamid.report.rig_figure import rig_drawing
@@ -164,12 +164,12 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
     if trial is not None:
         return Content((), trial_drawings(trial), partial(trial_page, trial, steps))
     if paper is not None and not (run_folder / "diagnosis.json").exists():
-        return Content((), [], partial(paper.page, steps, None, ()))
+        return Content((), [], partial(paper_page, paper, steps, None, ()))
     run = load_run(run_folder)
     rows = errors_of(run)
     drawings, recordings = drawings_of(run, rows), held_out_errors(run)
     if paper is not None:
-        return Content(rows, drawings, partial(paper.page, steps, run, rows), recordings)
+        return Content(rows, drawings, partial(paper_page, paper, steps, run, rows), recordings)
     drawn_by, notes = _posed_rig(run, rig)
     page_of = partial(run_page, run, rows, drawn_by=drawn_by)
     return Content(rows, drawings, page_of, recordings, notes)
@@ -193,36 +193,29 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        drawings += [rig_drawing(diagnosis)]
-        drawings += [ranking_drawing(diagnosis, added_places(run)), added_drawing(run)]
-        drawings.append(comparison_drawing(diagnosis))
-        drawings += [free_form_drawing(diagnosis), missing_drawing(run)]
-        drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
-    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(run)]
-    drawings.append(correlation_drawing(run.fit))
-    if run.residual is not None and row is not None:
         drawings += [
-            *([timeline_drawing(run, row.channel)] if gap else []),
-            *([error_signal_drawing(run, row.channel)] if gap else []),
-            free_run_drawing(run, run.residual, row.channel),
-            *_windows(run, row.channel),
+            rig_drawing(diagnosis),
+            ranking_drawing(diagnosis, added_places(run)),
+            added_drawing(run),
+            comparison_drawing(diagnosis),
+            free_form_drawing(diagnosis),
+            missing_drawing(run),
         ]
+        drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
+    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(run), correlation_drawing(run.fit)]
+    if run.residual is not None and row is not None:
+        channel, residual = row.channel, run.residual
+        over = [timeline_drawing(run, channel), error_signal_drawing(run, channel)]
+        drawings += [*(over if gap else []), free_run_drawing(run, residual, channel)]
+        kinds: list[tuple[str, ...]] = [("data_sheet", "refitted", "cause")]
+        if residual.of(channel, "network") is not None:
+            before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
+            kinds.append((*before, "network"))
+        if (window := worst_window(residual, channel)) is not None:
+            drawings += [window_drawing(run, residual, channel, window, k) for k in kinds]
     if run.trace is not None:
         drawings.append(training_drawing(run.trace, run.network))
     return [drawing for drawing in drawings if drawing is not None]
-
-
-def _windows(run: RunData, channel: str) -> list[Drawing]:
-    """The worst window with the cause, and with the network if its trace exists."""
-    residual = run.residual
-    window = worst_window(residual, channel) if residual is not None else None
-    if residual is None or window is None:
-        return []
-    drawings = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
-    if residual.of(channel, "network") is not None:
-        before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
-        drawings.append(window_drawing(run, residual, channel, window, (*before, "network")))
-    return drawings
 
 
 def write_comparison(
@@ -236,26 +229,19 @@ def write_comparison(
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
-    _require_replaceable(page, lambda found: found.startswith(MARK.encode()))
-    if pdf is not None:
-        _require_replaceable(
-            pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK)
-        )
-
-
-def _require_replaceable(page: Path, is_own: Callable[[bytes], bool]) -> None:
-    """Raise unless pamid wrote the file, since pamid replaces only its files without a question."""
-    if not page.exists():
-        return
-    try:
-        is_report = is_own(read_data(page, PAGE))
-    except OSError as error:
-        raise FileError(
-            f"{page} cannot be replaced: {error.strerror}.", "Choose another name."
-        ) from error
-    if not is_report:
-        raise FileError(
-            f"{page} exists and is not a report.",
-            "Choose another name, or replace it by --overwrite.",
-            code="exists",
-        )
+    """Raise unless pamid wrote the files: only those are replaced without a question."""
+    for path, begin, end in ((page, MARK.encode(), b""), (pdf, b"%PDF", PDF_MARK)):
+        if path is None or not path.exists():
+            continue
+        try:
+            content = read_data(path, PAGE)
+        except OSError as error:
+            raise FileError(
+                f"{path} cannot be replaced: {error.strerror}.", "Choose another name."
+            ) from error
+        if not (content.startswith(begin) and content.endswith(end)):
+            raise FileError(
+                f"{path} exists and is not a report.",
+                "Choose another name, or replace it by --overwrite.",
+                code="exists",
+            )
