@@ -240,7 +240,7 @@ def which_answer(run: RunData) -> Answer:
     if diagnosis is None:
         return Answer(question, "Not diagnosed yet.", (DIAGNOSE_HINT,))
     after = [*_refits(diagnosis), *_confidence_set(diagnosis)]
-    if diagnosis.verdict == "cannot-tell":
+    if diagnosis.remark or diagnosis.verdict == "cannot-tell":
         lines = [CHECK_FIRST] if diagnosis.remark else [_best_guess(diagnosis)]
         return _answer(question, "Undetermined.", after, "Undetermined", lines, quiet=True)
     if diagnosis.verdict == "no-structural-gap":

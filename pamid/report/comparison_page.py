@@ -139,11 +139,7 @@ def _results(runs: Sequence[ComparedRun]) -> Markup:
         of_fit = "fit only" if what == "verdict" else DASH
         found = [run.run.diagnosis for run in runs]
         body.append([what, *(of_fit if d is None else text_of(d) or DASH for d in found)])
-    return table(["found", *_names_of(runs)], body)
-
-
-def _names_of(runs: Sequence[ComparedRun]) -> list[str]:
-    return [run.name for run in runs]
+    return table(["found", *(run.name for run in runs)], body)
 
 
 def _causes(diagnosis: DiagnosisFile) -> str:
@@ -185,7 +181,7 @@ def _errors(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
         ]
     if not body:
         return ()
-    heads = ["held-out error of", "model", *_names_of(runs)]
+    heads = ["held-out error of", "model", *(run.name for run in runs)]
     words = "Mean absolute error; each run on its own held-out windows."
     return table(heads, body, range(2, 2 + len(runs))), note(words)
 
@@ -205,7 +201,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
         body.append([code(clean(name)), clean(channel_unit(name)) or "-", *cells, agreement])
     if not body:
         return ()
-    heads = ["parameter", "unit", *_names_of(runs), "compared"]
+    heads = ["parameter", "unit", *(run.name for run in runs), "compared"]
     words = (
         "Values of each answer's model with 95 % intervals below them; a parameter differs where "
         "two of them do not overlap."
@@ -270,4 +266,4 @@ def _data(runs: Sequence[ComparedRun], changed: Sequence[str]) -> Markup:
         ]
         for name in dict.fromkeys(name for each in facts for name in each)
     ]
-    return table(["of the run", *_names_of(runs), "compared"], body)
+    return table(["of the run", *(run.name for run in runs), "compared"], body)
