@@ -22,6 +22,7 @@ from pamid.schemas.rig_map import RigMap
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
+    from pamid.report.style import Drawing
 
 
 @dataclass(frozen=True)
@@ -68,25 +69,22 @@ class CheckResult:
     def plot(self) -> NotebookFigure:
         """Every channel of a recording with the places of each finding; a rig as a block diagram of
         its ports. UsageError for anything else."""
-        from pamid.report.quality_figure import card_figure
-        from pamid.report.rig_figure import bare_rig_drawing
         from pamid.report.style import figure_of
 
-        ports = self._ports()
-        if ports is not None:
-            return figure_of(bare_rig_drawing(ports))
-        return card_figure(*self._drawn())
+        return figure_of(self._drawing())
 
     def plot_png(self) -> bytes:
         """The same as a small PNG file."""
-        from pamid.report.quality_figure import card_png
-        from pamid.report.rig_figure import bare_rig_drawing
         from pamid.report.style import png_of
 
+        return png_of(self._drawing())
+
+    def _drawing(self) -> Drawing:
+        from pamid.report.quality_figure import quality_drawing
+        from pamid.report.rig_figure import bare_rig_drawing
+
         ports = self._ports()
-        if ports is not None:
-            return png_of(bare_rig_drawing(ports))
-        return card_png(*self._drawn())
+        return bare_rig_drawing(ports) if ports is not None else quality_drawing(*self._drawn())
 
     def _ports(self) -> RigMap | None:
         """The ports of a rig that was checked; None of anything else, or where it does not

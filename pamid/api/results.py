@@ -322,7 +322,7 @@ class DiagnosisResult(FitResult):
     def _repr_html_(self) -> str:
         # with matplotlib, which no diagnosis needs
         from pamid.report.added_variable_figure import card_svg
-        from pamid.report.rig_card import rig_svg
+        from pamid.report.rig_figure import rig_svg
 
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())

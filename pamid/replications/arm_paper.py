@@ -51,7 +51,7 @@ from pamid.replications.arm_twin import (
     shown_mae,
     unit_of,
 )
-from pamid.report.arm_paper_figure import Panel, arm_picture
+from pamid.report.paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
 from pamid.schemas import paper_files as result

@@ -25,7 +25,17 @@ from PIL import Image
 from pamid.base.errors import DataError
 from pamid.report import formatting
 from pamid.report.motion import MEASURED, TRACE_ROLES, Motion, gap_label, scale_of
-from pamid.report.style import DRAWING_SETTINGS, colour, grid, label
+from pamid.report.style import (
+    DRAWING_SETTINGS,
+    Look,
+    annotate,
+    axis,
+    colour,
+    dot,
+    finish,
+    label,
+    line,
+)
 
 ANIMATION_HZ = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
@@ -72,8 +82,13 @@ def gif_of(
     ):  # whatever the user's matplotlibrc says
         stage = _stage(motion, width_px)
         draw = _moving(motion, stage)
-        still = _still(stage)
-        palette = _palette([draw(k, still) for k in np.linspace(0, count - 1, 4).astype(int)])
+        stage.canvas.draw()
+        still: Any = stage.canvas.copy_from_bbox(stage.figure.bbox)
+        # one palette for all frames
+        samples = [np.asarray(draw(k, still)) for k in np.linspace(0, count - 1, 4).astype(int)]
+        palette = Image.fromarray(np.concatenate(samples)).quantize(
+            COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+        )
         frames = []
         for k in range(count):
             frames.append(draw(k, still).quantize(palette=palette, dither=Image.Dither.NONE))
@@ -113,15 +128,8 @@ def _stage(motion: Motion, width_px: int) -> Stage:
         figsize=(WIDTH_IN, height_in), dpi=width_px / WIDTH_IN, facecolor=colour("paper")
     )
     canvas = FigureCanvasAgg(figure)
-    figure.text(
-        0.1 / WIDTH_IN,
-        1.0 - 0.08 / height_in,
-        "\n".join(title),
-        va="top",
-        fontsize=9.0,
-        fontweight="bold",
-        linespacing=1.25,
-    )
+    head: Look = {"va": "top", "fontsize": 9.0, "fontweight": "bold", "linespacing": 1.25}
+    figure.text(0.1 / WIDTH_IN, 1.0 - 0.08 / height_in, "\n".join(title), **head)
     arm = figure.add_axes((0.0, strips_in / height_in, 1.0, arm_in / height_in))
     _arm(arm, motion, WIDTH_IN / arm_in)
     handles = [Line2D([], [], **_style(motion, kind, 0.6)) for kind in motion.lines]
@@ -159,27 +167,12 @@ def _arm(axes: Axes, motion: Motion, aspect: float) -> None:
     axes.set_axis_off()
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
-    axes.plot(
-        *motion.pivots.T,
-        linestyle="none",
-        marker="o",
-        markersize=11.0,
-        color=colour("line"),
-        markeredgecolor=colour("muted"),
-        markeredgewidth=0.8,
-        zorder=0,
-    )
+    pivot: Look = {"markeredgecolor": colour("muted"), "markeredgewidth": 0.8, "zorder": 0}
+    dot(axes, motion.pivots[:, 0], motion.pivots[:, 1], "line", 11.0, **pivot)
     length = scale_of(2.0 * float(half.max()))
     x, y = middle + half * np.array([-0.94, -0.9])
-    axes.plot([x, x + length], [y, y], color=colour("muted"), linewidth=1.6, solid_capstyle="butt")
-    axes.annotate(
-        f"{length:g} m",
-        (x, y),
-        xytext=(0, 3),
-        textcoords="offset points",
-        fontsize=8.0,
-        color=colour("muted"),
-    )
+    line(axes, [x, x + length], [y, y], "muted", 1.6, solid_capstyle="butt")
+    annotate(axes, f"{length:g} m", (x, y), (0, 3), "muted", 8.0, va="baseline")
 
 
 def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
@@ -189,37 +182,23 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
         axes.plot(motion.time, gap, **_style(motion, kind, 0.5))
     axes.axhline(0.0, color=colour("muted"), linewidth=0.7, zorder=0)
     axes.margins(x=0.0, y=0.12)
-    axes.plot(
-        motion.restarts,
-        np.zeros(motion.restarts.size),
-        transform=axes.get_xaxis_transform(),
-        linestyle="none",
-        marker="|",
-        markersize=5.0,
-        color=colour("muted"),
-        clip_on=False,
-    )
+    on_axis: Look = {"transform": axes.get_xaxis_transform(), "marker": "|", "clip_on": False}
+    dot(axes, motion.restarts, np.zeros(motion.restarts.size), "muted", 5.0, **on_axis)
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5, labelbottom=last)
-    grid(axes, "y")
-    what = formatting.axis_label(
-        label(gap_label(channel), 44), label(formatting.channel_unit(channel))
-    )
+    finish(axes)
+    what = axis(gap_label(channel), formatting.channel_unit(channel), 44)
     axes.set_title(what, loc="left", fontsize=8.0, color=colour("muted"), pad=3.0)
     if last:
-        axes.set_xlabel(
-            "time [s]; at the marks the models were set to the measured state",
-            fontsize=8.0,
-            labelpad=1.0,
-        )
+        words = "time [s]; at the marks the models were set to the measured state"
+        axes.set_xlabel(words, fontsize=8.0, labelpad=1.0)
     return axes
 
 
 def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     """Colour, width and dashes of a kind's lines."""
-    width, dashes = TRACE_LINES[
-        MEASURED if kind == MEASURED else "best" if kind == list(motion.lines)[-1] else "before"
-    ]
+    model = "best" if kind == list(motion.lines)[-1] else "before"
+    width, dashes = TRACE_LINES[MEASURED if kind == MEASURED else model]
     return {
         "linewidth": slim * width,
         "linestyle": dashes,
@@ -230,37 +209,20 @@ def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     }
 
 
-def _still(stage: Stage) -> Any:
-    stage.canvas.draw()
-    return stage.canvas.copy_from_bbox(stage.figure.bbox)
-
-
 def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
     """Create the moving artists, and return a function that draws one frame over the still
     picture."""
     best = list(motion.lines)[-1]
     tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
-    trails = {
-        kind: stage.arm.plot(
-            [], [], color=_style(motion, kind)["color"], linewidth=1.0, alpha=0.55, animated=True
-        )[0]
-        for kind in tips
-    }
-    arms = [
-        (
-            line,
-            stage.arm.plot(
-                [],
-                [],
-                animated=True,
-                marker="o" if kind == MEASURED else "",
-                markersize=7.0,
-                **_style(motion, kind),
-            )[0],
-        )
-        for kind, lines in motion.lines.items()
-        for line in lines
-    ]
+    trails, arms = {}, []
+    for kind in tips:
+        look: Look = {"color": _style(motion, kind)["color"], "linewidth": 1.0, "alpha": 0.55}
+        (trails[kind],) = stage.arm.plot([], [], animated=True, **look)
+    for kind, lines in motion.lines.items():
+        look = {"marker": "o" if kind == MEASURED else "", "markersize": 7.0}
+        for points in lines:
+            (artist,) = stage.arm.plot([], [], animated=True, **look, **_style(motion, kind))
+            arms.append((points, artist))
     cursors = [
         axes.axvline(motion.time[0], color=colour("ink"), linewidth=0.9, animated=True)
         for axes in stage.strips
@@ -278,8 +240,8 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         stage.canvas.restore_region(still)  # type: ignore[no-untyped-call]
         for kind, trail in trails.items():
             trail.set_data(*tips[kind][back[k] : k + 1].T)
-        for line, artist in arms:
-            artist.set_data(*line[k].T)
+        for points, artist in arms:
+            artist.set_data(*points[k].T)
         for cursor in cursors:
             cursor.set_xdata([motion.time[k]] * 2)
         clock.set_text(f"{motion.time[k]:.2f} s")
@@ -288,11 +250,3 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         return Image.fromarray(np.asarray(stage.canvas.buffer_rgba())[..., :3].copy())
 
     return draw
-
-
-def _palette(samples: list[Image.Image]) -> Image.Image:
-    """One palette for all frames."""
-    rows = np.concatenate([np.asarray(sample) for sample in samples])
-    return Image.fromarray(rows).quantize(
-        COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
-    )

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from pamid.schemas.rig_map import RigMap
 
@@ -84,7 +85,7 @@ class Diagram:
     tall: float
     boxes: tuple[Box, ...]
     links: tuple[Link, ...]
-    heads: tuple[tuple[float, float, str], ...] = field(default=())
+    heads: tuple[tuple[float, float, str], ...] = ()
 
 
 def columns_of(rig: RigMap) -> dict[str, list[str]]:
@@ -154,16 +155,11 @@ def _with_bypass(
 
 
 def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
-    seen, waiting = {begin}, [begin]
-    while waiting:
-        group = waiting.pop()
-        for a, b in links:
-            if a == group and b not in seen:
-                if b == end:
-                    return True
-                seen.add(b)
-                waiting.append(b)
-    return False
+    """Whether a way of arrows leads from one group to another."""
+    reached = {begin}
+    while after := {b for a, b in links if a in reached} - reached:
+        reached |= after
+    return end in reached
 
 
 def merged_columns(
@@ -195,14 +191,18 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
     each = min(_MOST_WIDE, max(_LEAST_WIDE, (wide - gap * (count - 1)) / count))
     left = 0.5 * (wide - each * count - gap * (count - 1))
     stacks = {kind: [_box(g, texts[g], each) for g in groups] for kind, groups in columns.items()}
-    tall = max((_stack_height(boxes) for boxes in stacks.values()), default=0.0)
+    heights = {
+        kind: sum(box.tall for box in boxes) + GAP_Y * (len(boxes) - 1)
+        for kind, boxes in stacks.items()
+    }
+    tall = max(heights.values(), default=0.0)
     placed: dict[str, Box] = {}
     heads = []
     for k, (kind, boxes) in enumerate(stacks.items()):
-        x, y = left + k * (each + gap), HEAD_ROOM + 0.5 * (tall - _stack_height(boxes))
+        x, y = left + k * (each + gap), HEAD_ROOM + 0.5 * (tall - heights[kind])
         heads.append((x + 0.5 * each, 12.0, STAGES[kind]))
         for box in boxes:
-            placed[box.name] = _moved(box, x, y)
+            placed[box.name] = replace(box, x=x, y=y)
             y += box.tall + GAP_Y
     links = list(_wide_links(rig, columns, placed, HEAD_ROOM + 0.5 * tall))
     bottom = max([HEAD_ROOM + tall, *(y + 4.0 for link in links for _, y in link.corners)])
@@ -224,7 +224,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
         for start in range(0, len(groups), 2):
             row = [_box(g, texts[g], each) for g in groups[start : start + 2]]
             high = max(box.tall for box in row)
-            stood = [_moved(box, j * (each + GAP_Y), y, tall=high) for j, box in enumerate(row)]
+            stood = [replace(b, x=j * (each + GAP_Y), y=y, tall=high) for j, b in enumerate(row)]
             links += _within_row(stood, led)
             placed += stood
             y += high + GAP_Y
@@ -237,75 +237,42 @@ def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
     links = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall
+        right, left = a.x + a.wide, b.x
         if (a.name, b.name) in led:
-            links.append(Link((a.x + a.wide + 1.0, y), (b.x - 2.0, y), led[a.name, b.name]))
+            links.append(Link((right + 1.0, y), (left - 2.0, y), led[a.name, b.name]))
         elif (b.name, a.name) in led:
-            links.append(Link((b.x - 1.0, y), (a.x + a.wide + 2.0, y), led[b.name, a.name]))
+            links.append(Link((left - 1.0, y), (right + 2.0, y), led[b.name, a.name]))
     return links
 
 
-def _stack_height(boxes: Sequence[Box]) -> float:
-    return sum(box.tall for box in boxes) + GAP_Y * max(0, len(boxes) - 1)
-
-
 def _box(name: str, text: BlockText, wide: float) -> Box:
-    lines = [(line, "title") for line in _wrapped(text.title, wide, _EM_BOLD)]
-    for words, style in text.lines:
-        lines += [
-            (line, style) for line in _wrapped(words, wide, _EM_BOLD if style == "pin" else _EM)
-        ]
-    tall = 2.0 * PAD + LINE * len(lines)
-    return Box(
-        name, 0.0, 0.0, wide, tall, tuple(lines), text.weight, text.named, text.members or (name,)
-    )
-
-
-def _wrapped(words: str, wide: float, letter: float) -> list[str]:
-    most = max(6, int((wide - 2.0 * PAD) / letter))
-    return textwrap.wrap(words, most, break_on_hyphens=True) or [""]
-
-
-def _moved(box: Box, x: float, y: float, tall: float | None = None) -> Box:
-    return Box(
-        box.name,
-        x,
-        y,
-        box.wide,
-        box.tall if tall is None else tall,
-        box.texts,
-        box.weight,
-        box.named,
-        box.members,
-    )
+    lines = []
+    for words, style in ((text.title, "title"), *text.lines):
+        most = max(6, int((wide - 2.0 * PAD) / (_EM_BOLD if style else _EM)))
+        lines += [(line, style) for line in textwrap.wrap(words, most) or [""]]
+    tall, members = 2.0 * PAD + LINE * len(lines), text.members or (name,)
+    return Box(name, 0.0, 0.0, wide, tall, tuple(lines), text.weight, text.named, members)
 
 
 def _wide_links(
     rig: RigMap, columns: dict[str, list[str]], placed: dict[str, Box], middle: float
 ) -> Iterable[Link]:
-    holder = {member: box.name for box in placed.values() for member in box.members}
+    holder = {member: box for box in placed.values() for member in box.members}
     directions: dict[tuple[str, str], bool] = {}
     for a, b, both in links_of(rig, columns_of(rig)):
-        ends = holder[a], holder[b]
+        ends = holder[a].name, holder[b].name
         if ends[0] != ends[1]:
             directions[ends] = directions.get(ends, False) or both
     if len(directions) > MOST_LINKS:
-        return _broad(list(columns.values()), placed, middle)
+        return [
+            Link((a.x + a.wide + 3.0, middle), (b.x - 3.0, middle), broad=True)
+            for a, b in pairwise(placed[column[0]] for column in columns.values())
+        ]
     links: list[Link] = []
-    for (a, b), both in directions.items():
+    for (start, end), both in directions.items():
         aside = sum(bool(link.corners) for link in links)
-        links.append(_link(placed[a], placed[b], both, list(placed.values()), aside))
+        links.append(_link(placed[start], placed[end], both, list(placed.values()), aside))
     return links
-
-
-def _broad(columns: list[list[str]], placed: dict[str, Box], middle: float) -> list[Link]:
-    return [
-        Link(
-            (placed[column[0]].x + placed[column[0]].wide + 3.0, middle),
-            (placed[there[0]].x - 3.0, middle),
-            broad=True,
-        )
-        for column, there in zip(columns, columns[1:], strict=False)
-    ]
 
 
 def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:

@@ -3,7 +3,7 @@ headline channel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,22 +70,22 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
     reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
     network = run.network_errors(in_loop=False).get(name, {})
+    errors = {
+        "data_sheet": reached.mae_data_sheet if reached else None,
+        "refitted": reached.mae_refitted if reached else None,
+        "noise_floor": reached.noise_floor if reached else None,
+    }
+    stated = {k: fitted.get(k) if error is None else error for k, error in errors.items()}
+    row = ChannelErrors(name, **stated, with_network=network.get("with_network"))
     # else there is no "with cause"
-    named = reached if run.diagnosis is not None and run.diagnosis.causes else None
-
-    def stated(value: float | None, field: str) -> float | None:
-        return fitted.get(field) if value is None else value
-
-    return ChannelErrors(
-        channel=name,
-        data_sheet=stated(reached.mae_data_sheet if reached else None, "data_sheet"),
-        refitted=stated(reached.mae_refitted if reached else None, "refitted"),
-        with_network=network.get("with_network"),
-        with_cause=named.mae_with_cause if named is not None else None,
-        noise_floor=stated(reached.noise_floor if reached else None, "noise_floor"),
-        shrinkage=named.shrinkage if named is not None else None,
-        low=named.low if named is not None else None,
-        high=named.high if named is not None else None,
+    if reached is None or run.diagnosis is None or not run.diagnosis.causes:
+        return row
+    return replace(
+        row,
+        with_cause=reached.mae_with_cause,
+        shrinkage=reached.shrinkage,
+        low=reached.low,
+        high=reached.high,
     )
 
 
@@ -100,34 +100,24 @@ def disagreements(
     for row in rows:
         for file, mae in others.items():
             other = mae.get(row.channel, {}).get("refitted")
-            if (
-                other is not None
-                and row.refitted is not None
-                and abs(other - row.refitted) > _AGREE * row.refitted
-            ):
-                differing.append((row.channel, file, other, row.refitted))
+            shown = row.refitted
+            if other is not None and shown is not None and abs(other - shown) > _AGREE * shown:
+                differing.append((row.channel, file, other, shown))
     return differing
 
 
 def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
     """The channel that leads the report: the largest gain by the cause (else the largest refitted
     error) per noise floor."""
-    scored = [row for row in rows if row.refitted is not None]
-    if not scored:
-        return rows[0] if rows else None
 
     def weight(row: ChannelErrors) -> float:
-        assert row.refitted is not None
+        if row.refitted is None:
+            return -np.inf
         gain = row.refitted - row.with_cause if row.with_cause is not None else row.refitted
-        return (
-            gain / row.noise_floor
-            if row.noise_floor
-            else gain / row.refitted
-            if row.refitted
-            else 0.0
-        )
+        scale = row.noise_floor or row.refitted
+        return gain / scale if scale else 0.0
 
-    return max(scored, key=weight)  # the first of equals: channels keep the rig's order
+    return max(rows, key=weight, default=None)  # the first of equals: in the rig's order
 
 
 def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
@@ -144,22 +134,25 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
     if rows.size == 0:
         return None
     best = max(stretches(residual, rows), key=lambda item: _mae(measured[item], refitted[item]))
-    time = residual.columns["time_s"]
-    traces = {
-        kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")
-    }
-    mae = {
-        kind: _mae(measured[best], trace[best])
-        for kind, trace in traces.items()
-        if trace is not None
-    }
+    return _window(
+        residual, channel, best, held_out, ("data_sheet", "refitted", "network", "cause")
+    )
+
+
+def _window(
+    residual: Residual, channel: str, rows: slice, held_out: bool, kinds: tuple[str, ...]
+) -> WorstWindow:
+    """A window with the MAE of every model that was run there."""
+    measured, time = residual.columns[channel], residual.columns["time_s"]
+    traces = {kind: residual.of(channel, kind) for kind in kinds}
+    mae = {kind: _mae(measured[rows], x[rows]) for kind, x in traces.items() if x is not None}
     return WorstWindow(
-        best,
-        int(residual.columns["recording"][best.start]),
-        float(time[best.start]),
-        float(time[best.stop - 1]),
+        rows,
+        int(residual.columns["recording"][rows.start]),
+        float(time[rows.start]),
+        float(time[rows.stop - 1]),
         held_out,
-        {k: v for k, v in mae.items() if np.isfinite(v)},
+        {kind: error for kind, error in mae.items() if np.isfinite(error)},
     )
 
 
@@ -170,14 +163,10 @@ def whole_recording(residual: Residual, channel: str, recording: int) -> WorstWi
     if not rows.size:
         return None
     part = slice(int(rows[0]), int(rows[-1]) + 1)
-    measured, time = residual.columns[channel][part], residual.columns["time_s"][part]
-    traces = {kind: residual.of(channel, kind) for kind in ("free_run", "cause_free_run")}
-    mae = {kind: _mae(measured, x[part]) for kind, x in traces.items() if x is not None}
-    mae = {kind: value for kind, value in mae.items() if np.isfinite(value)}
-    if "free_run" not in mae:
+    whole = _window(residual, channel, part, False, ("free_run", "cause_free_run"))
+    if "free_run" not in whole.mae:
         return None
-    mae["refitted"] = mae["free_run"]
-    return WorstWindow(part, recording, float(time[0]), float(time[-1]), False, mae)
+    return replace(whole, mae={**whole.mae, "refitted": whole.mae["free_run"]})
 
 
 def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:

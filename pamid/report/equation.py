@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,16 +19,14 @@ from pamid.model.attachment import attach
 from pamid.model.bound_parameter import bind, parameters_of
 from pamid.model.effect import Effect
 from pamid.model.registry import all_effects, catalogue_rig
-from pamid.model.rig import Port
 from pamid.report import formatting
-from pamid.report.document import Equation
-from pamid.report.formatting import channel_unit, effect_label, port_label
+from pamid.report.captions import at_port, missing_term
+from pamid.report.formatting import channel_unit, effect_label
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
-from pamid.report.markup import tag
-from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
-from pamid.report.missing_term import missing_term
-from pamid.schemas.diagnosis_file import Cause, Unknown
+from pamid.report.markup import paragraphs, prose, tag
+from pamid.report.mathml import Typeset, math_html, name, number_html, operator
+from pamid.schemas.diagnosis_file import Unknown
 from pamid.schemas.estimates import Estimate
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
@@ -111,115 +109,107 @@ def acting(rig: str, label: str) -> ActingEffect | None:
     try:
         of = catalogue_rig(rig)
         where = attach(of, label, all_effects())
-        port = of.ports[where.ports[0]]
-        return _acting(where.effect, port, where.ports[0], of.period_s)
     except PamidError:
         return None
-
-
-def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> ActingEffect:
-    offered = frozenset(port.signals) | {"time", "period"}
+    effect, port_name = where.effect, where.ports[0]
+    port = of.ports[port_name]
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
-    at = _NamedSignals(offered, port.kind, rig_period_s, {k: b.high for k, b in bounds.items()})
+    offered = frozenset(port.signals) | {"time", "period"}
+    at = _NamedSignals(offered, port.kind, of.period_s, {k: b.high for k, b in bounds.items()})
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
-    change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    try:
+        change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    except PamidError:
+        return None
     value, rates = change if isinstance(change, tuple) else (change, {})
-    names = {name: b.name for name, b in bounds.items()}
     return ActingEffect(
-        effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
+        effect,
+        letter,
+        what,
+        expression(value),
+        {state: expression(rate) for state, rate in rates.items()},
+        {name: bound.name for name, bound in bounds.items()},
     )
 
 
-def cause_equations(run: RunData) -> tuple[Equation, ...]:
+def cause_equations(run: RunData) -> list[Markup]:
     """Equations of the causes, or the formula of the missing term without a cause."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return ()
+        return []
     if diagnosis.unknown is not None and diagnosis.unknown.formula:
         return _unknown_equation(diagnosis.unknown)
-    return _known(_cause_equation(run.rig, cause) for cause in diagnosis.causes)
+    return [
+        equation
+        for cause in diagnosis.causes
+        if (equation := _equation(run.rig, cause.effect, cause.port, cause.parameters)) is not None
+    ]
 
 
-def remainder_equations(run: RunData) -> tuple[Equation, ...]:
+def remainder_equations(run: RunData) -> list[Markup]:
     """Formula of the missing term, in addition to the causes."""
     term = missing_term(run.diagnosis) if run.diagnosis and run.diagnosis.causes else None
-    return _unknown_equation(term) if term is not None and term.formula else ()
+    return _unknown_equation(term) if term is not None and term.formula else []
 
 
-def model_equations(run: RunData) -> tuple[Equation, ...]:
+def model_equations(run: RunData) -> list[Markup]:
     """The equations of the effects that the fitted model already had."""
-    if run.fit is None:
-        return ()
     equations = []
-    for label in run.fit.effects:
-        parameters = {
+    for label in run.fit.effects if run.fit is not None else ():
+        values = {
             name.removeprefix(f"{label}:"): parameter
-            for name, parameter in run.fit.parameters.items()
+            for name, parameter in run.fit.parameters.items()  # type: ignore[union-attr]
             if name.startswith(f"{label}:")
         }
-        equations.append(
-            _cause_equation(
-                run.rig,
-                Cause(
-                    effect=label,
-                    family="",
-                    port="",
-                    or_at=(),
-                    instead=(),
-                    figures={},
-                    parameters=parameters,
-                    probability=None,
-                    removes=None,
-                    share=None,
-                ),
-            )
-        )
-    return _known(equations)
+        equations.append(_equation(run.rig, label, "", values))
+    return [equation for equation in equations if equation is not None]
 
 
-def _known(equations: Iterable[Equation | None]) -> tuple[Equation, ...]:
-    return tuple(equation for equation in equations if equation is not None)
-
-
-def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
-    formula = formatting.clean(unknown.formula)
+def _unknown_equation(unknown: Unknown) -> list[Markup]:
     try:
-        math = formula_html(formula)
+        math = formula_html(formatting.clean(unknown.formula))
     except FormulaError:
-        return ()  # the sentence above has it as text
-    at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
-    title = f"The term that is missing{at}, as it is described best"
-    return (Equation(title, (math,)),)
+        return []  # the sentence above has it as text
+    title = f"The term that is missing{at_port(unknown.port)}, as it is described best"
+    return [_figure(title, _scrolled(title, math))]
 
 
-def _cause_equation(rig: str, cause: Cause) -> Equation | None:
-    act = acting(rig, cause.effect)
+def _equation(
+    rig: str, label: str, port_name: str, values: Mapping[str, Estimate]
+) -> Markup | None:
+    """An effect in names and with its values, as plain text if it is too long."""
+    act = acting(rig, label)
     if act is None:
         return None
-    title, in_names = _title(cause), _plain(act, {})
+    at = at_port(port_name) if "@" not in label else ""
+    title = f"The equation of {effect_label(label)}{at}"
+    title += ", and with the values found" if values else ""
+    in_names = _plain(act, {})
     if len(in_names) > _LONGEST_PLAIN:
-        return Equation(title, code=act.effect.story().get("Equation", ""))
+        return _figure(title, tag("pre", act.effect.story().get("Equation", "")))
     with_names = Typeset(_shown(act, {}))
     math = [math_html(_rows(act, with_names), in_names)]
-    if cause.parameters:
-        with_values = Typeset(_shown(act, cause.parameters))
-        math.append(math_html(_rows(act, with_values), _plain(act, cause.parameters)))
-    return Equation(title, tuple(math), notes=tuple(_legend(act, with_names)))
+    if values:
+        with_values = Typeset(_shown(act, values))
+        math.append(math_html(_rows(act, with_values), _plain(act, values)))
+    return _figure(title, _scrolled(title, *math), *_legend(act, with_names))
 
 
-def _title(cause: Cause) -> str:
-    at = f" at the {port_label(cause.port)} port" if cause.port and "@" not in cause.effect else ""
-    values = ", and with the values found" if cause.parameters else ""
-    return f"The equation of {effect_label(cause.effect)}{at}{values}"
+def _scrolled(title: str, *math: Markup) -> Markup:
+    return tag("div", *math, class_="scroll", tabindex="0", role="region", aria_label=title)
+
+
+def _figure(title: str, content: Markup, *notes: str) -> Markup:
+    caption, legend = tag("figcaption", prose(title)), paragraphs(notes, "note")
+    return tag("figure", caption, content, legend, class_="equation")
 
 
 def _rows(act: ActingEffect, typeset: Typeset) -> list[list[Markup]]:
     after = tag("mrow", name(act.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(act.value))]]
     for state, rate in act.rates.items():
-        left = fraction(
-            tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t"))
-        )
+        above, below = (tag("mrow", tag("mi", "d"), name(of)) for of in (state, "t"))
+        left = tag("mfrac", above, below)
         rows.append([left, tag("mrow", operator("="), typeset(rate))])
     return rows
 
@@ -263,11 +253,10 @@ def _legend(act: ActingEffect, typeset: Typeset) -> Iterator[str]:
         f"{letter}: the {act.what} without the effect, {letter}′ with it. Plain numbers are "
         "in SI units."
     )
-    meanings = [
-        f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)
-    ]
-    if meanings:
-        yield "; ".join(meanings) + "."
+    meanings = {function: _meaning(function) for function in typeset.functions}
+    texts = [f"{function}: {meaning}" for function, meaning in meanings.items() if meaning]
+    if texts:
+        yield "; ".join(texts) + "."
 
 
 def _meaning(function: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE
 from pamid.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
-from pamid.report.style import Drawing, Picture, colour, grid, label, render
+from pamid.report.style import Drawing, Picture, colour, finish, label, line, render
 
 Array = NDArray[np.float64]
 
@@ -39,11 +39,8 @@ class ExcitedColumn:
 
     @property
     def axis(self) -> str:
-        return (
-            label(self.column)
-            if self.unit == NONE
-            else f"{label(self.column)} [{label(self.unit)}]"
-        )
+        name = label(self.column)
+        return name if self.unit == NONE else f"{name} [{label(self.unit)}]"
 
     @property
     def reach(self) -> str:
@@ -90,15 +87,9 @@ def _signal(axes: Axes, shown: ExcitedColumn) -> None:
     changes, count = shown.covers.changes, len(shown.samples)
     if changes is not None and changes.pace_hz.size > 2 * MOST_CHANGES:
         count = round(float(np.sum(0.5 / changes.pace_hz[:MOST_CHANGES])) / shown.period_s)
-    axes.plot(
-        shown.period_s * np.arange(count),
-        shown.samples[:count],
-        color=colour("refitted"),
-        linewidth=0.9,
-        drawstyle="steps-post",
-    )
+    time = shown.period_s * np.arange(count)
+    line(axes, time, shown.samples[:count], "refitted", 0.9, drawstyle="steps-post")
     axes.set_xlim(0.0, count * shown.period_s)
-    axes.set_ylabel(shown.axis)
     total = len(shown.samples)
     part = (
         f", first {count * shown.period_s:.3g} of {total * shown.period_s:.3g} s"
@@ -106,8 +97,7 @@ def _signal(axes: Axes, shown: ExcitedColumn) -> None:
         else ""
     )
     axes.set_title(f"what is sent{part}", loc="left")
-    axes.set_xlabel("time [s]")
-    grid(axes, "y")
+    finish(axes, "time [s]", shown.axis)
 
 
 def _levels(axes: Axes, shown: ExcitedColumn) -> None:
@@ -123,36 +113,28 @@ def _levels(axes: Axes, shown: ExcitedColumn) -> None:
     )
     axes.axhline(100.0 / BINS, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_title(f"{shown.covers.visited:.0%} visited", loc="left")
-    axes.set_title("even", loc="right", fontsize=8.0, color=colour("with_cause"))
-    axes.set_xlabel(shown.axis)
-    axes.set_ylabel("share of time [%]")
+    _asked(axes, "even")
+    finish(axes, shown.axis, "share of time [%]", lines="")
 
 
 def _power(axes: Axes, shown: ExcitedColumn) -> None:
     frequency, power = spectrum(shown.samples, shown.period_s)
     axes.axvspan(*shown.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
-    axes.semilogx(
-        frequency,
-        10.0 * np.log10(np.maximum(power / power.max(), 1e-12)),
-        color=colour("refitted"),
-        linewidth=1.0,
-    )
+    decibels = 10.0 * np.log10(np.maximum(power / power.max(), 1e-12))
+    axes.semilogx(frequency, decibels, color=colour("refitted"), linewidth=1.0)
     for edge in shown.band_hz or ():
         axes.axvline(edge, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_ylim(DEEPEST_DB, 3.0)
     _frequencies(axes, float(frequency[0]), float(frequency[-1]))
     axes.set_title(shown.reach, loc="left")
     if shown.band_hz:
-        axes.set_title("band asked", loc="right", fontsize=8.0, color=colour("with_cause"))
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel("power [dB]")
-    grid(axes, "y")
+        _asked(axes, "band asked")
+    finish(axes, "frequency [Hz]", "power [dB]")
 
 
 def _changes(axes: Axes, shown: ExcitedColumn) -> None:
     changes = shown.covers.changes
-    axes.set_xlabel("pace 1/(2 time) [Hz]")
-    axes.set_ylabel("size of change [% of range]")
+    finish(axes, "pace 1/(2 time) [Hz]", "size of change [% of range]", lines="")
     if changes is None:
         axes.set_title("fewer than two changes", loc="left")
         return
@@ -176,14 +158,14 @@ def _changes(axes: Axes, shown: ExcitedColumn) -> None:
     # no change is larger than the rate limit lets it grow in its time
     if shown.rate_limit is not None:
         pace = np.geomspace(slowest, fastest, 100)
-        axes.plot(
-            pace,
-            50.0 * shown.rate_limit / pace / (shown.covers.high - shown.covers.low),
-            color=colour("with_cause"),
-            linewidth=1.0,
-            linestyle=DASHED,
-        )
-        axes.set_title("rate limit", loc="right", fontsize=8.0, color=colour("with_cause"))
+        size = 50.0 * shown.rate_limit / pace / (shown.covers.high - shown.covers.low)
+        line(axes, pace, size, "with_cause", 1.0, DASHED)
+        _asked(axes, "rate limit")
+
+
+def _asked(axes: Axes, words: str) -> None:
+    """The name of a dashed line: what was asked for."""
+    axes.set_title(words, loc="right", fontsize=8.0, color=colour("with_cause"))
 
 
 def _cells(axes: Axes, changes: Changes, edges: Array) -> None:

@@ -1,5 +1,5 @@
-"""The pictures of the three answers: port shares, regimes, ranking, missing term, gap budget, worst
-held-out window.
+"""The pictures of the answers: port shares, regimes, missing term, free form, ranking, comparison,
+gap budget, worst held-out window, free run.
 
 Each function returns a `Drawing`, or None where the run does not hold what it shows. Titles are
 built from the numbers.
@@ -10,51 +10,79 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.captions import (
-    budget_title,
-    candidate_order,
-    candidate_tip,
-    free_run_title,
-    missing_title,
+    SPELLING,
+    at_port,
+    causes_label,
+    closest,
+    has_joint_model,
+    missing_term,
     model_label,
     over_channels,
-    ports_title,
-    ranking_title,
-    regimes_title,
-    window_title,
+    regime_label,
+    taken_up,
 )
 from pamid.report.channel_errors import (
     MODEL_NAMES,
     ChannelErrors,
     WorstWindow,
+    headline,
     whole_recording,
     worst_window,
 )
+from pamid.report.formatting import (
+    capital,
+    channel_label,
+    channel_unit,
+    effect_label,
+    percent,
+    port_label,
+    with_unit_text,
+)
 from pamid.report.load import Residual, RunData
-from pamid.report.missing_term import missing_term
 from pamid.report.reading import FloatArray
 from pamid.report.samples import FREE_RUNS
-from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Where
+from pamid.report.style import (
+    Drawing,
+    Look,
+    annotate,
+    axis,
+    bar,
+    channel_axis,
+    colour,
+    dot,
+    finish,
+    label,
+    level,
+    line,
+    name_rows,
+    upright,
+    write,
+)
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Where
+from pamid.verdict.verdict_words import chance_figure, free_families
 
 MOST_CANDIDATES = 12
+MOST_CURVES = 4  # that a reader can tell apart by colour and line
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
 _NOTHING = 0.005
 _HUGE = 4.0
 _LONG, _LONG_NARROW = 34, 22  # letters of a model's name beside its bar
 _POINTS, _FREE_POINTS = 1500, 500  # of a trace that is drawn
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
+_DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
 NO_SIGNALS = ("time", "recording", "missing")
-MODEL_LINES = {
+MODEL_LINES: dict[str, tuple[str, float, Any]] = {
     "data_sheet": ("data_sheet", 1.1, (0, (4, 2))),
     "refitted": ("refitted", 1.5, "-"),
     "network": ("with_network", 1.5, (0, (1, 1.2))),
@@ -64,41 +92,57 @@ MODEL_LINES = {
 }
 
 
+# ---- where ---------------------------------------------------------------------------------------
+
+
 def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Bars: the share of the gap that enters at each port [%]."""
     where = diagnosis.where
     if where is None or not where.ports:
         return None
-    shares = _large_shares(where)
+    ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
+    large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
+    shares, small = ordered, [entry for entry in ordered if entry not in large]
+    if len(small) >= 3:  # shares that round to zero have one row
+        shares = [*large, (f"{len(small)} other ports", sum(share for _, share in small))]
     alike = where.inseparable_from(where.port)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for row, (port, share) in enumerate(shares):
             named, doubtful = port == where.port, port in alike
-            axes.barh(
-                row,
-                100.0 * share,
-                height=0.62,
-                color=colour("with_cause" if named else "faint" if doubtful else "data_sheet"),
-                edgecolor=colour("data_sheet"),
-                linewidth=0.9 if doubtful else 0.0,
-            )
-            note = f" (or {label(formatting.port_label(where.port), 16)})" if doubtful else ""
-            _value(axes, 100.0 * share, row, f"{formatting.percent(share)}{'' if narrow else note}")
-        _rows(axes, [formatting.port_label(port) for port, _ in shares])
+            role = "with_cause" if named else "faint" if doubtful else "data_sheet"
+            edge = {"edgecolor": colour("data_sheet"), "linewidth": 0.9 if doubtful else 0.0}
+            bar(axes, row, 100.0 * share, role, 0.62, **edge)
+            note = f" (or {label(port_label(where.port), 16)})" if doubtful else ""
+            _value(axes, 100.0 * share, row, f"{percent(share)}{'' if narrow else note}")
+        name_rows(axes, [port_label(port) for port, _ in shares])
         axes.set_xlim(min(0.0, 100.0 * min(share for _, share in shares)), 118.0)
         axes.set_xticks(range(0, 101, 25))
-        axes.set_xlabel("share of the structural gap [%]")
+        finish(axes, "share of the structural gap [%]", lines="x")
 
     height = 0.62 + 0.3 * len(shares)
-    return Drawing("ports", ports_title(where), draw, height, height)
+    return Drawing("ports", _ports_title(where, ordered), draw, height, height)
+
+
+def _ports_title(where: Where, ordered: list[tuple[str, float]]) -> str:
+    """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
+    names another port."""
+    first, named = ordered[0], [entry for entry in ordered if entry[0] == where.port]
+    if named and named[0][1] < first[1]:
+        return (
+            f"{percent(first[1])} of the gap might enter{at_port(first[0])}; the verdict names the "
+            f"{port_label(where.port)} port, with {percent(named[0][1])}"
+        )
+    (port, share), *others = named + [entry for entry in ordered if entry[0] != where.port]
+    tail = f", {percent(others[0][1])}{at_port(others[0][0])}" if others else ""
+    return f"{percent(share)} of the gap enters{at_port(port)}{tail}"
 
 
 def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Pairs of bars: each regime's share of the gap and of the time [%]."""
     regimes = [
-        regime
+        (regime, regime.share_of_gap, regime.share_of_time)
         for regime in (diagnosis.where.regimes if diagnosis.where is not None else ())
         if regime.share_of_gap is not None and regime.share_of_time is not None
     ]
@@ -107,37 +151,33 @@ def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, regime in enumerate(regimes):
-            pair = (
-                (regime.share_of_gap, "with_cause", -0.17),
-                (regime.share_of_time, "data_sheet", 0.17),
-            )
-            for (share, role, offset), name in zip(
-                pair, ("of the gap", "of the time"), strict=True
+        for row, (_, of_gap, of_time) in enumerate(regimes):
+            for name, share, role, offset in (
+                ("of the gap", of_gap, "with_cause", -0.17),
+                ("of the time", of_time, "data_sheet", 0.17),
             ):
-                assert share is not None
-                axes.barh(
-                    row + offset,
-                    100.0 * share,
-                    height=0.3,
-                    color=colour(role),
-                    linewidth=0.0,
-                    label="" if row else name,
-                )
-                _value(axes, 100.0 * share, row + offset, formatting.percent(share))
-        _rows(axes, [_regime_name(regime) for regime in regimes], 26)
+                bar(axes, row + offset, 100.0 * share, role, 0.3, label="" if row else name)
+                _value(axes, 100.0 * share, row + offset, percent(share))
+        # the signal, and below it the range
+        names = [
+            f"{port_label(regime.signal)}\n"
+            f"{formatting.span(regime.low, regime.high, formatting.unit_label(regime.unit))}"
+            for regime, _, _ in regimes
+        ]
+        name_rows(axes, names, 26)
         axes.set_xlim(0.0, 118.0)
         axes.set_xticks(range(0, 101, 25 if not narrow else 50))
-        axes.set_xlabel("share [%]")
-        legend_above(axes, 2)
+        finish(axes, "share [%]", lines="x", legend=2)
 
+    best, of_gap, of_time = regimes[0]
+    title = (
+        f"{percent(of_gap)} of the gap lies in {percent(of_time)} of the time: {regime_label(best)}"
+    )
     height = 0.85 + 0.46 * len(regimes)
-    return Drawing("regimes", regimes_title(regimes), draw, height, height)
+    return Drawing("regimes", title, draw, height, height)
 
 
-def _regime_name(regime: Regime) -> str:
-    """The signal, and below it the range."""
-    return f"{formatting.port_label(regime.signal)}\n{formatting.span(regime.low, regime.high, formatting.unit_label(regime.unit))}"  # noqa: E501
+# ---- which ---------------------------------------------------------------------------------------
 
 
 def missing_drawing(run: RunData) -> Drawing | None:
@@ -162,40 +202,16 @@ def missing_drawing(run: RunData) -> Drawing | None:
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         every = -(-x.size // _MOST_DOTS)
-        axes.plot(
-            x[::every],
-            y[::every],
-            linestyle="none",
-            marker="o",
-            markersize=3.2,
-            markeredgewidth=0.0,
-            color=colour("refitted"),
-            alpha=0.45,
-            label="slice of a recording",
-        )
-        axes.plot(
-            centres,
-            middles,
-            color=colour("with_cause"),
-            linewidth=1.8,
-            marker="o",
-            markersize=4.0,
-            label="median",
-        )
-        axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
-        axes.set_xlabel(
-            formatting.axis_label(
-                label(formatting.channel_label(signal)), label(formatting.channel_unit(signal))
-            )
-        )
-        axes.set_ylabel(
-            formatting.axis_label("missing", label(formatting.channel_unit(stems["missing"])))
-        )
-        axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
-        grid(axes, "y")
-        legend_above(axes, 2)
+        look = {"markeredgewidth": 0.0, "alpha": 0.45, "label": "slice of a recording"}
+        dot(axes, x[::every], y[::every], "refitted", 3.2, **look)
+        medians = {"marker": "o", "markersize": 4.0, "label": "median"}
+        line(axes, centres, middles, "with_cause", 1.8, **medians)
+        level(axes)
+        missing = axis("missing", channel_unit(stems["missing"]))
+        finish(axes, channel_axis(signal), missing, legend=2, ticks=5 if narrow else 9)
 
-    return Drawing("missing", missing_title(term.port, signals[0], share), draw, 2.8, 2.8)
+    title = f"{port_label(signals[0])} alone accounts for {percent(share)} of what is missing"
+    return Drawing("missing", capital(title + at_port(term.port)), draw, 2.8, 2.8)
 
 
 def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -218,80 +234,74 @@ def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]
     )
 
 
+def free_form_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
+    """Nonparametric curve of the first family over its signal, with the 95 % band."""
+    forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
+    curve = forms[0].curve if forms else None
+    if curve is None or not curve.x:
+        return None
+    if not len(curve.x) == len(curve.y) == len(curve.low) == len(curve.high):
+        return None  # of a file that was changed
+    x, y, low, high = (np.asarray(v) for v in (curve.x, curve.y, curve.low, curve.high))
+    turn = int(np.argmax(x)) + 1  # where a loop has come to its upper end
+    over = "time since the step" if curve.signal == "time" else curve.signal
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        look: Look = {"color": colour("with_cause"), "alpha": 0.18, "linewidth": 0.0}
+        for half, name in ((slice(0, turn), formatting.INTERVAL), (slice(turn, None), "")):
+            axes.fill_between(x[half], low[half], high[half], label=name, **look)
+        line(axes, x, y, "with_cause", 1.8, label=label(curve.shown))
+        level(axes)
+        finish(
+            axes,
+            axis(port_label(over), formatting.unit_label(curve.signal_unit)),
+            axis(curve.shown, formatting.unit_label(curve.unit)),
+            legend=2,
+            ticks=5 if narrow else 9,
+        )
+
+    title = capital(f"{taken_up(forms[0])}: {free_families(diagnosis, SPELLING)}")
+    return Drawing("free-form", title, draw, 2.8, 2.8)
+
+
 def ranking_drawing(
     diagnosis: DiagnosisFile, places: Mapping[str, str] = MappingProxyType({})
 ) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
     first. places: by effect, the figure of the page that its row leads to."""
-    shown = [
-        candidate for candidate in candidate_order(diagnosis) if candidate.shrinkage is not None
-    ][:MOST_CANDIDATES]
+    shown = [entry for entry in diagnosis.ranking if entry.shrinkage is not None][:MOST_CANDIDATES]
     if not shown:
         return None
     named = {cause.effect for cause in diagnosis.causes}
     alike = set(diagnosis.tied) - named
+    right = 100.0 * max(1.0, *((entry.high or entry.shrinkage or 0.0) for entry in shown))
+    lows = (entry.shrinkage or 0.0 if entry.low is None else entry.low for entry in shown)
+    left = 100.0 * min(0.0, *(max(_LEFT_END, low) for low in lows)) - 3.0
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        right = max(1.0, *((entry.high or entry.shrinkage or 0.0) for entry in shown))
-        left = min(
-            0.0,
-            *(
-                max(_LEFT_END, entry.low if entry.low is not None else entry.shrinkage or 0.0)
-                for entry in shown
-            ),
-        )
+        beside, names = right + (4 if narrow else 2), []
         for row, entry in enumerate(shown):
-            role = (
-                "with_cause"
-                if entry.effect in named
-                else "refitted"
-                if entry.effect in alike
-                else "muted"
-            )
-            _candidate(axes, entry, row, role)
-            axes.text(
-                100.0 * right + (4 if narrow else 2),
-                row,
-                _chance(entry),
-                va="center",
-                fontsize=8.5,
-                color=colour("ink"),
-                clip_on=False,
-            )
-        axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
-        axes.text(
-            100.0 * right + (4 if narrow else 2),
-            -0.85,
-            "P" if narrow else "probability",
-            va="center",
-            fontsize=8.0,
-            color=colour("muted"),
-            clip_on=False,
-        )
-        _rows(
-            axes, [_candidate_name(entry, alike, narrow) for entry in shown], 34 if narrow else 48
-        )
+            role = "refitted" if entry.effect in alike else "muted"
+            _candidate(axes, entry, row, "with_cause" if entry.effect in named else role)
+            chance = "" if entry.probability is None else chance_figure(entry.probability)
+            write(axes, beside, row, chance)
+            look_alike = " (look-alike)" if entry.effect in alike and not narrow else ""
+            names.append(f"{effect_label(entry.effect)}{look_alike}")
+        upright(axes)
+        write(axes, beside, -0.85, "P" if narrow else "probability", "muted", 8.0)
+        name_rows(axes, names, 34 if narrow else 48)
         for row, name in enumerate(axes.get_yticklabels()):
             name.set_gid(f"name{row}")
-        axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
-        ticks = [
-            tick
-            for tick in range(-50, 101, 50 if narrow else 25)
-            if 100.0 * left - 3.0 <= tick <= 100.0 * right
-        ]
-        axes.set_xticks(ticks)
-        axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
-        what = (
-            "error removed [%]"
-            if narrow
-            else f"held-out error removed{over_channels(diagnosis)} [%]"
-        )
-        failed = not all(entry.converged for entry in shown)
-        notes = ([] if narrow else ["line: 95 % interval"]) + (
-            ["open: not converged"] if failed else []
-        )
-        axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
+        axes.set_xlim(left, right + (20.0 if narrow else 13.0))
+        ticks = range(-50, 101, 50 if narrow else 25)
+        axes.set_xticks([tick for tick in ticks if left <= tick <= right])
+        axes.spines["bottom"].set_bounds(left, right)
+        what = "error removed" if narrow else f"held-out error removed{over_channels(diagnosis)}"
+        notes = [] if narrow else ["line: 95 % interval"]
+        notes += [] if all(entry.converged for entry in shown) else ["open: not converged"]
+        finish(axes, "\n".join(filter(None, (f"{what} [%]", ", ".join(notes)))), lines="x")
 
     height = 1.0 + 0.27 * len(shown)
     parts = [
@@ -299,12 +309,111 @@ def ranking_drawing(
         for row, entry in enumerate(shown)
         for part in ("name", "line", "point")
     ]
-    tips = tuple((part, candidate_tip(candidate, diagnosis)) for part, candidate in parts)
-    leads = tuple(
-        (part, places[candidate.effect]) for part, candidate in parts if candidate.effect in places
-    )
-    title = ranking_title(diagnosis)
+    tips = tuple((part, _candidate_tip(candidate, diagnosis)) for part, candidate in parts)
+    leads = tuple((part, places[c.effect]) for part, c in parts if c.effect in places)
+    title = _ranking_title(diagnosis)
     return Drawing("ranking", title, draw, height, height, tips=tips, leads=leads)
+
+
+def _candidate(axes: Axes, candidate: Candidate, row: int, role: str) -> None:
+    assert candidate.shrinkage is not None
+    if candidate.low is not None and candidate.high is not None:
+        low = max(candidate.low, _LEFT_END)
+        if candidate.high > low:
+            ends: Look = {"solid_capstyle": "butt", "gid": f"line{row}"}
+            line(axes, [100.0 * low, 100.0 * candidate.high], [row, row], role, 1.8, **ends)
+    if candidate.shrinkage < _LEFT_END:
+        axes.plot(100.0 * _LEFT_END, row, marker="<", color=colour(role), markersize=5)
+        return
+    look: Look = {
+        "markeredgecolor": colour(role),
+        "markeredgewidth": 1.3,
+        "markerfacecolor": colour(role if candidate.converged else "paper"),
+        "gid": f"point{row}",
+    }
+    dot(axes, 100.0 * candidate.shrinkage, row, role, **look)
+
+
+def _candidate_tip(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
+    """Tooltip of a row of the ranking: "Dahl friction removes 53 % of ..."."""
+    interval = formatting.interval_tail(formatting.percent_span(candidate.low, candidate.high))
+    text = (
+        f"{effect_label(candidate.effect)} removes {percent(candidate.shrinkage)} of the held-out "
+        f"error{over_channels(diagnosis)}{interval}"
+    )
+    if candidate.probability is not None:
+        text += f", probability {formatting.chance(candidate.probability)}"
+    if not candidate.converged:
+        text += f"; {formatting.not_converged('its fit', candidate.why)}"
+    return formatting.sentence(text)
+
+
+def _ranking_title(diagnosis: DiagnosisFile) -> str:
+    """The best candidate against the runner-up, of another family where there is one; for verdicts
+    without a cause, how far the best falls short."""
+    if not diagnosis.causes:
+        best = closest(diagnosis) or diagnosis.ranking[0]
+        tail = {
+            "unknown-effect": "not enough to be named",
+            "no-structural-gap": "no effect is needed",
+        }.get(diagnosis.verdict, "these recordings do not suffice to confirm it")
+        return (
+            f"The most probable candidate, {effect_label(best.effect)}, removes "
+            f"{percent(best.shrinkage)} of the held-out error{over_channels(diagnosis)}; {tail}"
+        )
+    named = {cause.effect for cause in diagnosis.causes}
+    families = {cause.family for cause in diagnosis.causes}
+    others = [candidate for candidate in diagnosis.ranking if candidate.effect not in named]
+    different = [
+        other
+        for other in others
+        if other.family not in families
+        and other.effect not in diagnosis.tied
+        and not other.set_aside
+    ]
+    first, second = effect_label(diagnosis.causes[0].effect), next(iter(different or others), None)
+    if second is None:
+        return capital(f"{first} is the only candidate that was refitted")
+    return capital(f"{first} is named; the best of the others is {effect_label(second.effect)}")
+
+
+def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
+    """Lines over the held-out windows: the loss of the reference and of the confidence set [noise
+    floors] of the first step that has one."""
+    step = next((candidate for candidate in diagnosis.comparison if candidate.tied), None)
+    if step is None or len(step.reference_losses) < 2:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        windows = range(1, len(step.reference_losses) + 1)
+        axes.set_yscale("log")
+        name = "refitted model" if step.reference == "baseline" else step.reference
+        look = {"marker": "o", "markersize": 3.5}
+        line(axes, windows, step.reference_losses, "refitted", 1.6, label=name, **look)
+        for entry, dashes in zip(step.tied[:MOST_CURVES], _DASHES, strict=False):
+            look = {"marker": "o", "markersize": 3.0, "label": effect_label(entry.effect)}
+            line(axes, windows, entry.losses, "with_cause", 1.4, dashes, **look)
+        axes.xaxis.set_major_locator(MaxNLocator(6 if narrow else 12, integer=True))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: formatting.short(value, 1)))
+        legend = 2 if narrow else 3
+        finish(axes, "held-out window [-]", "error [noise floors]", legend=legend)
+
+    first, *others = step.tied
+    fewer = sum(a < b for a, b in zip(first.losses, step.reference_losses, strict=True))
+    title = (
+        f"{effect_label(first.effect)} lowers the error in {fewer} of {len(first.losses)} held-out "
+        f"windows, by {percent(first.removes.share)} of the gap"
+    )
+    if others:
+        names = formatting.join(effect_label(candidate.effect) for candidate in others)
+        title += f"; {names} cannot be separated from it"
+    return Drawing("comparison", capital(title), draw, 2.6, 2.9)
+
+
+# ---- how far -------------------------------------------------------------------------------------
 
 
 def budget_drawing(
@@ -320,19 +429,51 @@ def budget_drawing(
 
     def draw(figure: Figure, narrow: bool) -> None:
         shape = (len(rows), 1) if narrow else (deep, columns)
-        grid_of_axes = figure.subplots(*shape, squeeze=False)
-        for position, axes in enumerate(grid_of_axes.flat):
+        for position, axes in enumerate(figure.subplots(*shape, squeeze=False).flat):
             if position >= len(rows):
                 axes.set_visible(False)
                 continue
-            _budget(axes, rows[position], fields)
-            names = [_model_name(field, diagnosis, narrow) for field in fields]
-            _rows(axes, names if position % shape[1] == 0 else [""] * len(names))
+            row, known = rows[position], rows[position].known()
+            for at, field in enumerate(fields):
+                if field in known:
+                    bar(axes, at, known[field], field, 0.66)
+                    _value(axes, known[field], at, formatting.short(known[field]))
+                else:
+                    write(axes, 0.0, at, f" {formatting.DASH}", "muted", 8.0, clip_on=True)
+            axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
+            axes.locator_params(axis="x", nbins=4)
+            finish(axes, channel_axis(row.channel, " MAE", 22), lines="x")
+            first = position % shape[1] == 0
+            name_rows(
+                axes, [_model_name(name, diagnosis, narrow) if first else "" for name in fields]
+            )
 
     each = 0.62 + 0.24 * len(fields)
-    return Drawing(
-        "budget", budget_title(rows, diagnosis), draw, deep * each + 0.1, len(rows) * each + 0.1
-    )
+    tall, narrow_tall = deep * each + 0.1, len(rows) * each + 0.1
+    return Drawing("budget", _budget_title(rows, diagnosis), draw, tall, narrow_tall)
+
+
+def _budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None) -> str:
+    """ "Coulomb friction takes the held-out angle error from 0.52 to 0.11 deg"."""
+    row = headline(rows)
+    if row is None or row.refitted is None:
+        return "Held-out error of each model"
+    what, unit_text = channel_label(row.channel), channel_unit(row.channel)
+    if diagnosis is not None and has_joint_model(diagnosis) and row.with_cause and row.refitted > 0:
+        single = len(diagnosis.causes) == 1
+        verb = ("raise" if row.with_cause > row.refitted else "take") + "s" * single
+        act = f"{causes_label(diagnosis)} {'' if single else 'together '}{verb}"
+        errors = (row.refitted, row.with_cause)
+    elif row.data_sheet is None:
+        error = with_unit_text(row.refitted, unit_text)
+        return f"The refitted model errs by {error} in {what}, held out"
+    else:
+        act, errors = "Refitting changes", (row.data_sheet, row.refitted)
+    both = formatting.in_one_unit(errors, unit_text, " to ")
+    text = capital(f"{act} the held-out {what} error from {both}")
+    if row.noise_floor is not None:
+        text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
+    return text
 
 
 def window_drawing(
@@ -345,50 +486,53 @@ def window_drawing(
 ) -> Drawing:
     """Measured and modelled traces over the worst window, and their errors below [channel's unit]
     over time [s]; most: points of a trace."""
-    diagnosis = run.diagnosis
-    unit_text, what = formatting.channel_unit(channel), formatting.channel_label(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
     samples = ((kind, residual.of(channel, kind)) for kind in kinds)
     traces = {kind: trace[window.rows] for kind, trace in samples if trace is not None}
 
     def draw(figure: Figure, narrow: bool) -> None:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1.7, 1.0]})
-        above.plot(
-            *_thinned(time, measured, most), color=colour("ink"), linewidth=2.2, label="measured"
-        )
-        below.axhline(0.0, color=colour("ink"), linewidth=0.8)
+        line(above, *_thinned(time, measured, most), "ink", 2.2, label="measured")
+        level(below, 0.0, "ink", 0.8)
         for kind, trace in traces.items():
             role, width, dashes = MODEL_LINES[kind]
-            name = _model_name(role, diagnosis, narrow)
-            above.plot(
-                *_thinned(time, trace, most),
-                color=colour(role),
-                linewidth=width,
-                linestyle=dashes,
-                label=name,
-            )
+            name = _model_name(role, run.diagnosis, narrow)
+            line(above, *_thinned(time, trace, most), role, width, dashes, label=name)
             # else nothing else could be read
             if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:
-                below.plot(
-                    *_thinned(time, measured - trace, most),
-                    color=colour(role),
-                    linewidth=width,
-                    linestyle=dashes,
-                )
-        above.set_ylabel(formatting.axis_label(label(what, 22), label(unit_text)))
-        below.set_ylabel(formatting.axis_label("error", label(unit_text)))
-        below.set_xlabel(
-            formatting.axis_label(label(f"time{run.recording_words(window.recording)}"), "s")
-        )
+                line(below, *_thinned(time, measured - trace, most), role, width, dashes)
         for axes in (above, below):
-            grid(axes, "y")
             axes.margins(x=0.0)
-        below.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
+        when = axis(f"time{run.recording_words(window.recording)}", "s")
+        finish(below, when, axis("error", channel_unit(channel)), ticks=5 if narrow else 9)
+        finish(above, "", channel_axis(channel, "", 22), legend=2 if narrow else 4)
         figure.align_ylabels((above, below))
-        legend_above(above, 2 if narrow else 4)
 
     name = "window-network" if "network" in kinds else "window"
-    return Drawing(name, window_title(run, channel, window, kinds), draw, 3.3, 3.5)
+    return Drawing(name, _window_title(run, channel, window, kinds), draw, 3.3, 3.5)
+
+
+def _window_title(run: RunData, channel: str, window: WorstWindow, kinds: tuple[str, ...]) -> str:
+    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
+    friction"."""
+    part = "held-out" if window.held_out else "fitted"
+    what, unit_text = channel_label(channel), channel_unit(channel)
+    before = window.mae["refitted"]
+    for kind in reversed(kinds):
+        if kind in ("cause", "network") and kind in window.mae:
+            added = causes_label(run.diagnosis) if run.diagnosis is not None else "the causes"
+            if kind == "network":
+                both = run.network_on_causes(channel)
+                added = f"{added} and the network" if both else "the network"
+            change = "falls" if window.mae[kind] < before else "grows"
+            return (
+                f"Worst {part} window: the {what} error {change} from {formatting.short(before)} "
+                f"to {with_unit_text(window.mae[kind], unit_text)} with {added}"
+            )
+    return (
+        f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} "
+        f"in {what}"
+    )
 
 
 def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing | None:
@@ -398,26 +542,17 @@ def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing 
     whole = None if worst is None else whole_recording(residual, channel, worst.recording)
     if whole is None:
         return None
+    unit_text = channel_unit(channel)
+    title = (
+        f"Free run over the whole recording: the {channel_label(channel)} error is "
+        f"{with_unit_text(whole.mae['free_run'], unit_text)} on average"
+    )
+    if "cause_free_run" in whole.mae and run.diagnosis is not None:
+        error = with_unit_text(whole.mae["cause_free_run"], unit_text)
+        title += f", {error} with {causes_label(run.diagnosis)}"
     kinds = tuple(kind for kind in FREE_RUNS if kind in whole.mae)
-    title = free_run_title(channel, whole, run.diagnosis)
     drawing = window_drawing(run, residual, channel, whole, kinds, _FREE_POINTS)
     return replace(drawing, name="free-run", title=title)
-
-
-def _large_shares(where: Where) -> list[tuple[str, float]]:
-    """Shares from the largest on; three or more that round to zero share one row."""
-    ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
-    large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
-    small = len(ordered) - len(large)
-    if small < 3:
-        return ordered
-    return [
-        *large,
-        (
-            f"{small} other ports",
-            sum(share for port, share in ordered if (port, share) not in large),
-        ),
-    ]
 
 
 def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> str:
@@ -428,91 +563,8 @@ def _model_name(field: str, diagnosis: DiagnosisFile | None, narrow: bool) -> st
     return label(name, _LONG)
 
 
-def _candidate(axes: Axes, candidate: Candidate, row: int, role: str) -> None:
-    assert candidate.shrinkage is not None
-    ink = colour(role)
-    if candidate.low is not None and candidate.high is not None:
-        low = max(candidate.low, _LEFT_END)
-        if candidate.high > low:
-            axes.plot(
-                [100.0 * low, 100.0 * candidate.high],
-                [row, row],
-                color=ink,
-                linewidth=1.8,
-                solid_capstyle="butt",
-                gid=f"line{row}",
-            )
-    if candidate.shrinkage < _LEFT_END:
-        axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=5)
-    else:
-        axes.plot(
-            100.0 * candidate.shrinkage,
-            row,
-            marker="o",
-            markersize=5.0,
-            markeredgecolor=ink,
-            markeredgewidth=1.3,
-            markerfacecolor=ink if candidate.converged else colour("paper"),
-            linestyle="none",
-            gid=f"point{row}",
-        )
-
-
-def _chance(candidate: Candidate) -> str:
-    if candidate.probability is None:
-        return ""
-    return formatting.chance(candidate.probability).replace("above ", "> ").replace("below ", "< ")
-
-
-def _candidate_name(candidate: Candidate, alike: set[str], narrow: bool) -> str:
-    name = formatting.effect_label(candidate.effect)
-    return f"{name} (look-alike)" if candidate.effect in alike and not narrow else name
-
-
-def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
-    known = row.known()
-    unit_text = formatting.channel_unit(row.channel)
-    for position, field in enumerate(fields):
-        if field not in known:
-            axes.text(
-                0.0,
-                position,
-                f" {formatting.DASH}",
-                va="center",
-                fontsize=8.0,
-                color=colour("muted"),
-            )
-            continue
-        axes.barh(position, known[field], height=0.66, color=colour(field), linewidth=0.0)
-        _value(axes, known[field], position, formatting.short(known[field]))
-    axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
-    axes.locator_params(axis="x", nbins=4)
-    axes.set_xlabel(
-        formatting.axis_label(
-            f"{label(formatting.channel_label(row.channel), 22)} MAE", label(unit_text)
-        )
-    )
-
-
-def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
-    """Names next to the rows 0, 1, ... from the top."""
-    lines = ["\n".join(label(line, longest) for line in name.split("\n")) for name in names]
-    axes.set_yticks(range(len(names)), lines)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    grid(axes)
-    bare(axes)
-
-
 def _value(axes: Axes, x: float, row: float, text: str) -> None:
-    axes.annotate(
-        text,
-        (max(x, 0.0), row),
-        xytext=(4, 0),
-        textcoords="offset points",
-        va="center",
-        fontsize=8.5,
-        color=colour("ink"),
-    )
+    annotate(axes, text, (max(x, 0.0), row), (4, 0))
 
 
 def _thinned(time: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pamid.report.style import Drawing, Picture, colour, grid, label, render
+from pamid.report.style import Drawing, Picture, colour, finish, label, level, render
 
 Array = NDArray[np.float64]
 
@@ -65,8 +65,8 @@ def force_map_picture(
                     linewidths=0.3,
                     zorder=3,
                 )
-                grid(panel, "y")
-            below.axhline(0.0, color=colour("ink"), linewidth=0.7)
+                finish(panel)
+            level(below, 0.0, "ink")
             above.set_title(label(side.title), loc="left")
             below.set_xlabel("contraction [-]")
         axes[0, 0].set_ylabel("force [N]")

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
+from pamid.schemas.estimates import Estimate
 
 #: names of people and letters that a hyphenated effect name has lost
 _PROPER = {
@@ -125,7 +126,7 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
         factor, unit_text = _scaled_unit(unit_text, *values)
         values = [factor * value for value in values]
     text = between.join(short(value) for value in values)
-    return f"{text}{SPACE}{unit_text}" if unit_text else text
+    return with_unit(text, unit_text)
 
 
 def with_interval(
@@ -152,6 +153,22 @@ def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
     return (1e6, f"µ{unit_text}") if largest < _MICRO else (1e3, f"m{unit_text}")
 
 
+def with_unit(figure: str, unit_text: str) -> str:
+    """A figure and its unit on one line."""
+    return f"{figure}{SPACE}{unit_text}" if unit_text else figure
+
+
+def unbroken(text: str) -> str:
+    """A figure and its unit stay on one line."""
+    return text.replace(" ", SPACE)
+
+
+def parameter_text(name: str, estimate: Estimate) -> str:
+    """ "torque 0.41 N m (95 % interval 0.38 to 0.44 N m)"."""
+    size = with_interval(estimate.value, estimate.low, estimate.high, channel_unit(name))
+    return f"{channel_label(name)} {size}"
+
+
 def percent(share: float | None) -> str:
     """`percent_text` as the page sets it; a dash for None."""
     if share is None:
@@ -167,18 +184,13 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
         unit_text, *(bound for bound in (low, high) if bound is not None)
     )
     low, high = (None if bound is None else factor * bound for bound in (low, high))
-    tail = f"{SPACE}{unit_text}" if unit_text else ""
-    if low is None:
-        return f"below {short(high, digits)}{tail}"
-    if high is None:
-        return f"above {short(low, digits)}{tail}"
-    first, last = (
-        number(low, digits).partition(f"{SPACE}×"),
-        number(high, digits).partition(f"{SPACE}×"),
-    )
+    if low is None or high is None:
+        side, bound = ("below", high) if low is None else ("above", low)
+        return with_unit(f"{side} {short(bound, digits)}", unit_text)
+    first, last = (number(bound, digits).partition(f"{SPACE}×") for bound in (low, high))
     if first[1] and first[2] == last[2]:  # one power of ten is enough
-        return f"({first[0]} to {last[0]}){''.join(last[1:])}{tail}"
-    return f"{short(low, digits)} to {short(high, digits)}{tail}"
+        return with_unit(f"({first[0]} to {last[0]}){''.join(last[1:])}", unit_text)
+    return with_unit(f"{short(low, digits)} to {short(high, digits)}", unit_text)
 
 
 def chance(probability: float | None) -> str:
@@ -206,13 +218,7 @@ def count(value: float | None) -> str:
 def join(parts: Iterable[str], last: str = "and") -> str:
     """ "a, b and c"."""
     words = list(parts)
-    return (
-        words[0]
-        if len(words) == 1
-        else f"{', '.join(words[:-1])} {last} {words[-1]}"
-        if words
-        else ""
-    )
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def not_converged(what: str, why: str) -> str:
@@ -222,7 +228,10 @@ def not_converged(what: str, why: str) -> str:
 
 def sentence(text: str) -> str:
     """With a capital first letter and a full stop."""
-    text = text.strip()
-    if not text:
-        return ""
-    return text[0].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
+    text = capital(text.strip())
+    return text + ("" if not text or text.endswith((".", "!", "?", ":")) else ".")
+
+
+def capital(text: str) -> str:
+    """With a capital first letter: a heading or a title."""
+    return text[:1].upper() + text[1:]

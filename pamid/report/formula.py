@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from pamid.report.formatting import unit_label
 from pamid.report.markup import Part, tag
-from pamid.report.mathml import fenced, fraction, math_html, name, number_html, operator, power_html
+from pamid.report.mathml import fenced, math_html, name, number_html, operator
 
 _DECIMAL = r"\d+\.?\d*(?:e[+-]?\d+)?"
 _TOKEN = re.compile(
@@ -40,12 +40,8 @@ def formula_text(text: str) -> str:
     shown = re.sub(r"(?<=[^\s=]) -(?=[\d.])", " − ", shown)
     shown = re.sub(r"(?<=[^\s=]) \+(?=[\d.])", " + ", shown)
     shown = re.sub(r"\^(\d+)", lambda found: found[1].translate(_POWERS), shown)
-    return shown.replace("-", "−") if "[" not in shown else _minus_after_unit(shown)
-
-
-def _minus_after_unit(text: str) -> str:
-    head, sign, rest = text.partition("]")
-    return head + sign + rest.replace("-", "−")
+    unit, bracket, formula = shown.rpartition("]")  # a unit may hold a sign of its own
+    return unit + bracket + formula.replace("-", "−")
 
 
 class _Reader:
@@ -110,7 +106,7 @@ class _Reader:
             self._at += 1
         while True:
             if self._take("/"):
-                term = fraction(term, self._factor())
+                term = tag("mfrac", term, self._factor())
             elif self._take("*") or self._begins():
                 term = tag("mrow", term, operator("⋅"), self._factor())
             else:
@@ -128,7 +124,7 @@ class _Reader:
             if kind != "number":
                 raise FormulaError("an exponent is a number")
             self._at += 1
-            return power_html(base, tag("mn", text))
+            return tag("msup", base, tag("mn", text))
         return base
 
     def _atom(self) -> Markup:
@@ -160,4 +156,4 @@ class _Reader:
         close = ")" if begin == "(" else "|"
         if not self._take(close):
             raise FormulaError(f"{close!r} is missing")
-        return fenced(begin, inside, close=close)
+        return fenced(begin + close, inside)

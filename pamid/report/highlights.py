@@ -42,51 +42,34 @@ class Highlight:
 def highlights_of(
     run: RunData, residual: Residual, channel: str, stretches: Sequence[Stretch]
 ) -> list[Highlight]:
-    """Stretches of a recording worth a look, for errors of this channel."""
-    error = np.abs(residual.columns[channel] - _refitted(residual, channel))
-    worst = _worst(residual, channel, error, stretches, run)
-    where = run.diagnosis.where if run.diagnosis is not None else None
-    if where is None or (
-        run.diagnosis is not None and run.diagnosis.verdict == "no-structural-gap"
-    ):
-        return worst
-    named = [_named(residual, error, stretches, span) for span in sorted(where.windows_s)]
-    regimes = [_regime(residual, error, stretches, regime) for regime in where.regimes]
-    return [*(name for name in (*named, *regimes) if name is not None), *worst]
-
-
-def _refitted(residual: Residual, channel: str) -> FloatArray:
-    values = residual.of(channel, "refitted")
-    assert values is not None
-    return values
-
-
-def _scored_windows(stretches: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
-    """Windows as (stretch, first, last); only held-out ones, if there are any."""
-    every = [(stretch, *window) for stretch in stretches for window in stretch.windows]
-    held_out = any(window[3] for window in every)
-    return [(part, first, last) for part, first, last, held in every if held == held_out]
-
-
-def _worst(
-    residual: Residual, channel: str, error: FloatArray, stretches: Sequence[Stretch], run: RunData
-) -> list[Highlight]:
-    """The windows in which the refitted model is off most, worst first."""
+    """Stretches of a recording worth a look, for errors of this channel: windows and regimes of the
+    diagnosis, then the windows in which the refitted model is off most, worst first."""
+    refitted = residual.of(channel, "refitted")
+    assert refitted is not None
+    error, time = np.abs(residual.columns[channel] - refitted), residual.columns["time_s"]
+    every = [(part, *window) for part in stretches for window in part.windows]
+    held_out = any(held for *_, held in every)
+    windows = [(part, first, last) for part, first, last, held in every if held == held_out]
+    diagnosis = run.diagnosis
+    where = diagnosis.where if diagnosis is not None else None
+    places: list[Highlight | None] = []
+    if where is not None and diagnosis is not None and diagnosis.verdict != "no-structural-gap":
+        places += [_named(residual, error, stretches, span) for span in sorted(where.windows_s)]
+        places += [_regime(residual, error, stretches, windows, item) for item in where.regimes]
     scored = [
-        (float(np.nanmean(error[stretch.rows[first : last + 1]])), stretch, first, last)
-        for stretch, first, last in _scored_windows(stretches)
-        if np.isfinite(error[stretch.rows[first : last + 1]]).any()
+        (float(np.nanmean(inside)), part, first, last)
+        for part, first, last in windows
+        if np.isfinite(inside := error[part.rows[first : last + 1]]).any()
     ]
-    time, places = residual.columns["time_s"], []
-    for size, stretch, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
-        begin, end = float(time[stretch.rows[first]]), float(time[stretch.rows[last]])
-        off = formatting.with_unit_text(size, channel_unit(channel))
+    for size, part, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
+        begin, end = float(time[part.rows[first]]), float(time[part.rows[last]])
         label = (
-            f"{formatting.span(begin, end, 's', 4)}{run.recording_words(stretch.recording)}: "
-            f"{channel_label(channel)} off by"
+            f"{formatting.span(begin, end, 's', 4)}{run.recording_words(part.recording)}: "
+            f"{channel_label(channel)} off by "
+            f"{formatting.with_unit_text(size, channel_unit(channel))}"
         )
-        places.append(Highlight("how far", f"{label} {off}", stretch.recording, begin, end))
-    return places
+        places.append(Highlight("how far", label, part.recording, begin, end))
+    return [place for place in places if place is not None]
 
 
 def _named(
@@ -94,28 +77,25 @@ def _named(
 ) -> Highlight | None:
     """A window of the diagnosis, which does not say of which recording: the one with most error
     there."""
-    best: tuple[float, Stretch] | None = None
+    sizes = {}
     for stretch in stretches:
-        time = residual.columns["time_s"][stretch.rows]
-        inside = error[
-            stretch.rows[
-                (time >= span[0])
-                & (time <= span[1])
-                & (residual.columns["window"][stretch.rows] >= 0)
-            ]
-        ]
-        size = float(inside.sum()) if inside.size and np.isfinite(inside).all() else -1.0
-        if size >= 0.0 and (best is None or size > best[0]):
-            best = size, stretch
-    return (
-        None
-        if best is None
-        else Highlight("where", formatting.span(*span, "s", 4), best[1].recording, *span)
-    )
+        rows = stretch.rows
+        time, scored = residual.columns["time_s"][rows], residual.columns["window"][rows] >= 0
+        inside = error[rows[(time >= span[0]) & (time <= span[1]) & scored]]
+        if inside.size and np.isfinite(inside).all():
+            sizes[stretch.recording] = float(inside.sum())
+    if not sizes:
+        return None
+    worst = max(sizes, key=lambda number: sizes[number])
+    return Highlight("where", formatting.span(*span, "s", 4), worst, *span)
 
 
 def _regime(
-    residual: Residual, error: FloatArray, stretches: Sequence[Stretch], regime: Regime
+    residual: Residual,
+    error: FloatArray,
+    stretches: Sequence[Stretch],
+    windows: Sequence[tuple[Stretch, int, int]],
+    regime: Regime,
 ) -> Highlight | None:
     """The window with most error within the regime; None if its signal does not stand in
     residual.csv."""
@@ -127,31 +107,24 @@ def _regime(
         if values is None:
             return None
         inside[stretch.recording] = (values >= low) & (values <= high)
-    counted = {number: np.where(mask, 1.0, 0.0) for number, mask in inside.items()}
-    scored = [
-        (
-            float(np.nansum((error[part.rows] * counted[part.recording])[first : last + 1])),
-            part,
-            first,
-            last,
-        )
-        for part, first, last in _scored_windows(stretches)
-    ]
-    if not scored:
+
+    def size(window: tuple[Stretch, int, int]) -> float:
+        part, first, last = window
+        counted = np.where(inside[part.recording], error[part.rows], 0.0)
+        return float(np.nansum(counted[first : last + 1]))
+
+    if not windows:
         return None
-    _, stretch, first, last = max(scored, key=lambda each: each[0])
-    time = residual.columns["time_s"][stretch.rows]
-    bands = _bands(time, inside[stretch.recording])
+    part, first, last = max(windows, key=size)
+    time = residual.columns["time_s"][part.rows]
+    bands = tuple(
+        (float(time[a]), float(time[b - 1]))
+        for a, b in zip(*runs_of(inside[part.recording]), strict=True)
+    )
     if not 0 < len(bands) <= MOST_BANDS:
         return None
-    return Highlight(
-        "where",
-        regime_label(regime),
-        stretch.recording,
-        float(time[first]),
-        float(time[last]),
-        bands,
-    )
+    label, begin, end = regime_label(regime), float(time[first]), float(time[last])
+    return Highlight("where", label, part.recording, begin, end, bands)
 
 
 def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
@@ -162,12 +135,9 @@ def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> Floa
     }
     if name in stems:
         return residual.columns[stems[name]][rows]
-    of = (
-        name.removesuffix("_rate")
-        if name.endswith("_rate")
-        else {"velocity": "angle"}.get(name, "")
-    )
-    of = "position" if name == "velocity" and of not in stems else of
+    of = name.removesuffix("_rate") if name.endswith("_rate") else ""
+    if name == "velocity":
+        of = "angle" if "angle" in stems else "position"
     if of not in stems:
         return None
     time, values = residual.columns["time_s"][rows], residual.columns[stems[of]][rows]
@@ -180,10 +150,3 @@ def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> Floa
     if values.size < length:
         return None
     return local_parabola(values, length, period, 1)
-
-
-def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Intervals of time in which the mask is true."""
-    return tuple(
-        (float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True)
-    )

@@ -3,7 +3,7 @@ trace, and the points of a missing term."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,29 +69,20 @@ class RunData:
     @property
     def rig(self) -> str:
         """Name of the rig, "" if no file states it."""
-        if self.fit is not None:
-            return self.fit.rig
-        return self.named_rig
+        return self.named_rig if self.fit is None else self.fit.rig
 
     @property
     def named_rig(self) -> str:
         """The rig as it was named to the command, by name or by file; else as the fit names it."""
-        first = self.steps[0]
-        return (
-            first.rig
-            or _option(first.command, "--rig")
-            or (self.fit.rig if self.fit is not None else "")
-        )
+        first, of_fit = self.steps[0], self.fit.rig if self.fit is not None else ""
+        return first.rig or _option(first.command, "--rig") or of_fit
 
     def recording_words(self, number: int) -> str:
         """ " in recording NAME" where there are several of them, else ""; `number` as in
         residual.csv."""
         known = self.fit.recordings if self.fit is not None else ()
-        return (
-            f" in recording {known[number].name}"
-            if len(known) > 1 and 0 <= number < len(known)
-            else ""
-        )
+        named = len(known) > 1 and 0 <= number < len(known)
+        return f" in recording {known[number].name}" if named else ""
 
 
 def load_run(folder: Path) -> RunData:
@@ -100,14 +91,16 @@ def load_run(folder: Path) -> RunData:
     fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
-        hint = "`pamid fit` or `pamid diagnose` with --output writes one."
         raise FileError(
             f"{folder} has no result yet: neither fit.json nor diagnosis.json.",
-            hint,
+            "`pamid fit` or `pamid diagnose` with --output writes one.",
             code="no-result",
         )
     network = read_result(folder / "network.json", NetworkFile, any_schema=True)
-    others = () if network is None else _beside(folder)
+    # the networks of other channels than that of network.json
+    places = [] if network is None else channel_networks(folder).values()
+    read = [read_result(p / "network.json", NetworkFile, any_schema=True) for p in places]
+    others = tuple(other for other in read if other is not None)
     residual = read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
@@ -117,11 +110,7 @@ def load_run(folder: Path) -> RunData:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
     missing = read_columns(folder / "missing.csv")
     if missing is not None:
-        _require(
-            folder / "missing.csv",
-            {split_column(name)[0]: x for name, x in missing.items()},
-            ("missing",),
-        )
+        _require(folder / "missing.csv", [split_column(name)[0] for name in missing], ("missing",))
     networks = () if network is None else (network, *others)
     return RunData(
         steps=read_steps(folder / "run.json"),
@@ -169,13 +158,6 @@ def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, Float
     return {name: x for name, x in columns.items() if name not in residual}
 
 
-def _beside(folder: Path) -> tuple[NetworkFile, ...]:
-    """The networks of other channels than that of network.json."""
-    paths = [place / "network.json" for place in channel_networks(folder).values()]
-    read = [read_result(path, NetworkFile, any_schema=True) for path in paths]
-    return tuple(recording for recording in read if recording is not None)
-
-
 def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
@@ -192,7 +174,7 @@ def read_steps(path: Path) -> tuple[Step, ...]:
     return (record, *record.steps)
 
 
-def _require(path: Path, columns: dict[str, FloatArray], needed: tuple[str, ...]) -> None:
+def _require(path: Path, columns: Collection[str], needed: tuple[str, ...]) -> None:
     missing = [name for name in needed if name not in columns]
     if missing:
         raise FileError(f"{path} lacks the column {missing[0]!r}.", REMEDY, code="damaged")

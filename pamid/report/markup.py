@@ -1,5 +1,5 @@
 """Fragments of HTML, MathML and SVG made of escaped parts: text from files can never become markup,
-because only `Markup` passes unescaped. Whole pages are Jinja2 templates (web_page.py).
+because only `Markup` passes unescaped. Pages are made of them in page.py.
 """
 
 from __future__ import annotations
@@ -30,10 +30,12 @@ def escape(text: str) -> Markup:
 
 
 def tag(name: str, /, *parts: Part, **attributes: str) -> Markup:
-    """One element. `class_` is written class, other underscores become hyphens."""
+    """One element. `class_` is written class, other underscores become hyphens; empty attributes
+    are left out."""
     inside = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
         for key, value in attributes.items()
+        if value
     )
     return Markup(f"<{name}{inside}>{joined(parts)}</{name}>")
 
@@ -48,9 +50,8 @@ def joined(parts: Iterable[Part]) -> Markup:
 def prose(text: str) -> Markup:
     """A sentence as HTML: text in backticks becomes code, and some compounds are kept on one
     line."""
-    return Markup(
-        _UNBROKEN.sub(r'<span class="k">\1</span>', _CODE_SPAN.sub(_code, str(escape(text))))
-    )
+    shown = _CODE_SPAN.sub(lambda span: f"<code>{breakable(Markup(span[1]))}</code>", escape(text))
+    return Markup(_UNBROKEN.sub(r'<span class="k">\1</span>', shown))
 
 
 def breakable(text: str) -> Markup:
@@ -58,12 +59,6 @@ def breakable(text: str) -> Markup:
     return Markup(str(escape(text)).replace("_", "_<wbr>"))
 
 
-def _code(match: re.Match[str]) -> str:
-    # escaped already
-    return f"<code>{match[1].replace('_', '_<wbr>')}</code>"
-
-
 def paragraphs(sentences: Iterable[str], class_: str = "") -> Markup:
     """One <p> per text; empty ones are left out."""
-    extra = {"class_": class_} if class_ else {}
-    return joined(tag("p", prose(text), **extra) for text in sentences if text)
+    return joined(tag("p", prose(text), class_=class_) for text in sentences if text)

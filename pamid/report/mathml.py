@@ -4,7 +4,7 @@ stay words."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
@@ -26,8 +26,7 @@ _GUARD = 1e-12  # what a bristle's reach is kept above
 
 def math_html(rows: list[list[Markup]], spoken: str) -> Markup:
     """Equations below each other, aligned at the second cell; spoken: the same in plain text."""
-    table = tag("mtable", [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows])
-    return tag("math", table, display="block", alttext=spoken)
+    return tag("math", rows_of(*rows), display="block", alttext=spoken)
 
 
 def name(text: str) -> Markup:
@@ -48,47 +47,32 @@ def number_html(value: float, unit_text: str = "", digits: int = 3) -> Markup:
     parts.append(tag("mn", head))
     if power:
         exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-        parts += [operator("×"), tag("msup", tag("mn", "10"), _whole(exponent))]
+        whole = tag("mn", str(abs(exponent)))
+        raised = tag("mrow", operator("−", form="prefix"), whole) if exponent < 0 else whole
+        parts += [operator("×"), tag("msup", tag("mn", "10"), raised)]
     if unit_text:
-        parts += [
-            tag("mspace", width="0.2em"),
-            tag("mtext", unit_text.replace(" ", formatting.SPACE)),
-        ]
+        unit = tag("mtext", formatting.unbroken(unit_text))
+        parts += [tag("mspace", width="0.2em"), unit]
     return tag("mrow", parts) if len(parts) > 1 else tag("mn", head)
 
 
-def fraction(above: Markup, below: Markup) -> Markup:
-    return tag("mfrac", above, below)
-
-
-def power_html(base: Markup, exponent: Markup) -> Markup:
-    return tag("msup", base, exponent)
-
-
-def call(function: str, *arguments: Markup) -> Markup:
-    """f(a, b)."""
-    return tag("mrow", tag("mi", function), fenced("(", *arguments, close=")"))
-
-
-def fenced(begin: str, *parts: Markup, close: str) -> Markup:
+def fenced(brackets: str, *parts: Markup) -> Markup:
     """Parts between brackets, separated by commas."""
     inside: list[Part] = []
     for part in parts:
         inside += [operator(",", separator="true"), part] if inside else [part]
     return tag(
         "mrow",
-        operator(begin, fence="true", form="prefix"),
+        operator(brackets[0], fence="true", form="prefix"),
         tag("mrow", inside),
-        operator(close, fence="true", form="postfix"),
+        operator(brackets[1], fence="true", form="postfix"),
     )
 
 
-def _whole(number: int) -> Markup:
-    return (
-        tag("mrow", operator("−", form="prefix"), tag("mn", str(-number)))
-        if number < 0
-        else tag("mn", str(number))
-    )
+def rows_of(*rows: Sequence[Markup], **attributes: str) -> Markup:
+    """Rows of cells, aligned."""
+    cells = [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows]
+    return tag("mtable", cells, **attributes)
 
 
 class Typeset:
@@ -117,42 +101,32 @@ class Typeset:
 
     def _called(self, function: str, arguments: tuple[Expr, ...]) -> Markup:
         self.functions[function] = None
-        return call(function, *map(self, arguments))
+        return tag("mrow", tag("mi", function), fenced("()", *map(self, arguments)))
 
     def _sum(self, node: Expr) -> Markup:
         parts: list[Part] = []
         for minus, term in _terms(node, False):
-            minus, inner = (minus, term) if not _negative(term) else (not minus, const(-term.value))
-            body, level = self._set(inner)
-            body = fenced("(", body, close=")") if level == _SUM else body
-            parts += (
-                [operator("−" if minus else "+", form="infix" if parts else "prefix")]
-                if minus or parts
-                else []
-            )
-            parts.append(body)
+            if term.op == "const" and term.value < 0.0:
+                minus, term = not minus, const(-term.value)
+            body, level = self._set(term)
+            if minus or parts:
+                form = "infix" if parts else "prefix"
+                parts.append(operator("−" if minus else "+", form=form))
+            parts.append(fenced("()", body) if level == _SUM else body)
         return tag("mrow", parts)
 
     def _product(self, node: Expr) -> tuple[Markup, int]:
         above, below = _factors(node)
-        factor = math.prod(factor_node.value for factor_node in above if factor_node.op == "const")
-        rest = [factor_node for factor_node in above if factor_node.op != "const"]
+        factor = math.prod(part.value for part in above if part.op == "const")
+        rest = [part for part in above if part.op != "const"]
         minus, factor = factor < 0.0, abs(factor)
-        if (
-            not below
-            and abs(factor) < 1.0
-            and factor != 0.0
-            and (1.0 / factor).is_integer()
-            and factor > 1e-3
-        ):
+        if not below and 1e-3 < factor < 1.0 and (1.0 / factor).is_integer():
             below, factor = [const(1.0 / factor)], 1.0
         product = self._factors(([const(factor)] if factor != 1.0 or not rest else []) + rest)
-        product = fraction(product, self._factors(below)) if below else product
-        return (
-            (tag("mrow", operator("−", form="prefix"), product), _SUM)
-            if minus
-            else (product, _PRODUCT)
-        )
+        product = tag("mfrac", product, self._factors(below)) if below else product
+        if minus:
+            return tag("mrow", operator("−", form="prefix"), product), _SUM
+        return product, _PRODUCT
 
     def _factors(self, factors: list[Expr]) -> Markup:
         """Product of factors, with equal ones as powers."""
@@ -161,8 +135,8 @@ class Typeset:
             body, level = self._set(factor)
             many = factors.count(factor)
             if level == _SUM and len(factors) > 1:
-                body = fenced("(", body, close=")")
-            body = power_html(body, tag("mn", str(many))) if many > 1 else body
+                body = fenced("()", body)
+            body = tag("msup", body, tag("mn", str(many))) if many > 1 else body
             parts += [operator("⋅"), body] if parts else [body]
         return tag("mrow", parts) if len(parts) > 1 else Markup(str(parts[0]))
 
@@ -171,30 +145,20 @@ class Typeset:
         if node.op == "sqrt":
             return tag("msqrt", args[0])
         if node.op == "exp":
-            return power_html(tag("mi", "e"), args[0])
+            return tag("msup", tag("mi", "e"), args[0])
         if node.op == "abs":
-            return fenced("|", args[0], close="|")
+            return fenced("||", args[0])
         if node.op == "floor":
-            return fenced("⌊", args[0], close="⌋")
+            return fenced("⌊⌋", args[0])
         if node.op == "pow":
-            base = (
-                args[0]
-                if self._set(node.args[0])[1] == _SYMBOL
-                else fenced("(", args[0], close=")")
-            )
-            return power_html(base, args[1])
+            base = args[0] if self._set(node.args[0])[1] == _SYMBOL else fenced("()", args[0])
+            return tag("msup", base, args[1])
         if node.op in _RELATIONS:
             return tag("mrow", args[0], operator(_RELATIONS[node.op]), args[1])
         if node.op == "where":
-            rows = [
-                (args[1], tag("mrow", tag("mtext", f"if{formatting.SPACE}"), args[0])),
-                (args[2], tag("mtext", "otherwise")),
-            ]
-            cases = tag(
-                "mtable",
-                [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows],
-                class_="cases",
-            )
+            condition = tag("mrow", tag("mtext", f"if{formatting.SPACE}"), args[0])
+            otherwise = tag("mtext", "otherwise")
+            cases = rows_of((args[1], condition), (args[2], otherwise), class_="cases")
             return tag("mrow", operator("{", fence="true", form="prefix"), cases)
         return self._called(_FUNCTION_NAMES.get(node.op, node.op), node.args)
 
@@ -220,17 +184,10 @@ def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
 def _constant(value: float) -> Markup:
     for size, (many, exponent) in _CIRCLE.items():
         if math.isclose(value, size, rel_tol=1e-12):
-            pi = (
-                tag("mi", "π")
-                if exponent == 1
-                else power_html(tag("mi", "π"), tag("mn", str(exponent)))
-            )
+            pi = tag("mi", "π")
+            pi = pi if exponent == 1 else tag("msup", pi, tag("mn", str(exponent)))
             return pi if many == 1.0 else tag("mrow", tag("mn", f"{many:g}"), pi)
     return number_html(value, digits=4)
-
-
-def _negative(node: Expr) -> bool:
-    return node.op == "const" and node.value < 0.0
 
 
 def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:

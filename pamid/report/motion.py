@@ -125,11 +125,13 @@ def motion_of(
     residual, parameters = run.residual, _parameters(run, rig)
     channels = _channels(residual, rig, parameters)
     kinds = _kinds(run, residual, channels)
-    traces = {
-        kind: {name: _trace(residual, name, kind) for name in channels}
-        for kind in (MEASURED, *kinds)
-    }
-    window = _worst(residual, channels)
+    traces = {MEASURED: {name: residual.columns[name] for name in channels}}
+    for kind in kinds:
+        traces[kind] = {n: x for n in channels if (x := residual.of(n, kind)) is not None}
+    windows = [w for name in channels if (w := worst_window(residual, name)) is not None]
+    if not windows:
+        raise DataError("No window of residual.csv is scored.", REMEDY, code="no-window")
+    window = max(windows, key=lambda w: w.mae["refitted"])
     rows = _rows(residual, traces, window, begin, end)
     clock = residual.columns["time_s"][rows]
     first, last = _span(clock, window, begin, end, step_s)
@@ -139,32 +141,32 @@ def motion_of(
         for kind, of in traces.items()
     }
     rows = rows[(clock >= first) & (clock <= last)]
+    number_of_window = residual.columns["window"][rows]
+    restarts = np.flatnonzero((np.diff(number_of_window) != 0) & (number_of_window[:-1] >= 0)) + 1
     if not rows.size:
         raise DataError(
             "The run has no sample at these times.",
             f"It has one at {clock[0]:g} s and one at {clock[-1]:g} s.",
             code="times",
         )
-    names = {kind: _model_name(run, kind) for kind in kinds}
+    names = {kind: MODEL_NAMES[TRACE_ROLES[kind]] for kind in kinds}
+    if "cause" in kinds and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
+        names["cause"] = f"with {causes_label(run.diagnosis)}"
     means = _means(residual, traces, rows)
+    known, number = run.fit.recordings if run.fit is not None else (), window.recording
     return Motion(
-        recording=_recording(run, window.recording),
+        recording=formatting.clean(known[number].name) if 0 <= number < len(known) else "",
         time=time,
         lines={kind: _posed(rig, _Outputs(rig, of), parameters) for kind, of in shown.items()},
         gaps={
             name: {kind: shown[kind][name] - shown[MEASURED][name] for kind in kinds}
             for name in channels
         },
-        restarts=_restarts(residual, rows),
+        restarts=residual.columns["time_s"][rows[restarts]],
         names={MEASURED: MEASURED, **names},
         means=means,
         title=motion_title(means, names),
     )
-
-
-def _recording(run: RunData, number: int) -> str:
-    known = run.fit.recordings if run.fit is not None else ()
-    return formatting.clean(known[number].name) if 0 <= number < len(known) else ""
 
 
 def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
@@ -216,12 +218,6 @@ def gap_label(channel: str) -> str:
     return f"{formatting.channel_label(channel)}: model {formatting.MINUS} measured"
 
 
-def _model_name(run: RunData, kind: str) -> str:
-    if kind == "cause" and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
-        return f"with {causes_label(run.diagnosis)}"
-    return MODEL_NAMES[TRACE_ROLES[kind]]
-
-
 class _Outputs(Mapping[str, FloatArray]):
     """Outputs by name in SI, from the columns of a run; `read` collects those that a pose used."""
 
@@ -249,15 +245,12 @@ class _Outputs(Mapping[str, FloatArray]):
 
 def _parameters(run: RunData, rig: Rig) -> Names:
     """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
-    fitted = (
-        {name: parameter.value for name, parameter in run.fit.parameters.items()}
-        if run.fit is not None
-        else {}
-    )
-    return Names(
-        {p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters},
-        "parameter",
-    )
+    fitted = run.fit.parameters if run.fit is not None else {}
+    values = {
+        p.name: p.factor * (fitted[p.outside_name].value if p.outside_name in fitted else p.value)
+        for p in rig.parameters
+    }
+    return Names(values, "parameter")
 
 
 def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, ...]:
@@ -298,19 +291,6 @@ def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, 
     return tuple(complete[-2:])
 
 
-def _trace(residual: Residual, channel: str, kind: str) -> FloatArray:
-    values = residual.columns[channel] if kind == MEASURED else residual.of(channel, kind)
-    assert values is not None
-    return values
-
-
-def _worst(residual: Residual, channels: list[str]) -> WorstWindow:
-    windows = [w for name in channels if (w := worst_window(residual, name)) is not None]
-    if not windows:
-        raise DataError("No window of residual.csv is scored.", REMEDY, code="no-window")
-    return max(windows, key=lambda w: w.mae["refitted"])
-
-
 def _rows(
     residual: Residual,
     columns: dict[str, dict[str, FloatArray]],
@@ -340,14 +320,12 @@ def _span(
             "The run has too few of the columns that the pose needs.", REMEDY, code="times"
         )
     first, last = float(clock[0]), float(clock[-1])
-    if begin is None:
+    if begin is None and end is None:
         middle = 0.5 * (window.start_s + window.end_s)
-        begin = (
-            min(middle - 0.5 * LONGEST_SHOWN_S, last - LONGEST_SHOWN_S)
-            if end is None
-            else end - LONGEST_SHOWN_S
-        )
-    low = max(begin, first)
+        begin = min(middle - 0.5 * LONGEST_SHOWN_S, last - LONGEST_SHOWN_S)
+    elif begin is None and end is not None:
+        begin = end - LONGEST_SHOWN_S
+    low = first if begin is None else max(begin, first)
     high = min(low + LONGEST_SHOWN_S if end is None else end, last)
     if not high - low >= step_s:
         raise DataError(
@@ -374,10 +352,3 @@ def _means(
         }
         for name in measured
     }
-
-
-def _restarts(residual: Residual, rows: NDArray[np.intp]) -> FloatArray:
-    """Times of the rows with which a new window begins."""
-    window = residual.columns["window"][rows]
-    left = np.flatnonzero((np.diff(window) != 0) & (window[:-1] >= 0)) + 1
-    return residual.columns["time_s"][rows[left]]

@@ -1,13 +1,17 @@
-"""Pictures of the first paper: angle errors of every model on the steps, at both inertias, and the
-figures of the paper: responses, pressures, training, excitation, force surface."""
+"""Pictures of the reproduced papers. Of the first: angle errors of every model on the steps, at
+both inertias, and the paper's figures: responses, pressures, training, excitation, force surface.
+Of the second: every variable of the arm, measured over simulated, and the coupling of the joints.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
@@ -16,10 +20,12 @@ from pamid.report.evidence_figures import power_of_ten
 from pamid.report.style import (
     Drawing,
     Picture,
+    annotate,
     colour,
-    grid,
+    finish,
     label,
-    legend_above,
+    level,
+    line,
     png_of,
     render,
 )
@@ -28,6 +34,17 @@ Array = NDArray[np.float64]
 
 #: colours of the models in the order they are drawn
 LINE_ROLES = ("data_sheet", "with_network", "with_cause")
+# noise over range from which a measured line is drawn thin, and how thin
+ROUGH_LINE, THIN_LINE = 0.05, 0.5
+_PANELS = {
+    "mse": "MSE of scaled signals",
+    "gradient": "norm of the gradient",
+    "mu": "damping mu",
+    "gamma": "effective weights gamma",
+}
+
+
+# ---- the first paper -----------------------------------------------------------------------------
 
 
 def steps_picture(
@@ -39,22 +56,17 @@ def steps_picture(
     The title states the mean absolute errors of the first and the last model in the last case.
     """
     case, last = list(errors.items())[-1]
-    sizes = {model: float(np.abs(values).mean()) for model, values in last.items()}
-    first, final = list(sizes)[0], list(sizes)[-1]
-    title = (
-        f"At {case}, the {first} is off by {sizes[first]:.2f} deg, the {final} by "
-        f"{sizes[final]:.2f} deg"
-    )
+    sizes = [f"the {m} is off by {np.abs(error).mean():.2f} deg" for m, error in last.items()]
+    title = f"At {case}, {sizes[0]}, {sizes[-1].replace(' is off', '')}"
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for axis, (name, models), note in zip(axes, errors.items(), notes, strict=True):
             for role, (model, values) in zip(LINE_ROLES, models.items(), strict=False):
-                axis.plot(time_s, values, color=colour(role), linewidth=1.1, label=model)
-            axis.axhline(0.0, color=colour("ink"), linewidth=0.7)
-            grid(axis, "y")
-            axis.set_ylabel(f"{name}\nerror [deg]" if narrow else f"{name} ({note})\nerror [deg]")
-        legend_above(axes[0], 1 if narrow else 3)
+                line(axis, time_s, values, role, 1.1, label=model)
+            level(axis, 0.0, "ink")
+            finish(axis, "", f"{name}\nerror [deg]" if narrow else f"{name} ({note})\nerror [deg]")
+        finish(axes[0], legend=1 if narrow else 3)
         axes[-1].set_xlabel("time [s]")
 
     return render(Drawing("steps", title, draw, 4.2, 4.2))
@@ -73,25 +85,17 @@ class StepResponse:
 
 def responses_picture(time_s: Array, responses: Sequence[StepResponse], title: str) -> bytes:
     """Figures 5, 6 and 9 of the paper: PNG of the angle over the reference, a panel per inertia."""
-    styles = (("data_sheet", "--", 1.2), ("with_network", "-", 1.0))
+    looks = (("ink", 1.2, "--"), ("with_network", 1.0, "-"))
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(responses), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for axis, case in zip(axes, responses, strict=True):
-            axis.plot(
-                time_s, case.reference, color=colour("muted"), linewidth=0.8, label="reference"
-            )
-            axis.plot(
-                time_s, case.measured, color=colour("noise_floor"), linewidth=2.8, label="measured"
-            )
-            for (role, style, width), (word, angle) in zip(
-                styles, case.models.items(), strict=False
-            ):
-                shown = "ink" if role == "data_sheet" else role
-                axis.plot(time_s, angle, style, color=colour(shown), linewidth=width, label=word)
-            grid(axis, "y")
-            axis.set_ylabel(f"{case.case}\nangle [deg]")
-        legend_above(axes[0], 4)
+            line(axis, time_s, case.reference, "muted", 0.8, label="reference")
+            line(axis, time_s, case.measured, "noise_floor", 2.8, label="measured")
+            for look, (word, angle) in zip(looks, case.models.items(), strict=False):
+                line(axis, time_s, angle, *look, label=word)
+            finish(axis, "", f"{case.case}\nangle [deg]")
+        finish(axes[0], legend=4)
         axes[-1].set_xlabel("time [s]")
 
     return png_of(Drawing("responses", title, draw, 5.4, 5.4))
@@ -107,18 +111,14 @@ def pressures_picture(
         axes = figure.subplots(2, len(cases), sharex=True, sharey=True, squeeze=False)
         for column, (case, muscles) in zip(axes.T, cases.items(), strict=True):
             for axis, (muscle, (measured, model)) in zip(column, muscles.items(), strict=True):
-                axis.plot(
-                    time_s, measured, color=colour("noise_floor"), linewidth=2.4, label="measured"
-                )
-                axis.plot(
-                    time_s, model, "--", color=colour("ink"), linewidth=0.9, label="analytic model"
-                )
-                grid(axis, "y")
+                line(axis, time_s, measured, "noise_floor", 2.4, label="measured")
+                line(axis, time_s, model, "ink", 0.9, "--", label="analytic model")
+                finish(axis)
                 axis.set_title(label(f"{case}, {muscle}"), loc="right", color=colour("muted"))
             column[-1].set_xlabel("time [s]")
         for axis in axes[:, 0]:
             axis.set_ylabel("gauge pressure [kPa]")
-        legend_above(axes[0, 0], 2)
+        finish(axes[0, 0], legend=2)
 
     return png_of(Drawing("pressures", title, draw, 4.8, 4.8))
 
@@ -128,47 +128,25 @@ def training_picture(
 ) -> bytes:
     """Figure 8 and table I of the paper: PNG of MSE, gradient, mu and gamma over the iterations;
     published: end of the paper's training, by name of the trace."""
-    panels = {
-        "mse": "MSE of scaled signals",
-        "gradient": "norm of the gradient",
-        "mu": "damping mu",
-        "gamma": "effective weights gamma",
-    }
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, 2, sharex=True)
-        for axis, (name, word) in zip(axes.flat, panels.items(), strict=True):
-            axis.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.2)
+        at_right: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right"}
+        for axis, (name, word) in zip(axes.flat, _PANELS.items(), strict=True):
+            line(axis, trace["iteration"], trace[name], "with_network", 1.2)
             if name == "gamma":
-                axis.axhline(weights, color=colour("ink"), linewidth=0.8)
-                axis.annotate(
-                    f"all {weights} weights",
-                    (1.0, weights),
-                    xycoords=("axes fraction", "data"),
-                    xytext=(-2, -3),
-                    textcoords="offset points",
-                    ha="right",
-                    va="top",
-                    fontsize=8.0,
-                )
+                level(axis, weights, "ink", 0.8)
+                words, place = f"all {weights} weights", (1.0, weights)
+                annotate(axis, words, place, (-2, -3), "ink", 8.0, va="top", **at_right)
             else:
                 axis.set_yscale("log")
                 axis.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
                 axis.minorticks_off()
-            axis.axhline(published[name], color=colour("with_cause"), linewidth=0.9, linestyle="--")
-            axis.annotate(
-                f"the paper's end: {published[name]:.3g}",
-                (1.0, published[name]),
-                xycoords=("axes fraction", "data"),
-                xytext=(-2, 3),
-                textcoords="offset points",
-                ha="right",
-                va="bottom",
-                color=colour("with_cause"),
-                fontsize=8.0,
-            )
-            grid(axis, "y")
-            axis.set_ylabel(word)
+            end = published[name]
+            axis.axhline(end, color=colour("with_cause"), linewidth=0.9, linestyle="--")
+            words, shape = f"the paper's end: {end:.3g}", {"va": "bottom", **at_right}
+            annotate(axis, words, (1.0, end), (-2, 3), "with_cause", 8.0, **shape)
+            finish(axis, "", word)
         for axis in axes[-1]:
             axis.set_xlabel("iteration")
 
@@ -180,22 +158,17 @@ def excitation_picture(
 ) -> bytes:
     """Figure 7 of the paper: PNG of the reference and of the error that the network learns
     (samples,), each scaled into [-1, 1]; below, a stretch of them."""
+    name = "error signal: measured - analytic model"
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, 1, sharey=True)
         near = (time_s >= closer_s[0]) & (time_s < closer_s[1])
         for panel, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
-            for values, role, word in (
-                (reference, "data_sheet", "reference"),
-                (error, "with_cause", "error signal: measured - analytic model"),
-            ):
-                panel.plot(
-                    time_s[rows], values[rows], color=colour(role), linewidth=width, label=word
-                )
-            grid(panel, "y")
-            panel.set_ylabel("scaled [-]")
+            line(panel, time_s[rows], reference[rows], "data_sheet", width, label="reference")
+            line(panel, time_s[rows], error[rows], "with_cause", width, label=name)
+            finish(panel, "", "scaled [-]")
             panel.margins(x=0.01)
-        legend_above(axes[0], 2)
+        finish(axes[0], legend=2)
         axes[-1].set_xlabel("time [s]")
 
     return png_of(Drawing("excitation", title, draw, 4.6, 4.6))
@@ -208,45 +181,92 @@ def force_surface_picture(
     (contractions, pressures), N, below zero for a slack muscle, and its curves over those of
     another law, other_n."""
     colours = colormaps["viridis_r"].resampled(256)
+    across = 100.0 * contraction
 
     def draw(figure: Figure, narrow: bool) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
         levels = np.arange(0.0, force_n.max() + 100.0, 100.0)
-        filled = left.contourf(
-            100.0 * contraction, pressure_kpa, force_n.T, levels=levels, cmap=colours
-        )
+        filled = left.contourf(across, pressure_kpa, force_n.T, levels=levels, cmap=colours)
         left.text(0.95, 0.06, "slack", transform=left.transAxes, ha="right", fontsize=8.5)
-        left.set_xlabel("contraction [%]")
-        left.set_ylabel("gauge pressure [kPa]")
+        finish(left, "contraction [%]", "gauge pressure [kPa]", lines="")
         bar = figure.colorbar(filled, ax=left, pad=0.02)
         bar.set_label("force [N]")
         bar.outline.set_visible(False)  # type: ignore[operator]
-        shown = np.linspace(0, len(pressure_kpa) - 1, 7).round().astype(int)[1:]
-        for k in shown:
-            for law, role, style, width in (
-                (force_n, "refitted", "-", 1.2),
-                (other_n, "ink", "--", 0.8),
-            ):
-                pull = np.maximum(law[:, k], 0.0)
-                right.plot(100.0 * contraction, pull, style, color=colour(role), linewidth=width)
-            right.annotate(
-                f"{pressure_kpa[k]:.0f} kPa",
-                (0.0, force_n[0, k]),
-                xytext=(-4, 0),
-                textcoords="offset points",
-                ha="right",
-                va="center",
-                fontsize=7.5,
-                color=colour("muted"),
-            )
+        for k in np.linspace(0, len(pressure_kpa) - 1, 7).round().astype(int)[1:]:
+            line(right, across, np.maximum(force_n[:, k], 0.0), "refitted", 1.2)
+            line(right, across, np.maximum(other_n[:, k], 0.0), "ink", 0.8, "--")
+            words, place = f"{pressure_kpa[k]:.0f} kPa", (0.0, float(force_n[0, k]))
+            annotate(right, words, place, (-4, 0), "muted", 7.5, ha="right")
         right.lines[0].set_label("polynomial of fifth order")
         right.lines[1].set_label("exponential law")
         right.legend(loc="upper right")
         right.set_xlim(-8.0, 26.0)
         right.set_ylim(top=1.2 * force_n.max())
         right.set_xticks(range(0, 26, 5))
-        right.set_xlabel("contraction [%]")
-        right.set_ylabel("force [N]")
-        grid(right, "y")
+        finish(right, "contraction [%]", "force [N]")
 
     return png_of(Drawing("force-surface", title, draw, 3.4, 3.4))
+
+
+# ---- the second paper ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A variable (samples,) in the unit that its label ends with."""
+
+    label: str
+    measured: Array
+    data_sheet: Array
+    fitted: Array
+
+
+def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
+    """One panel per variable against time, two in a row; the simulated lines lie over the broad
+    measured one."""
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
+        for axis, panel in zip(axes.flat, panels, strict=True):
+            rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
+            _measured(axis, time_s, panel, THIN_LINE if rough else 2.6)
+            line(axis, time_s, panel.data_sheet, "ink", 0.8, "--", label="data sheet")
+            line(axis, time_s, panel.fitted, "with_cause", 1.0, label="fitted, ANFIS law")
+        for axis in axes[-1]:
+            axis.set_xlabel("time [s]")
+        handles = axes[0, 0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower left", ncols=1 if narrow else 3)
+
+    return render(Drawing(name, title, draw, 8.4, 8.4))
+
+
+@dataclass(frozen=True, eq=False)
+class JointSwing:
+    """An angle (samples,), deg, at a joint whose valves stay shut, over time_s (samples,)."""
+
+    label: str
+    time_s: Array
+    measured: Array
+    fitted: Array
+    without_coupling: Array
+
+
+def coupling_picture(title: str, swings: Sequence[JointSwing]) -> Picture:
+    """One panel per joint that is swung by pulses on the other one."""
+    name = "fitted, coupling terms left out"
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
+        for axis, swing in zip(axes, swings, strict=True):
+            _measured(axis, swing.time_s, swing, 2.6)
+            line(axis, swing.time_s, swing.without_coupling, "ink", 0.9, "--", label=name)
+            line(axis, swing.time_s, swing.fitted, "with_cause", 1.1, label="fitted")
+        finish(axes[0], legend=1 if narrow else 3)
+        axes[-1].set_xlabel("time [s]")
+
+    return render(Drawing("coupling", title, draw, 4.4, 4.6))
+
+
+def _measured(axes: Axes, time_s: Array, shown: Panel | JointSwing, width: float) -> None:
+    line(axes, time_s, shown.measured, "noise_floor", width, label="measured")
+    finish(axes, "", shown.label)

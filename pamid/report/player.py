@@ -7,7 +7,7 @@ wide; the script shows those of one frame, or those since a while ago. Nothing i
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -16,7 +16,6 @@ from pamid.base.errors import PamidError
 from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.load import RunData
-from pamid.report.markup import joined, prose, tag
 from pamid.report.motion import (
     MEASURED,
     NO_POSE,
@@ -26,13 +25,13 @@ from pamid.report.motion import (
     rig_of_run,
     scale_of,
 )
+from pamid.report.page import asset, rendered
 from pamid.report.reading import FloatArray
-from pamid.report.web_page import asset
 
 PLAYER_HZ = 30  # frames per second
 TRAIL_S = 1.0
-# units: width of the drawing; of the strips, their left, their head
-_WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24
+# units: width of the drawing; of the strips, their right and left, their head
+_WIDE, _RIGHT, _LEFT, _ABOVE = 1000, 488, 44, 24
 
 
 def player_script() -> str:
@@ -50,174 +49,100 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
         if rig is not None and error.code != NO_POSE:
             raise
         return Markup("")
-    still = _widest(motion)
+    # the frame with the largest error of the models
+    gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
+    still = int(np.argmax(np.max(gaps, axis=0)))
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
     when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
-    note = (
-        f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are "
+    return rendered(
+        "motion.html",
+        title=motion.title,
+        frames=motion.time.size,
+        rate=PLAYER_HZ,
+        still=still,
+        start=f"{motion.time[0]:.3f}",
+        legend=[(_class(motion, kind), motion.names[kind]) for kind in motion.lines],
+        note=f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are "
         "drawn as they are unless they are enlarged ten times below. "
-        "At the marks on the time axis the models were set to the measured state again."
+        "At the marks on the time axis the models were set to the measured state again.",
+        **_pose(motion, still),
+        **_strips(motion, still),
     )
-    return tag(
-        "figure",
-        tag("figcaption", prose(motion.title)),
-        _legend(motion),
-        tag(
-            "div",
-            _arm(motion, still),
-            _strips(motion, still),
-            class_="stage",
-            role="img",
-            aria_label=motion.title,
-        ),
-        tag("small", prose(note)),
-        class_="motion",
-        id="motion",
-        data_frames=str(motion.time.size),
-        data_rate=str(PLAYER_HZ),
-        data_still=str(still),
-        data_start=f"{motion.time[0]:.3f}",
-    )
-
-
-def _widest(motion: Motion) -> int:
-    """Frame with the largest error of the models."""
-    gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
-    return int(np.argmax(np.max(gaps, axis=0)))
 
 
 def _class(motion: Motion, kind: str) -> str:
     """Role of a line for its colour: measured, or the index of a model."""
-    kinds = list(motion.lines)
-    return (
-        kind
-        if kind == MEASURED
-        else f"{'best' if kind == kinds[-1] else 'before'} {kind.replace('_', '-')}"
-    )
+    if kind == MEASURED:
+        return kind
+    best = kind == list(motion.lines)[-1]
+    return f"{'best' if best else 'before'} {kind.replace('_', '-')}"
 
 
-def _legend(motion: Motion) -> Markup:
-    keys = [
-        tag(
-            "span",
-            tag(
-                "svg",
-                tag("line", x1="2", y1="5", x2="30", y2="5"),
-                viewBox="0 0 32 10",
-                aria_hidden="true",
-                class_=_class(motion, kind),
-            ),
-            motion.names[kind],
-        )
-        for kind in motion.lines
-    ]
-    return tag("div", keys, class_="legend")
-
-
-def _arm(motion: Motion, still: int) -> Markup:
+def _pose(motion: Motion, still: int) -> dict[str, Any]:
     """The polylines, measured below, with the paths of the tip, pivots and a scale."""
     low, high = motion.box
     unit = float((high - low).max()) / _WIDE
-    wide, tall = np.ceil((high - low) / unit).astype(int)
+    wide, tall = (int(size) for size in np.ceil((high - low) / unit))
+    length = scale_of(float((high - low).max()))
 
     def drawn(points: FloatArray) -> FloatArray:
         return np.rint((points - [low[0], high[1]]) / [unit, -unit])
 
-    best = list(motion.lines)[-1]
-    pins = [
-        tag("circle", cx=f"{x:.0f}", cy=f"{y:.0f}", r="24", class_="pivot")
-        for x, y in drawn(motion.pivots)
-    ]
+    def moving(shape: str, kind: str, points: FloatArray, tail: int) -> tuple[str, str, str, int]:
+        """Points (frames, points, 2); tail: how many frames before are shown too."""
+        first = points[max(0, still - tail) : still + 1]
+        return f"{shape} {_class(motion, kind)}", _numbers(first), _numbers(points), tail
+
     trails = [
-        _moving(
-            drawn(motion.tip(kind))[:, None],
-            still,
-            f"trail {_class(motion, kind)}",
-            round(TRAIL_S * PLAYER_HZ),
-        )
-        for kind in (MEASURED, best)
+        moving("trail", kind, drawn(motion.tip(kind))[:, None], round(TRAIL_S * PLAYER_HZ))
+        for kind in (MEASURED, list(motion.lines)[-1])
     ]
     arms = [
-        _moving(drawn(line), still, f"arm {_class(motion, kind)}")
+        moving("arm", kind, drawn(line), 0)
         for kind, lines in motion.lines.items()
         for line in lines
     ]
-    length = scale_of(float((high - low).max()))
-    ends = 20 + round(length / unit)
-    scale = [
-        tag("path", d=f"M20 {tall - 14}H{ends}", class_="scale"),
-        tag("text", f"{length:g} m", x="20", y=str(tall - 26), class_="mark"),
-    ]
-    return tag(
-        "svg",
-        pins,
-        trails,
-        arms,
-        scale,
-        viewBox=f"0 0 {wide} {tall}",
-        class_="pose",
-        aria_hidden="true",
-    )
-
-
-def _moving(points: FloatArray, still: int, class_: str, tail: int = 0) -> Markup:
-    """A polyline with its points (frames, points, 2) of every frame; `tail`: how many frames before
-    are shown too."""
-    return tag(
-        "polyline",
-        points=_numbers(points[max(0, still - tail) : still + 1]),
-        class_=class_,
-        data_points=_numbers(points),
-        data_tail=str(tail),
-    )
+    return {
+        "wide": wide,
+        "tall": tall,
+        "pivots": [(f"{x:.0f}", f"{y:.0f}") for x, y in drawn(motion.pivots)],
+        "lines": [*trails, *arms],
+        "scale": f"{length:g} m",
+        "scale_end": 20 + round(length / unit),
+    }
 
 
 def _numbers(points: FloatArray) -> str:
     return " ".join(f"{value:.0f}" for value in points.ravel())
 
 
-def _strips(motion: Motion, still: int) -> Markup:
+def _strips(motion: Motion, still: int) -> dict[str, Any]:
     """Gaps of every channel over time, one below the other, with a cursor."""
-    right, count = _STRIP - 12, len(motion.gaps)
-    across = _LEFT + (right - _LEFT) * (motion.time - motion.time[0]) / float(np.ptp(motion.time))
+    count, time = len(motion.gaps), motion.time
+    across = _LEFT + (_RIGHT - _LEFT) * (time - time[0]) / float(np.ptp(time))
     tall = max(60, 200 // count - _ABOVE)
     pitch = tall + _ABOVE + 12
-    parts = [
-        _strip(motion, channel, across, pitch * k, tall) for k, channel in enumerate(motion.gaps)
-    ]
     bottom = pitch * count - 8
-    restarts = "".join(
-        f"M{x:.1f} {bottom - 4}v8" for x in np.interp(motion.restarts, motion.time, across)
-    )
-    ticks = [(np.interp(t, motion.time, across), f"{t:g}") for t in _round_times(motion.time)]
-    axis = [
-        tag("path", d=f"M{_LEFT} {bottom}H{right}{restarts}", class_="axis"),
-        [
-            tag("text", text, x=f"{x:.1f}", y=str(bottom + 18), class_="mark", text_anchor="middle")
-            for x, text in ticks
+    restarts = np.interp(motion.restarts, time, across)
+    # about five round times
+    first, last = float(time[0]), float(time[-1])
+    step = scale_of(6.0 * (last - first) / 4.0)
+    ticks = np.arange(np.ceil(first / step - 1e-9), np.floor(last / step + 1e-9) + 1) * step
+    return {
+        "left": _LEFT,
+        "right": _RIGHT,
+        "bottom": bottom,
+        "cursor": f"{across[still]:.1f}",
+        "restarts": "".join(f"M{x:.1f} {bottom - 4}v8" for x in restarts),
+        "ticks": [(f"{np.interp(t, time, across):.1f}", f"{t:g}") for t in ticks],
+        "strips": [
+            _strip(motion, channel, across, pitch * k, tall)
+            for k, channel in enumerate(motion.gaps)
         ],
-        tag("text", "time [s]", x=str(right), y=str(bottom + 34), class_="mark", text_anchor="end"),
-    ]
-    cursor = tag(
-        "path",
-        d=f"M0 16V{bottom}",
-        class_="cursor",
-        transform=f"translate({across[still]:.1f} 0)",
-        data_left=str(_LEFT),
-        data_right=str(right),
-    )
-    return tag(
-        "svg",
-        parts,
-        axis,
-        cursor,
-        viewBox=f"0 0 {_STRIP} {bottom + 40}",
-        class_="strips",
-        aria_hidden="true",
-    )
+    }
 
 
-def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> Markup:
+def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> dict[str, Any]:
     """Curves of one channel, with the smallest and the largest gap as labels."""
     gaps = motion.gaps[channel]
     low = min(0.0, *(float(gap.min()) for gap in gaps.values()))
@@ -227,39 +152,16 @@ def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int
     def down(gap: FloatArray | float) -> FloatArray:
         return np.asarray(top + _ABOVE + tall * (high - np.asarray(gap)) / reach)
 
-    curves = [
-        tag(
-            "polyline",
-            points=" ".join(f"{x:.1f} {y:.1f}" for x, y in zip(across, down(gap), strict=True)),
-            class_=f"gap {_class(motion, kind)}",
-        )
-        for kind, gap in gaps.items()
-    ]
-    what = formatting.axis_label(gap_label(channel), formatting.channel_unit(channel))
-    edges: Iterable[tuple[float, str]] = (
-        (value, formatting.short(value, 2))
-        for value in {low, high, 0.0}
-        if value == 0.0 or abs(value) > 0.2 * reach
-    )
-    marks = [
-        tag(
-            "text",
-            text,
-            x=str(_LEFT - 6),
-            y=f"{float(down(value)) + 4:.1f}",
-            class_="mark",
-            text_anchor="end",
-        )
-        for value, text in sorted(edges)
-    ]
-    zero = tag("path", d=f"M{_LEFT} {float(down(0.0)):.1f}H{_STRIP - 12}", class_="zero")
-    return joined(
-        [tag("text", what, x=str(_LEFT), y=str(top + 14), class_="mark"), zero, *curves, *marks]
-    )
+    def curve(gap: FloatArray) -> str:
+        return " ".join(f"{x:.1f} {y:.1f}" for x, y in zip(across, down(gap), strict=True))
 
-
-def _round_times(time: FloatArray) -> FloatArray:
-    """About five round times within these."""
-    first, last = float(time[0]), float(time[-1])
-    step = scale_of(6.0 * (last - first) / 4.0)
-    return np.arange(np.ceil(first / step - 1e-9), np.floor(last / step + 1e-9) + 1) * step
+    edges = {value for value in (low, high, 0.0) if value == 0.0 or abs(value) > 0.2 * reach}
+    return {
+        "label": formatting.axis_label(gap_label(channel), formatting.channel_unit(channel)),
+        "top": top,
+        "zero": f"{float(down(0.0)):.1f}",
+        "curves": [(_class(motion, kind), curve(gap)) for kind, gap in gaps.items()],
+        "marks": [
+            (f"{float(down(value)) + 4:.1f}", formatting.short(value, 2)) for value in sorted(edges)
+        ],
+    }

@@ -3,23 +3,20 @@ enlarged part in which noise and quantisation are visible."""
 
 from __future__ import annotations
 
-import io
-import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
-from PIL import Image
 
 from pamid.checks.findings import QualityIssue
 from pamid.recording.file_checks import HUGE
-from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording
 from pamid.report import formatting
-from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
+from pamid.report.style import Drawing, Look, colour, finish, label, line
 
 Array = NDArray[np.float64]
 
@@ -28,60 +25,36 @@ MOST_CHANNELS = 24
 NARROWEST = 0.004  # of the time axis: a single sample must be seen, too
 CLOSE = 60  # samples in the panel for noise and step
 SPELT_OUT = 3  # findings named in the title
-WIDEST_LINE = 80  # letters in a line of the title
-ROW_IN, REST_IN = 0.72, 0.65
-MOST_COLOURS = 96
+ROW_IN, REST_IN = 0.72, 0.45
 
 
-def card_png(
+def quality_drawing(
     recording: Recording,
     issues: Sequence[QualityIssue],
     channels: Mapping[str, Mapping[str, float]],
     others: Sequence[str] = (),
-) -> bytes:
-    """The quality card of `card_figure` as a PNG."""
-    buffer, small = io.BytesIO(), io.BytesIO()
-    with settings("quality"):
-        card_figure(recording, issues, channels, others).savefig(
-            buffer,
-            format="png",
-            dpi=PNG_DPI,
-            facecolor=colour("paper"),
-            metadata={"Software": None},
-        )
-    # dense traces do not compress: with a palette the file has a third of the size
-    Image.open(buffer).convert("RGB").quantize(MOST_COLOURS).save(small, "PNG", optimize=True)
-    return small.getvalue()
-
-
-def card_figure(
-    recording: Recording,
-    issues: Sequence[QualityIssue],
-    channels: Mapping[str, Mapping[str, float]],
-    others: Sequence[str] = (),
-) -> NotebookFigure:
+) -> Drawing:
     """The quality card; channels: step and noise per column
     (`pamid.checks.recording_quality.channel_figures`); others: further faults, as a missing column
     of the rig."""
-    rows = _rows(recording, issues)
-    lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)
-    with settings("quality"):
-        figure = NotebookFigure(
-            figsize=(WIDE_IN, REST_IN + ROW_IN * len(rows) + 0.19 * len(lines)),
-            layout="constrained",
-        )
+    # the columns in their order: all of them, or where there are too many, those with findings
+    named = {column for issue in issues for column in issue.columns}
+    chosen = sorted(recording.columns, key=lambda name: name not in named)[:MOST_CHANNELS]
+    rows = [name for name in recording.columns if name in chosen]
+
+    def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=[5.0, 1.0], sharex="col")
         for (full, close), name in zip(axes, rows, strict=True):
             _over_time(full, recording, name, [issue for issue in issues if name in issue.columns])
             _close_up(close, recording, name, channels[name])
-        axes[0, 1].set_title(
-            f"{CLOSE} quiet samples", loc="left", fontsize=8.0, pad=3.0, color=colour("muted")
-        )
+        head: Look = {"fontsize": 8.0, "pad": 3.0, "color": colour("muted")}
+        axes[0, 1].set_title(f"{CLOSE} quiet samples", loc="left", **head)
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 1].set_xlabel(f"time [{_close_unit(recording)[1]}]")
         figure.align_ylabels(axes[:, 0])
-        figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
-    return figure
+
+    height = REST_IN + ROW_IN * len(rows)
+    return Drawing("quality", card_title(recording, issues, others), draw, height, height)
 
 
 def card_title(
@@ -111,35 +84,16 @@ def _many(findings: Sequence[str], word: str) -> str:
     return f"{len(findings)} {word}{'' if len(findings) == 1 else 's'}"
 
 
-def _rows(recording: Recording, issues: Sequence[QualityIssue]) -> list[str]:
-    """The columns to draw, in their order: all of them, or where there are too many, those with
-    findings first."""
-    named = {column for issue in issues for column in issue.columns}
-    chosen = sorted(recording.columns, key=lambda name: name not in named)[:MOST_CHANNELS]
-    return [name for name in recording.columns if name in chosen]
-
-
 def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[QualityIssue]) -> None:
     time, values = recording.time, _drawable(recording, name)
     wrong = any(issue.severity == "wrong" for issue in issues)
-    axes.plot(
-        *envelope(time, values),
-        color=colour("refitted" if not wrong else "with_cause"),
-        linewidth=0.8,
-    )
+    line(axes, *envelope(time, values), "refitted" if not wrong else "with_cause", 0.8)
     across = blended_transform_factory(axes.transData, axes.transAxes)
     least = NARROWEST * (time[-1] - time[0])
     for begin, end in joined([window for issue in issues for window in issue.windows_s], least):
         axes.axvspan(begin, end, color=colour("with_cause"), alpha=0.22, linewidth=0.0)
-        axes.plot(
-            [begin, end],
-            [1.0, 1.0],
-            transform=across,
-            color=colour("with_cause"),
-            linewidth=2.0,
-            solid_capstyle="butt",
-            clip_on=False,
-        )
+        look = {"transform": across, "solid_capstyle": "butt", "clip_on": False}
+        line(axes, [begin, end], [1.0, 1.0], "with_cause", 2.0, **look)
     kinds = list(dict.fromkeys(issue.kind.replace("-", " ") for issue in issues))
     axes.set_title(
         label(name, 60) + (f":  {', '.join(kinds)}" if kinds else ""),
@@ -149,12 +103,11 @@ def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Qua
         color=colour("with_cause" if kinds else "ink"),
         fontweight="bold" if kinds else "normal",
     )
-    axes.set_ylabel(f"[{label(formatting.channel_unit(name), 12) or '-'}]")
     axes.set_xlim(time[0], time[-1])
     axes.margins(y=0.08)
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5)
-    grid(axes, "y")
+    finish(axes, "", f"[{label(formatting.channel_unit(name), 12) or '-'}]")
 
 
 def _close_unit(recording: Recording) -> tuple[float, str]:

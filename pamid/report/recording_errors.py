@@ -7,13 +7,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES
-from pamid.report.document import Table, table
 from pamid.report.formatting import channel_label, channel_unit, count, number
 from pamid.report.load import RunData
+from pamid.report.page import table
+from pamid.report.tables import aligned
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 
@@ -41,25 +43,18 @@ def held_out_errors(run: RunData) -> tuple[RecordingError, ...]:
         for row in rows
         if row.comparison == IN_LOOP and "with_network" in row.mae
     }
-    corrected = [_with_network(row, networks) for row in run.fit.loops if _is_shown(run, row)]
-    return (*(row for row in rows if row.comparison == REPLAYED), *corrected)
-
-
-def _is_shown(run: RunData, row: RecordingError) -> bool:
-    return run.fit is not None and row.channel in run.fit.channels
-
-
-def _with_network(
-    row: RecordingError, networks: Mapping[tuple[str, str], RecordingError]
-) -> RecordingError:
-    other = networks.get((row.recording, row.channel))
-    if other is None:
-        return row
-    added = {
-        "mae": {**row.mae, "with_network": other.mae["with_network"]},
-        "rms": {**row.rms, "with_network": other.rms["with_network"]},
-    }
-    return row.model_copy(update=added)
+    loops = []
+    for row in run.fit.loops:
+        if row.channel not in run.fit.channels:
+            continue
+        if other := networks.get((row.recording, row.channel)):
+            added = {
+                "mae": {**row.mae, "with_network": other.mae["with_network"]},
+                "rms": {**row.rms, "with_network": other.rms["with_network"]},
+            }
+            row = row.model_copy(update=added)
+        loops.append(row)
+    return (*(row for row in rows if row.comparison == REPLAYED), *loops)
 
 
 def _rows(run: RunData) -> Iterator[RecordingError]:
@@ -112,8 +107,8 @@ def known_words(known: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in known.items())
 
 
-def recording_errors_table(rows: Sequence[RecordingError]) -> Table:
-    """The rows as a table of a page: MAE, and RMS in small print."""
+def recording_errors_table(rows: Sequence[RecordingError]) -> Markup:
+    """The rows as a table of a page: MAE, and RMS in parentheses."""
     models = models_of(rows)
     heads = ["recording", "known", "comparison", "channel", "unit", "samples"]
     heads += [f"{MODEL_NAMES[name]}: MAE (RMS)" for name in models]
@@ -135,27 +130,19 @@ def recording_errors_table(rows: Sequence[RecordingError]) -> Table:
 def recording_errors_text(rows: Sequence[RecordingError]) -> str:
     """The same in plain text, columns aligned; the samples are left out."""
     models = models_of(rows)
-    lines = [
-        ["MAE (RMS)", "known", "comparison", "channel", *(MODEL_NAMES[name] for name in models)]
-    ]
+    names = [MODEL_NAMES[name] for name in models]
+    lines = [["MAE (RMS)", "known", "comparison", "channel", *names]]
     lines += [
         [
             row.recording,
             known_words(row.known) or "-",
             COMPARISON_NAMES.get(row.comparison, row.comparison),
             f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]",
-            *(_cell(row, name).replace(formatting.SPACE, " ") for name in models),
+            *(_cell(row, name) for name in models),
         ]
         for row in rows
     ]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(
-            cell.rjust(width) if k > 3 else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
+    return aligned(lines, 4)
 
 
 def _cell(row: RecordingError, model: str) -> str:

@@ -1,52 +1,70 @@
 """The rig as a block diagram: its ports from the command to the sensors, tinted by their share of
-the gap, the effects where they act. One layout is drawn twice: for the page, where a block leads to
-its evidence, and with matplotlib for PNG, PDF and notebooks."""
+the gap, the effects where they act. On the page every block leads to a panel with its evidence: the
+effects that act there, the candidates tried, and indistinguishable ports."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 from markupsafe import Markup
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.artist import Artist
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
+from pamid.model.effect import KINDS
 from pamid.report import formatting
 from pamid.report.block_diagram import (
     LINE,
     PAD,
     BlockText,
-    Box,
     Diagram,
     Link,
+    columns_of,
     narrow_diagram,
     wide_diagram,
 )
-from pamid.report.formatting import percent
+from pamid.report.captions import first_parameter, ports_text, sensor_label
+from pamid.report.formatting import (
+    channel_unit,
+    effect_label,
+    percent,
+    port_label,
+    sentence,
+    with_unit_text,
+)
+from pamid.report.formula import formula_text
 from pamid.report.markup import paragraphs, tag
-from pamid.report.rig_texts import block_texts, port_evidence_texts
-from pamid.report.style import NARROW_IN, WIDE_IN, Drawing, colour
-from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.report.style import (
+    NARROW_IN,
+    WIDE_IN,
+    Drawing,
+    Look,
+    colour,
+    notebook_svg,
+    page_svg,
+    write,
+)
+from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
 from pamid.schemas.rig_map import RigMap
+from pamid.verdict.verdict_words import chance_figure
 
 DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
 TINT = 0.5  # opacity of a block that holds the whole gap
+_EDGES_IN = 0.083  # that matplotlib leaves above and below
 BASE = 11.0  # from the top of a line to its letters' foot
+PIN, DOUBT = "◆ ", "? "
+_MOST_TRIED = 4
+_ABOVE = 10.0  # the blocks, and what of them is a link, in the order in which they are drawn
 
 
 def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
-    """The diagram; None if the run does not say which ports its rig has."""
-    if diagnosis is None or diagnosis.rig is None or not diagnosis.rig.ports:
+    """The diagram; None if the run does not say which ports its rig has, or of which kinds."""
+    if diagnosis is None or diagnosis.rig is None or not columns_of(diagnosis.rig):
         return None
-    rig, texts = diagnosis.rig, block_texts(diagnosis, diagnosis.rig)
-    wide, narrow = (
-        wide_diagram(rig, texts, DIAGRAM_WIDE),
-        narrow_diagram(rig, texts, _DIAGRAM_NARROW),
-    )
-
-    svgs = (_svg(wide, "wide"), _svg(narrow, "narrow"))
-    return replace(_drawing(rig_title(diagnosis, rig), wide, narrow), own=svgs)
+    rig = diagnosis.rig
+    return _drawing(rig, _title(diagnosis, rig), block_texts(diagnosis, rig), linked=True)
 
 
 def bare_rig_drawing(rig: RigMap) -> Drawing:
@@ -56,180 +74,73 @@ def bare_rig_drawing(rig: RigMap) -> Drawing:
         units.setdefault(port.group or port.port, []).append(formatting.unit_label(port.unit))
     texts = {
         group: BlockText(
-            formatting.port_label(group),
-            tuple((f"[{unit}]", "") for unit in dict.fromkeys(symbols) if unit),
+            port_label(group), tuple((f"[{unit}]", "") for unit in dict.fromkeys(symbols) if unit)
         )
         for group, symbols in units.items()
     }
-    return _drawing(
-        _plain_title(rig),
-        wide_diagram(rig, texts, DIAGRAM_WIDE),
-        narrow_diagram(rig, texts, _DIAGRAM_NARROW),
-    )
+    return _drawing(rig, _title(None, rig), texts, linked=False)
 
 
-def _drawing(title: str, wide: Diagram, narrow: Diagram) -> Drawing:
-    def draw(figure: Figure, is_narrow: bool) -> None:
-        _drawn(figure, narrow if is_narrow else wide)
-
-    return Drawing(
-        "rig",
-        title,
-        draw,
-        WIDE_IN * wide.tall / wide.wide,
-        NARROW_IN * narrow.tall / narrow.wide,
-    )
-
-
-def _plain_title(rig: RigMap) -> str:
-    return f"The rig {formatting.clean(rig.name)}, from what is sent to it to what is measured"
+def rig_svg(diagnosis: DiagnosisFile | None) -> str:
+    """The diagram for a notebook, without its links; "" if the run does not say which ports its rig
+    has."""
+    drawing = rig_drawing(diagnosis)
+    if diagnosis is None or diagnosis.rig is None or drawing is None:
+        return ""
+    texts = block_texts(diagnosis, diagnosis.rig)
+    bare = _drawing(diagnosis.rig, drawing.title, texts, linked=False)
+    svg, style = Markup(notebook_svg(page_svg(bare, narrow=False))), "max-width:56em;margin:.5em 0"
+    return str(tag("div", svg, role="img", aria_label=drawing.title, style=style))
 
 
-def rig_title(diagnosis: DiagnosisFile, rig: RigMap) -> str:
+def _title(diagnosis: DiagnosisFile | None, rig: RigMap) -> str:
     """ "The rig one-dof and where the gap enters it: joint 60 %, muscle 20 %"."""
     name = formatting.clean(rig.name)
-    if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
-        return _plain_title(rig)
+    if diagnosis is None or not _shares(diagnosis) or diagnosis.where is None:
+        return f"The rig {name}, from what is sent to it to what is measured"
     where = diagnosis.where  # of shares that read alike the named port's comes first
     shares = sorted(where.ports, key=lambda item: (-round(item.share, 2), item.port != where.port))
     parts = [
-        f"{formatting.port_label(share.port)} {percent(share.share)}"
+        f"{port_label(share.port)} {percent(share.share)}"
         for share in shares[:3]
         if share.share >= 0.05
     ]
     return f"The rig {name} and where the gap enters it: {', '.join(parts) or 'nowhere alone'}"
 
 
-def panels_html(diagnosis: DiagnosisFile) -> Markup:
-    """Panels below a diagram: one per group of ports, that of the named port shown first."""
-    rig = diagnosis.rig
-    if rig is None or not rig.ports:
-        return Markup("")
-    texts = block_texts(diagnosis, rig)
-    first = diagnosis.where.port if diagnosis.where is not None else ""
-    panels = []
-    for group, text in texts.items():
-        share = ": " + text.lines[0][0] if text.lines else ""
-        panels.append(
-            tag(
-                "div",
-                tag("b", f"{text.title}{share.replace(' of gap', ' of the gap')}"),
-                paragraphs(port_evidence_texts(diagnosis, rig, group)),
-                class_="port-panel shown" if group == first else "port-panel",
-                id=anchor(group),
-                tabindex="-1",
-            )
-        )
-    hint = tag(
-        "p",
-        "Choose a block to see what is known of it. ◆ marks an effect where it acts, ? what is "
-        "left without a cause.",
-        class_="note no-print",
-    )
-    return tag("div", hint, panels, class_="port-panels")
+# ---- drawing -------------------------------------------------------------------------------------
 
 
-def anchor(group: str) -> str:
-    """Place of a group's evidence on the page."""
-    return "at-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in group)
+class _Anchor(Artist):
+    """The beginning of a link of an SVG, or its end where it leads nowhere."""
+
+    def __init__(self, zorder: float, place: str = "") -> None:
+        super().__init__()
+        self._place = place
+        self.set_zorder(zorder)
+        self.set_in_layout(False)
+
+    def draw(self, renderer: Any) -> None:
+        writer = getattr(renderer, "writer", None)
+        if writer is not None and self._place:
+            writer.start("a", attrib={"href": f"#{self._place}", "class": "block"})
+        elif writer is not None:
+            writer.end("a")
 
 
-# ---- for the page --------------------------------------------------------------------------------
+def _drawing(rig: RigMap, title: str, texts: dict[str, BlockText], *, linked: bool) -> Drawing:
+    wide = wide_diagram(rig, texts, DIAGRAM_WIDE)
+    narrow = narrow_diagram(rig, texts, _DIAGRAM_NARROW)
+
+    def draw(figure: Figure, is_narrow: bool) -> None:
+        _draw(figure, narrow if is_narrow else wide, linked)
+
+    tall = WIDE_IN * wide.tall / wide.wide + _EDGES_IN
+    narrow_tall = NARROW_IN * narrow.tall / narrow.wide + _EDGES_IN
+    return Drawing("rig", title, draw, tall, narrow_tall, linked=linked)
 
 
-def arrow_head(name: str, **look: str) -> Markup:
-    """The marker at the end of a link; look: attributes of its shape."""
-    return tag(
-        "marker",
-        tag("path", d="M0 0L8 4L0 8z", **look),
-        id=name,
-        viewBox="0 0 8 8",
-        refX="7",
-        refY="4",
-        markerWidth="7",
-        markerHeight="7",
-        orient="auto-start-reverse",
-    )
-
-
-def _svg(diagram: Diagram, salt: str) -> str:
-    head = f"arrow-{salt}"
-    heads = [
-        tag("text", text, x=f"{x:.0f}", y=f"{y:.0f}", class_="stage-name", text_anchor="middle")
-        for x, y, text in diagram.heads
-    ]
-    return str(
-        tag(
-            "svg",
-            tag("defs", arrow_head(head)),
-            heads,
-            [_arrow(link, head) for link in diagram.links],
-            [_block(box) for box in diagram.boxes],
-            viewBox=f"0 0 {diagram.wide:.0f} {diagram.tall:.0f}",
-            class_="rig-map",
-        )
-    )
-
-
-def _arrow(link: Link, head: str) -> Markup:
-    more = {"marker_start": f"url(#{head})"} if link.both else {}
-    return tag(
-        "path",
-        d=link_path(link),
-        class_="link broad" if link.broad else "link",
-        marker_end=f"url(#{head})",
-        **more,
-    )
-
-
-def link_path(link: Link) -> str:
-    (x, y), (u, v) = link.begin, link.end
-    if link.corners:
-        turns = "".join(f"L{p:.1f} {q:.1f}" for p, q in link.corners)
-        return f"M{x:.1f} {y:.1f}{turns}L{u:.1f} {v:.1f}"
-    if abs(x - u) < 1.0 or abs(y - v) < 1.0:
-        return f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
-    bend = 0.5 * (u - x)
-    return f"M{x:.1f} {y:.1f}C{x + bend:.1f} {y:.1f} {u - bend:.1f} {v:.1f} {u:.1f} {v:.1f}"
-
-
-def _block(box: Box) -> Markup:
-    middle = f"{box.x + 0.5 * box.wide:.1f}"
-    lines = [
-        tag(
-            "text",
-            text,
-            x=middle,
-            y=f"{box.y + PAD + LINE * k + BASE:.1f}",
-            class_=style or "share",
-            text_anchor="middle",
-        )
-        for k, (text, style) in enumerate(box.texts)
-    ]
-    place = {
-        "x": f"{box.x:.1f}",
-        "y": f"{box.y:.1f}",
-        "width": f"{box.wide:.1f}",
-        "height": f"{box.tall:.1f}",
-        "rx": "6",
-    }
-    tint = tag("rect", class_="tint", fill_opacity=f"{TINT * min(1.0, box.weight):.2f}", **place)
-    frame = tag("rect", class_="frame named" if box.named else "frame", **place)
-    return tag(
-        "a",
-        tag("rect", class_="ground", **place),
-        tint,
-        frame,
-        [(line, " ") for line in lines],  # what is read aloud is what is seen, word by word
-        href=f"#{anchor(box.members[0])}",
-        class_="block",
-    )
-
-
-# ---- with matplotlib -----------------------------------------------------------------------------
-
-
-def _drawn(figure: Figure, diagram: Diagram) -> None:
+def _draw(figure: Figure, diagram: Diagram, linked: bool) -> None:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set_aspect("equal")
@@ -237,11 +148,11 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
     axes.set_ylim(diagram.tall, 0.0)
     points = 72.0 * figure.get_figwidth() / diagram.wide  # per unit of the diagram
     for x, y, text in diagram.heads:
-        axes.text(x, y, text, ha="center", fontsize=10.0 * points, color=colour("muted"))
+        write(axes, x, y, text, "muted", 10.0 * points, ha="center", va="baseline")
     for link in diagram.links:
         axes.add_patch(
             FancyArrowPatch(
-                path=Path([link.begin, *link.corners, link.end]),
+                path=_link_path(link),
                 arrowstyle="<|-|>" if link.both else "-|>",
                 mutation_scale=9.0 * points,
                 linewidth=(3.0 if link.broad else 1.2) * points,
@@ -249,32 +160,167 @@ def _drawn(figure: Figure, diagram: Diagram) -> None:
                 facecolor="none" if link.corners else colour("muted"),
             )
         )
-    for box in diagram.boxes:
-        axes.add_patch(
-            FancyBboxPatch(
-                (box.x + 5.0, box.y + 5.0),
-                box.wide - 10.0,
-                box.tall - 10.0,
-                boxstyle="round,pad=5",
-                facecolor=_blended(TINT * min(1.0, box.weight)),
-                edgecolor=colour("with_cause" if box.named else "muted"),
-                linewidth=(2.0 if box.named else 1.0) * points,
+    for k, box in enumerate(diagram.boxes):
+        look: Look = {
+            "facecolor": to_rgba(colour("with_cause"), TINT * min(1.0, box.weight)),
+            "edgecolor": colour("with_cause" if box.named else "muted"),
+            "linewidth": (2.0 if box.named else 1.0) * points,
+        }
+        corner, size = (box.x + 5.0, box.y + 5.0), (box.wide - 10.0, box.tall - 10.0)
+        frame = FancyBboxPatch(corner, *size, boxstyle="round,pad=5", zorder=_ABOVE + k, **look)
+        if linked:
+            axes.add_artist(_Anchor(_ABOVE + k, anchor(box.members[0])))
+        axes.add_patch(frame)
+        for n, (text, style) in enumerate(box.texts):
+            place = box.x + 0.5 * box.wide, box.y + PAD + LINE * n + BASE
+            size_pt = (11.5 if style == "title" else 10.5) * points
+            shape: Look = {"ha": "center", "va": "baseline", "zorder": _ABOVE + k}
+            write(
+                axes, *place, text, size=size_pt, fontweight="bold" if style else "normal", **shape
+            )
+        if linked:
+            axes.add_artist(_Anchor(_ABOVE + k))
+
+
+def _link_path(link: Link) -> Path:
+    (x, y), (u, v) = link.begin, link.end
+    if link.corners or abs(x - u) < 1.0 or abs(y - v) < 1.0:
+        return Path([link.begin, *link.corners, link.end])
+    bend = 0.5 * (u - x)
+    curve = [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4]
+    return Path([(x, y), (x + bend, y), (u - bend, v), (u, v)], curve)
+
+
+# ---- blocks and panels ---------------------------------------------------------------------------
+
+
+def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
+    """Group of ports -> text of its block: the share of the gap, causes with their first value and
+    probability, and the remainder."""
+    shares, rest = _shares(diagnosis), diagnosis.remainder
+    unseen = set(diagnosis.where.unseen) if diagnosis.where is not None else set()
+    either = "either " if diagnosis.verdict == "ambiguous" else ""
+    blocks = {}
+    for group in dict.fromkeys(port.group or port.port for port in rig.ports):
+        share, lines, pins = shares.get(group), [], []
+        if shares and group in unseen and not share:
+            lines.append("not seen")
+        elif shares:
+            lines.append("share unknown" if share is None else f"{percent(share)} of gap")
+        for cause in diagnosis.causes:
+            if cause.port == group:
+                pins.append(f"{PIN}{either}{effect_label(cause.effect.partition('@')[0])}")
+                pins += _figures_of(cause)
+        if rest is not None and rest.real and rest.port == group and not diagnosis.remark:
+            left = f"{percent(rest.share)} left" if diagnosis.causes else "gap"
+            pins.append(f"{DOUBT}{left}, unexplained")
+        texts = (*((line, "") for line in lines), *((pin, "pin") for pin in pins))
+        weight = max(0.0, share or 0.0)
+        blocks[group] = BlockText(port_label(group), texts, weight, named=bool(pins))
+    return blocks
+
+
+def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
+    """Shares of the gap by group; none without a gap."""
+    if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
+        return {}
+    return {port.port: port.share for port in diagnosis.where.ports}
+
+
+def _figures_of(cause: Cause) -> list[str]:
+    parameter, texts = first_parameter(cause), []
+    if parameter is not None:
+        texts.append(with_unit_text(parameter[1].value, channel_unit(parameter[0])))
+    if cause.probability is not None:
+        texts.append(f"P {chance_figure(cause.probability)}")
+    return texts
+
+
+def panels_html(diagnosis: DiagnosisFile | None) -> Markup:
+    """Panels below a diagram: one per group of ports, that of the named port shown first."""
+    rig = diagnosis.rig if diagnosis is not None else None
+    if diagnosis is None or rig is None or not rig.ports:
+        return Markup("")
+    first = diagnosis.where.port if diagnosis.where is not None else ""
+    panels = []
+    for group, text in block_texts(diagnosis, rig).items():
+        share = f": {text.lines[0][0]}".replace(" of gap", " of the gap") if text.lines else ""
+        panels.append(
+            tag(
+                "div",
+                tag("b", f"{text.title}{share}"),
+                paragraphs(port_evidence_texts(diagnosis, rig, group)),
+                class_="port-panel shown" if group == first else "port-panel",
+                id=anchor(group),
+                tabindex="-1",
             )
         )
-        for k, (text, style) in enumerate(box.texts):
-            axes.text(
-                box.x + 0.5 * box.wide,
-                box.y + PAD + LINE * k + BASE,
-                text,
-                ha="center",
-                fontsize=(11.5 if style == "title" else 10.5) * points,
-                fontweight="bold" if style else "normal",
-                color=colour("ink"),
+    hint = (
+        "Choose a block to see what is known of it. ◆ marks an effect where it acts, ? what is "
+        "left without a cause."
+    )
+    return tag("div", tag("p", hint, class_="note no-print"), panels, class_="port-panels")
+
+
+def anchor(group: str) -> str:
+    """Place of a group's evidence on the page."""
+    return "at-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in group)
+
+
+def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> list[str]:
+    """Sentences about a group of ports."""
+    ports = [port for port in rig.ports if (port.group or port.port) == group]
+    named = [
+        port_label(port.port) + (f" [{unit}]" if (unit := formatting.unit_label(port.unit)) else "")
+        for port in ports
+    ]
+    kinds = "; ".join(dict.fromkeys(KINDS.get(port.kind, port.kind) for port in ports))
+    texts = [f"Quantity at this port: {kinds} ({formatting.join(named)})."]
+    where, rest = diagnosis.where, diagnosis.remainder
+    if where is not None:
+        order = [port.port for port in where.ports]
+        others = sorted(
+            where.inseparable_from(group),
+            key=lambda port: order.index(port) if port in order else len(order),
+        )
+        if others:
+            texts.append(
+                "For an effect of unknown form these sensors cannot separate it from "
+                f"{ports_text(others)}."
             )
+        for sensor in [s for s in where.sensors if any(group in g for g in s.splits)][:1]:
+            name = sensor_label(sensor.sensor)
+            texts.append(f"Measuring {name} as well would separate them.")
+        if group in where.unseen:
+            texts.append("These sensors do not respond to this port.")
+    texts += [_cause_text(cause) for cause in diagnosis.causes if cause.port == group]
+    if rest is not None and rest.real and rest.port == group and rest.formula:
+        texts.append(
+            f"The remainder here is similar to {formula_text(formatting.clean(rest.formula))}."
+        )
+    return [*texts, _tried(diagnosis, group)]
 
 
-def _blended(share: float) -> str:
-    """The tint on paper, opaque."""
-    tint, paper = to_rgb(colour("with_cause")), to_rgb(colour("paper"))
-    red, green, blue = (share * a + (1.0 - share) * b for a, b in zip(tint, paper, strict=True))
-    return str(to_hex((red, green, blue)))
+def _cause_text(cause: Cause) -> str:
+    values = [formatting.parameter_text(name, size) for name, size in cause.parameters.items()]
+    text = f"{effect_label(cause.effect)} acts here"
+    if cause.probability is not None:
+        text += f", with probability {formatting.chance(cause.probability)}"
+    if cause.removes is not None:
+        text += f": it removes {percent(cause.removes.share)} of the gap"
+    return sentence(text + (f"; {formatting.join(values)}" if values else ""))
+
+
+def _tried(diagnosis: DiagnosisFile, group: str) -> str:
+    tried = [
+        f"{effect_label(candidate.effect)} ({percent(candidate.shrinkage)})"
+        for candidate in diagnosis.ranking
+        if candidate.port == group and candidate.shrinkage is not None
+    ]
+    if not tried:
+        return "No candidate at this port was promising enough for a refit."
+    more = f" and {len(tried) - _MOST_TRIED} more" if len(tried) > _MOST_TRIED else ""
+    return (
+        "Refitted here, with the share of the held-out error over all channels that each removes: "
+        f"{', '.join(tried[:_MOST_TRIED])}{more}."
+    )

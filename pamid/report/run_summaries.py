@@ -5,66 +5,56 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from pamid.base.errors import FileError, PamidError
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of
-from pamid.report.load import RunData, load_run, read_steps
+from pamid.report.load import load_run, read_steps
 from pamid.schemas.run_file import Step
 from pamid.schemas.runs_file import RunSummary
 
 DEEPEST = 4  # folders below the one that is searched
 MOST_LISTED = 2000
 _RECORD = "run.json"
+_NO_FINDINGS: dict[str, Any] = {
+    "recordings": (),
+    "verdict": "",
+    "sentence": "",
+    "causes": (),
+    "mae": {},
+}
 _KINDS = {"trial.json": "trial", "paper.json": "paper", "arm-paper.json": "paper"}
 
 
 def summary_of(folder: Path) -> RunSummary:
     """Summary of a run; FileError if the folder is not a run or a file of it is damaged."""
-    steps = read_steps(folder / _RECORD)
+    first = read_steps(folder / _RECORD)[0]
     kind = next((kind for name, kind in _KINDS.items() if (folder / name).exists()), "")
     has_result = any((folder / name).exists() for name in ("fit.json", "diagnosis.json"))
-    run = load_run(folder) if has_result and not kind else None
-    first = steps[0]
-    summary = RunSummary(
-        path=str(folder),
-        kind=kind or _kind_of(run),
-        command=command_name(first),
-        rig=formatting.clean(run.rig if run is not None else first.rig),
-        begun=formatting.clean(first.begun),
-        outcome=formatting.clean(first.outcome or ""),
-        recordings=(),
-        verdict="",
-        sentence="",
-        causes=(),
-        mae={},
-    )
-    return summary if run is None else _with_findings(summary, run)
-
-
-def _kind_of(run: RunData | None) -> str:
-    if run is None:
-        return "other"
-    return "fit" if run.diagnosis is None else "diagnosis"
-
-
-def _with_findings(summary: RunSummary, run: RunData) -> RunSummary:
-    rows = errors_of(run)
-    diagnosis = run.diagnosis
-    return summary.model_copy(
-        update={
-            "recordings": tuple(
-                formatting.clean(recording.name)
-                for recording in (run.fit.recordings if run.fit else ())
-            ),
-            "verdict": diagnosis.verdict if diagnosis is not None else "",
-            "sentence": verdict_sentence(run, rows),
-            "causes": tuple(
-                formatting.clean(cause.effect) for cause in (diagnosis.causes if diagnosis else ())
-            ),
-            "mae": {row.channel: row.known() for row in rows},
-        }
+    about: dict[str, Any] = {
+        "path": str(folder),
+        "command": command_name(first),
+        "begun": formatting.clean(first.begun),
+        "outcome": formatting.clean(first.outcome or ""),
+    }
+    if kind or not has_result:
+        rig = formatting.clean(first.rig)
+        return RunSummary(**_NO_FINDINGS, **about, kind=kind or "other", rig=rig)
+    run = load_run(folder)
+    rows, diagnosis = errors_of(run), run.diagnosis
+    recordings = run.fit.recordings if run.fit is not None else ()
+    causes = diagnosis.causes if diagnosis is not None else ()
+    return RunSummary(
+        **about,
+        kind="fit" if diagnosis is None else "diagnosis",
+        rig=formatting.clean(run.rig),
+        recordings=tuple(formatting.clean(recording.name) for recording in recordings),
+        verdict=diagnosis.verdict if diagnosis is not None else "",
+        sentence=verdict_sentence(run, rows),
+        causes=tuple(formatting.clean(cause.effect) for cause in causes),
+        mae={row.channel: row.known() for row in rows},
     )
 
 
@@ -92,19 +82,9 @@ def _listed(folder: Path) -> RunSummary:
     try:
         return summary_of(folder)
     except PamidError as error:
-        return RunSummary(
-            path=str(folder),
-            kind="damaged",
-            command="",
-            rig="",
-            recordings=(),
-            begun="",
-            outcome="",
-            verdict="",
-            sentence=formatting.clean(str(error)),
-            causes=(),
-            mae={},
-        )
+        about = {name: "" for name in ("command", "rig", "begun", "outcome")}
+        fault = {"kind": "damaged", "sentence": formatting.clean(str(error))}
+        return RunSummary(**{**_NO_FINDINGS, **about, **fault, "path": str(folder)})
 
 
 def _run_folders(folder: Path) -> Iterator[Path]:

@@ -11,11 +11,11 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 from xml.sax.saxutils import escape
 
 import matplotlib
@@ -27,11 +27,12 @@ from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as OutlinePath
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
 
 from pamid.recording.plot import NotebookFigure
-from pamid.report.formatting import clean
+from pamid.report.formatting import axis_label, channel_label, channel_unit, clean
 
 #: role -> colour on a light and on a dark page
 COLOURS = {
@@ -46,6 +47,8 @@ COLOURS = {
     "noise_floor": ("#b9c0c8", "#5b636d"),
     "faint": ("#eef0f3", "#22272d"),
 }
+Look: TypeAlias = dict[str, Any]  # settings of an artist of matplotlib
+
 WIDE_IN, NARROW_IN = 7.4, 3.7
 PNG_DPI = 160
 DRAWING_SETTINGS: dict[Any, Any] = {
@@ -79,6 +82,7 @@ DRAWING_SETTINGS: dict[Any, Any] = {
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
 }
+_ROLE = re.compile(r"var\(--([a-z-]+)\)")
 _STYLE_ATTRIBUTE = re.compile(r'style="[^"]*"')
 _NAMED_GROUP = re.compile(r'<g id="[A-Za-z]+[A-Za-z0-9_.]*">')
 _EMPTY_GROUP = re.compile(r'<g id="[A-Za-z0-9_.]+"\s*/>')  # of a line without a point in view
@@ -94,18 +98,17 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 @dataclass(frozen=True)
 class Drawing:
     """Drawing and its size: `draw(figure, narrow)` fills an empty figure; heights in inches;
-    `title` states a finding; own: SVG for pages, wide and narrow, drawn in place of the figure,
-    with links in it; tips: tooltip of a group by its id; leads: the figure of the page that a click
-    on a group shows."""
+    `title` states a finding; tips: tooltip of a group by its id; leads: the figure of the page that
+    a click on a group shows; linked: whether the SVG has links in it."""
 
     name: str
     title: str
     draw: Callable[[Figure, bool], None]
     height: float
     narrow_height: float
-    own: tuple[str, str] | None = None
     tips: tuple[tuple[str, str], ...] = ()
     leads: tuple[tuple[str, str], ...] = ()
+    linked: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,16 +126,13 @@ class Picture:
 
 def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
-    wide = _svg(drawing, narrow=False)
-    narrow = "" if drawing.own else _svg(drawing, narrow=True)
-    shown = drawing.own or (_for_page(wide, drawing), _for_page(narrow, drawing))
     return Picture(
         name=drawing.name,
         title=drawing.title,
-        wide=shown[0],
-        narrow=shown[1],
+        wide=page_svg(drawing, narrow=False),
+        narrow=page_svg(drawing),
         png=png_of(drawing),
-        linked=drawing.own is not None,
+        linked=drawing.linked,
     )
 
 
@@ -150,28 +150,110 @@ def label(text: str, longest: int = 34) -> str:
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 
-def grid(axes: Axes, axis: str = "x") -> None:
-    """Thin lines across the axis that is read."""
-    axes.grid(visible=True, axis="x" if axis == "x" else "y")
+def axis(what: str, unit_text: str, longest: int = 34) -> str:
+    """ "angle [deg]"."""
+    return axis_label(label(what, longest), label(unit_text))
+
+
+def channel_axis(channel: str, after: str = "", longest: int = 34) -> str:
+    """The axis of a column: "pressure 1 error [kPa]"; after: " error"."""
+    what = label(channel_label(channel), longest)
+    return axis_label(f"{what}{after}", label(channel_unit(channel)))
+
+
+def finish(
+    axes: Axes,
+    x: str = "",
+    y: str = "",
+    *,
+    lines: str = "y",
+    legend: int = 0,
+    ticks: int = 0,
+) -> None:
+    """Labels with units, thin lines across the axis that is read, and a legend where it hides
+    nothing. legend: its columns; ticks: most of them along x."""
+    if x:
+        axes.set_xlabel(x)
+    if y:
+        axes.set_ylabel(y)
+    if ticks:
+        axes.xaxis.set_major_locator(MaxNLocator(ticks))
+    if lines:
+        axes.grid(visible=True, axis="x" if lines == "x" else "y")
+    if legend:
+        axes.legend(
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=legend,
+            handlelength=1.8,
+            columnspacing=1.2,
+            borderaxespad=0.3,
+            borderpad=0.0,
+        )
+
+
+def line(
+    axes: Axes, x: Any, y: Any, role: str, width: float = 1.5, dashes: Any = "-", **more: Any
+) -> None:
+    """A curve in the colour of a role."""
+    axes.plot(x, y, color=colour(role), linewidth=width, linestyle=dashes, **more)
+
+
+def dot(axes: Axes, x: Any, y: Any, role: str, size: float = 5.0, **more: Any) -> None:
+    """A marker in the colour of a role."""
+    shape: Look = {"marker": "o", "linestyle": "none"} | more
+    axes.plot(x, y, markersize=size, color=colour(role), **shape)
+
+
+def bar(axes: Axes, row: float, size: float, role: str, height: float = 0.6, **more: Any) -> None:
+    """A bar to the right in the colour of a role."""
+    axes.barh(row, size, height=height, color=colour(role), **{"linewidth": 0.0, **more})
+
+
+def level(axes: Axes, y: float = 0.0, role: str = "muted", width: float = 0.7) -> None:
+    """A thin line across the axes."""
+    axes.axhline(y, color=colour(role), linewidth=width)
+
+
+def upright(axes: Axes, x: float = 0.0, role: str = "muted", width: float = 0.7) -> None:
+    """A thin line up the axes."""
+    axes.axvline(x, color=colour(role), linewidth=width)
+
+
+def write(
+    axes: Axes, x: float, y: float, words: str, role: str = "ink", size: float = 8.5, **more: Any
+) -> None:
+    """Text at a place of the axes, also beside them."""
+    shape: Look = {"va": "center", "clip_on": False} | more
+    axes.text(x, y, words, fontsize=size, color=colour(role), **shape)
+
+
+def annotate(
+    axes: Axes,
+    words: str,
+    place: tuple[float, float],
+    shift: tuple[float, float],
+    role: str = "ink",
+    size: float = 8.5,
+    **more: Any,
+) -> None:
+    """Text that is shifted by some points from a place of the axes."""
+    shape: Look = {"va": "center", "textcoords": "offset points"} | more
+    axes.annotate(words, place, xytext=shift, fontsize=size, color=colour(role), **shape)
+
+
+def name_rows(axes: Axes, names: Sequence[str], longest: int = 34) -> None:
+    """Names next to the rows 0, 1, ... from the top."""
+    lines = ["\n".join(label(part, longest) for part in name.split("\n")) for name in names]
+    axes.set_yticks(range(len(names)), lines)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    bare(axes)
 
 
 def bare(axes: Axes) -> None:
     """Remove the line and the ticks at the names of bars."""
     axes.spines["left"].set_visible(False)
     axes.tick_params(axis="y", length=0, labelcolor=colour("ink"))
-
-
-def legend_above(axes: Axes, columns: int) -> None:
-    """The legend between the title and the axes, where it hides nothing."""
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        handlelength=1.8,
-        columnspacing=1.2,
-        borderaxespad=0.3,
-        borderpad=0.0,
-    )
 
 
 def dots(x: NDArray[np.float64], y: NDArray[np.float64], length: float) -> PathPatch:
@@ -202,12 +284,15 @@ def settings(salt: str) -> Iterator[None]:
         yield
 
 
-def page_svg(drawing: Drawing) -> str:
-    """The narrow form alone, for a page."""
-    return _for_page(_svg(drawing, narrow=True), drawing)
+def notebook_svg(svg: str) -> str:
+    """A drawing of a page in the text colour of its surroundings."""
+    plain = {"ink": "currentColor", "muted": "currentColor", "font": "sans-serif"}
+    return _ROLE.sub(lambda m: plain.get(m[1]) or colour(m[1].replace("-", "_")), svg)
 
 
-def _svg(drawing: Drawing, *, narrow: bool) -> str:
+def page_svg(drawing: Drawing, *, narrow: bool = True) -> str:
+    """The drawing for a page: SVG without comments, metadata, rules and repeated ids, with
+    tooltips, and with colours and font of the page."""
     with settings(f"{drawing.name}-{'narrow' if narrow else 'wide'}"):
         size = (NARROW_IN, drawing.narrow_height) if narrow else (WIDE_IN, drawing.height)
         figure = Figure(figsize=size, layout="constrained")
@@ -219,8 +304,22 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
             format="svg",
             metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
         )
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    for group, tip in drawing.tips:
+        head = f'<g id="{group}">'
+        svg = svg.replace(head, f"{head}<title>{escape(tip)}</title>")
+    for group, figure_place in drawing.leads:
+        svg = svg.replace(f'<g id="{group}">', f'<g data-figure="{figure_place}">')
+    svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
+    svg = _NAMED_GROUP.sub("<g>", _EMPTY_GROUP.sub("", svg))
+    svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
+    hidden = "" if drawing.linked else ' aria-hidden="true"'
+    head = rf'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink"{hidden}>'
+    svg = _PATH.sub(
+        lambda path: _LONG_NUMBER.sub(_hundredths, path.group()), _SIZE.sub(head, svg, 1)
+    )
+    return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
 
 
 def figure_of(drawing: Drawing) -> NotebookFigure:
@@ -256,26 +355,6 @@ def _image(drawing: Drawing) -> Image.Image:
         buffer = io.BytesIO()
         figure_of(drawing).savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"))
     return Image.open(buffer).convert("RGB")
-
-
-def _for_page(svg: str, drawing: Drawing) -> str:
-    """SVG without comments, metadata, rules and repeated ids, with tooltips, and with colours and
-    font of the page."""
-    for group, tip in drawing.tips:
-        head = f'<g id="{group}">'
-        svg = svg.replace(head, f"{head}<title>{escape(tip)}</title>")
-    for group, figure in drawing.leads:
-        svg = svg.replace(f'<g id="{group}">', f'<g data-figure="{figure}">')
-    svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
-    svg = _NAMED_GROUP.sub("<g>", _EMPTY_GROUP.sub("", svg))
-    svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
-    svg = _SIZE.sub(
-        r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">',
-        svg,
-        count=1,
-    )
-    svg = _PATH.sub(lambda path: _LONG_NUMBER.sub(_hundredths, path.group()), svg)
-    return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
 
 
 def _hundredths(number: re.Match[str]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,12 @@ from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData, repeats_refit
 from pamid.report.markup import paragraphs, tag
+from pamid.report.page import asset
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
     MOST_VALUES,
     SAMPLE_LEVELS,
     TRACE_KINDS,
-    Packed,
     Stretch,
     channels_of,
     has,
@@ -35,7 +35,6 @@ from pamid.report.samples import (
     packed_times,
     stretches_of,
 )
-from pamid.report.web_page import asset
 
 MEASURED = "measured"
 #: kind of trace -> the role its colour goes by, its dashes [px]; in the order they are drawn
@@ -113,80 +112,50 @@ def traces_of(
         return Traces()
     first = headline(rows)
     channels.sort(key=lambda name: first is None or name != first.channel)
-    plots = [_channel_plot(residual, name) for name in channels]
-    plots[1:1] = [_input_plot(name) for name in inputs_of(residual)]
+    plots = [_plot(name, [MEASURED, *_models(residual, name)], True) for name in channels]
+    plots[1:1] = [_plot(name, [MEASURED], False) for name in inputs_of(residual)]
     stretches = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
     if not stretches:
         return Traces()
     places = highlights_of(run, residual, channels[0], stretches)
-    kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
+    drawn = {kind for plot in plots for kind in plot["kinds"]}
     plan = {
         "plots": plots,
         "kinds": {
-            kind: {
-                "name": _kind_label(kind, run),
-                "role": LOOKS[kind][0],
-                "dash": LOOKS[kind][1],
-                "off": _hides(kind, rows)
-                or kind in _FREE
-                or (kind in _IN_LOOP and "loop_network" not in kinds),
-            }
-            for kind in kinds
+            kind: {"name": _kind_label(kind, run), "role": role, "dash": dash, "off": off}
+            for kind, (role, dash) in LOOKS.items()
+            if kind in drawn
+            for off in [_is_off(kind, first, drawn)]
         },
         "recordings": [_recording(run, stretch) for stretch in stretches],
-        "places": [
-            {
-                "label": place.label,
-                "answer": place.answer,
-                "recording": place.recording,
-                "begin": place.begin,
-                "end": place.end,
-                "bands": place.bands,
-            }
-            for place in places
-        ],
+        "places": [asdict(place) for place in places],
     }
+    without = "The plots of all samples need scripts; the pictures above do not."
     section = tag(
-        "section",
-        tag("h2", "All samples"),
+        "div",
         paragraphs([_MOVING], "note scripted"),
-        tag(
-            "noscript",
-            tag(
-                "p",
-                "The plots of all samples need scripts; the pictures above do not.",
-                class_="note",
-            ),
-        ),
+        tag("noscript", paragraphs([without], "note")),
         tag("div", class_="plots scripted"),
         paragraphs(_exactness(residual, stretches, channels), "note scripted"),
         _blocks(residual, stretches, plots),
-        class_="samples",
         id="samples",
         data_plan=json.dumps(plan, ensure_ascii=False, separators=(",", ":")),
     )
     return Traces(section, tuple(places))
 
 
-def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
-    kinds = [kind for kind in LOOKS if kind == MEASURED or has(residual, channel, kind)]
-    return {
-        "name": channel_label(channel),
-        "unit": channel_unit(channel),
-        "column": channel,
-        "kinds": kinds,
-        "modelled": True,
-    }
-
-
-def _input_plot(column: str) -> dict[str, Any]:
+def _plot(column: str, kinds: Sequence[str], modelled: bool) -> dict[str, Any]:
     return {
         "name": channel_label(column),
         "unit": channel_unit(column),
         "column": column,
-        "kinds": [MEASURED],
-        "modelled": False,
+        "kinds": [kind for kind in LOOKS if kind in kinds],
+        "modelled": modelled,
     }
+
+
+def _models(residual: Residual, channel: str) -> list[str]:
+    return [kind for kind in TRACE_KINDS if has(residual, channel, kind)]
 
 
 def _kind_label(kind: str, run: RunData) -> str:
@@ -197,17 +166,13 @@ def _kind_label(kind: str, run: RunData) -> str:
     return _IN_LOOP.get(kind, kind)
 
 
-def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
-    """Whether the error of the model in the leading channel is so large that it would hide the
-    others."""
-    row = headline(rows)
-    error = getattr(row, _FIELDS[kind]) if row is not None and kind in _FIELDS else None
-    return (
-        error is not None
-        and row is not None
-        and row.refitted is not None
-        and error > _HUGE * row.refitted
-    )
+def _is_off(kind: str, first: ChannelErrors | None, drawn: set[str]) -> bool:
+    """Whether a trace is not drawn at first: a free run, a loop without its network, or a model
+    whose error in the leading channel would hide the others."""
+    error = getattr(first, _FIELDS[kind]) if first is not None and kind in _FIELDS else None
+    refitted = first.refitted if first is not None else None
+    hides = error is not None and refitted is not None and error > _HUGE * refitted
+    return hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
 
 
 def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
@@ -230,32 +195,25 @@ def _blocks(
     residual: Residual, stretches: Sequence[Stretch], plots: list[dict[str, Any]]
 ) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
-    blocks = []
+    blocks = {}
     for stretch in stretches:
-        blocks.append(
-            _block(
-                f"samples-{stretch.recording}-time",
-                packed_times(residual.columns["time_s"][stretch.rows]),
-            )
-        )
+        name = f"samples-{stretch.recording}"
+        blocks[f"{name}-time"] = packed_times(residual.columns["time_s"][stretch.rows])
         for number, plot in enumerate(plots):
             for kind in plot["kinds"]:
                 values = _values(residual, plot["column"], kind)[stretch.rows]
-                blocks.append(
-                    _block(f"samples-{stretch.recording}-{number}-{kind}", packed(values))
-                )
-    return blocks
-
-
-def _block(name: str, content: Packed) -> Markup:
-    return tag(
-        "script",
-        Markup(content.text),
-        type="text/plain",
-        id=name,
-        data_offset=repr(content.offset),
-        data_step=repr(content.step),
-    )
+                blocks[f"{name}-{number}-{kind}"] = packed(values)
+    return [
+        tag(
+            "script",
+            Markup(content.text),
+            type="text/plain",
+            id=name,
+            data_offset=repr(content.offset),
+            data_step=repr(content.step),
+        )
+        for name, content in blocks.items()
+    ]
 
 
 def _values(residual: Residual, column: str, kind: str) -> FloatArray:
@@ -272,11 +230,8 @@ def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[
     """Note on the resolution of the numbers and on omitted samples."""
     exact = []
     for channel in channels:
-        traces = [
-            _values(residual, channel, kind)
-            for kind in (MEASURED, *TRACE_KINDS)
-            if kind == MEASURED or has(residual, channel, kind)
-        ]
+        kinds = (MEASURED, *_models(residual, channel))
+        traces = [_values(residual, channel, kind) for kind in kinds]
         span = max(float(np.nanmax(trace) - np.nanmin(trace)) for trace in traces)
         exact.append(
             f"{channel_label(channel)} "

@@ -7,19 +7,25 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamid.report import formatting
-from pamid.report.formatting import effect_label
-from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.report.trial_results import (
-    Scored,
-    Trial,
-    confusion_title,
-    reliability_title,
-    strata_title,
-    stratum_label,
-    targets_title,
+from pamid.report.formatting import count, effect_label, percent
+from pamid.report.style import (
+    Drawing,
+    annotate,
+    bar,
+    bare,
+    colour,
+    dot,
+    finish,
+    label,
+    line,
+    write,
 )
-from pamid.schemas.trial_file import Rate
+from pamid.report.trial_results import (
+    Trial,
+    reached_text,
+    signs,
+    stratum_label,
+)
 from pamid.trial.figure_table import TITLES
 
 SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause", 0.16, "s")}
@@ -27,13 +33,8 @@ SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause"
 
 def trial_drawings(trial: Trial) -> list[Drawing]:
     """The drawings that the content of this trial allows."""
-    drawings = [
-        targets_drawing(trial),
-        reliability_drawing(trial),
-        confusion_drawing(trial),
-        strata_drawing(trial),
-    ]
-    return [drawing for drawing in drawings if drawing is not None]
+    every = (targets_drawing, reliability_drawing, confusion_drawing, strata_drawing)
+    return [drawing for draw in every if (drawing := draw(trial)) is not None]
 
 
 def targets_drawing(trial: Trial) -> Drawing | None:
@@ -44,49 +45,34 @@ def targets_drawing(trial: Trial) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, entry in enumerate(shown):
-            _target(axes, row, entry)
-        titles = [label(entry.row.title.removeprefix("... "), 60) for entry in shown]
-        axes.set_yticks(
-            range(len(shown)), [textwrap.fill(title, 24 if narrow else 60) for title in titles]
-        )
+        for row, score in enumerate(shown):
+            role = "with_network" if score.reached else "with_cause"
+            if score.low is not None and score.high is not None:
+                ends = [score.low, score.high]
+                line(axes, ends, [row, row], role, 1.8, solid_capstyle="butt")
+            line(axes, [score.row.target] * 2, [row - 0.36, row + 0.36], "ink", 2.0)
+            face = colour(role if score.reached else "paper")
+            dot(axes, score.value, row, role, 5.5, markeredgewidth=1.3, markerfacecolor=face)
+            write(axes, 103.0, row, score.texts[1])
+        titles = [label(score.row.title.removeprefix("... "), 60) for score in shown]
+        titles = [textwrap.fill(title, 24 if narrow else 60) for title in titles]
+        axes.set_yticks(range(len(shown)), titles)
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        grid(axes)
         bare(axes)
         _percent_axis(axes, narrow)
-        note = (
-            "bar: target, open: missed"
-            if narrow
-            else "line: 95 % interval, bar: target, open: missed"
-        )
-        axes.set_xlabel(f"share of the cases [%]\n{note}")
+        interval = "" if narrow else "line: 95 % interval, "
+        note = f"{interval}bar: target, open: missed"
+        finish(axes, f"share of the cases [%]\n{note}", lines="x")
 
-    return Drawing(
-        "targets", targets_title(trial), draw, 0.85 + 0.28 * len(shown), 0.85 + 0.42 * len(shown)
-    )
-
-
-def _target(axes: Axes, row: int, scored: Scored) -> None:
-    assert scored.value is not None and scored.row.target is not None
-    ink = colour("with_network" if scored.reached else "with_cause")
-    if scored.low is not None and scored.high is not None:
-        axes.plot(
-            [scored.low, scored.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt"
-        )
-    axes.plot([scored.row.target] * 2, [row - 0.36, row + 0.36], color=colour("ink"), linewidth=2.0)
-    axes.plot(
-        scored.value,
-        row,
-        marker="o",
-        markersize=5.5,
-        color=ink,
-        markeredgewidth=1.3,
-        linestyle="none",
-        markerfacecolor=ink if scored.reached else colour("paper"),
-    )
-    axes.text(
-        103.0, row, scored.texts[1], va="center", fontsize=8.5, color=colour("ink"), clip_on=False
-    )
+    missed = [
+        f"{score.row.title.removeprefix('... ')} ({score.texts[1]}, target {signs(score.texts[4])})"
+        for score in trial.scored
+        if score.reached is False
+    ]
+    more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
+    named = f"; missed: {', '.join(missed[:2])}{more}" if missed else ""
+    tall, narrow_tall = 0.85 + 0.28 * len(shown), 0.85 + 0.42 * len(shown)
+    return Drawing("targets", f"{reached_text(trial)}{named}", draw, tall, narrow_tall)
 
 
 def reliability_drawing(trial: Trial) -> Drawing | None:
@@ -97,105 +83,77 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        axes.plot(
-            [0.0, 1.0],
-            [0.0, 1.0],
-            color=colour("muted"),
-            linewidth=0.9,
-            linestyle=(0, (4, 3)),
-            label="as stated",
-        )
+        line(axes, [0.0, 1.0], [0.0, 1.0], "muted", 0.9, (0, (4, 3)), label="as stated")
         for bin_ in trial.reliability:
-            axes.plot(
-                [bin_.said] * 2,
-                [bin_.right.low, bin_.right.high],
-                color=colour("refitted"),
-                linewidth=1.6,
-            )
-            axes.annotate(
-                formatting.count(bin_.right.of),
-                (bin_.said, max(bin_.right.high, bin_.right.share or 0.0)),
-                xytext=(0, 5),
-                ha="center",
-                textcoords="offset points",
-                fontsize=8.0,
-                color=colour("muted"),
-            )
-        stated, right = zip(
-            *((bin_.said, bin_.right.share or 0.0) for bin_ in trial.reliability), strict=True
-        )
-        axes.plot(
-            stated,
-            right,
-            color=colour("refitted"),
-            linewidth=1.2,
-            marker="o",
-            markersize=5.0,
-            label="share right, 95 % interval, number of answers",
-        )
+            right = bin_.right
+            line(axes, [bin_.said] * 2, [right.low, right.high], "refitted", 1.6)
+            top = max(right.high, right.share or 0.0)
+            look = {"ha": "center", "va": "baseline"}
+            number = count(right.of)
+            annotate(axes, number, (bin_.said, top), (0, 5), "muted", 8.0, **look)
+        stated = [bin_.said for bin_ in trial.reliability]
+        shares = [bin_.right.share or 0.0 for bin_ in trial.reliability]
+        name = "share right, 95 % interval, number of answers"
+        line(axes, stated, shares, "refitted", 1.2, marker="o", markersize=5.0, label=name)
         axes.set_xlim(-0.02, 1.02)
         axes.set_ylim(-0.02, 1.1)
-        axes.set_xlabel("probability stated for the first candidate [-]")
-        axes.set_ylabel("share that was right [-]")
-        grid(axes, "y")
-        legend_above(axes, 1 if narrow else 2)
+        across = "probability stated for the first candidate [-]"
+        finish(axes, across, "share that was right [-]", legend=1 if narrow else 2)
 
-    return Drawing("reliability", reliability_title(trial), draw, 3.4, 3.4)
+    score, title = trial.of("ece"), "Stated probabilities against the share that was right"
+    if score is not None and score.value is not None:
+        aim = f" (target {signs(score.texts[4])})" if score.row.target is not None else ""
+        title = f"Stated probabilities are off by {score.texts[1]} on average{aim}"
+    return Drawing("reliability", title, draw, 3.4, 3.4)
 
 
 def confusion_drawing(trial: Trial) -> Drawing | None:
     """Cases [count] by planted family and answer; the shade is the share of the row."""
     rows = {family: row for family, row in trial.confusion.items() if sum(row.values()) > 0}
-    if not rows:
-        return None
     answers = list(rows) + sorted({name for row in rows.values() for name in row} - set(rows))
-    if len(rows) * len(answers) == 1:
+    if len(rows) * len(answers) <= 1:
         return None  # one cell: the words say it
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        size = 6.0 if narrow else 8.0
+        size, longest = (6.0, 16) if narrow else (8.0, 24)
         for y, (family, row) in enumerate(rows.items()):
             total = sum(row.values())
             for x, answer in enumerate(answers):
-                count = row.get(answer, 0.0)
-                role = "with_network" if answer == family else "with_cause"
-                if count:
-                    axes.barh(
-                        y,
-                        1.0,
-                        left=x - 0.5,
-                        height=1.0,
-                        color=colour(role),
-                        alpha=0.15 + 0.6 * count / total,
-                        linewidth=0.0,
-                    )
-                    axes.text(
-                        x,
-                        y,
-                        formatting.count(count),
-                        ha="center",
-                        va="center",
-                        fontsize=size,
-                        color=colour("ink"),
-                    )
-        longest = 16 if narrow else 24
-        axes.set_xticks(
-            range(len(answers)),
-            [label(effect_label(name), longest) for name in answers],
-            rotation=90,
-            fontsize=size,
+                if cases := row.get(answer, 0.0):
+                    role = "with_network" if answer == family else "with_cause"
+                    shade = 0.15 + 0.6 * cases / total
+                    bar(axes, y, 1.0, role, 1.0, left=x - 0.5, alpha=shade)
+                    write(axes, x, y, count(cases), size=size, ha="center")
+        columns, lines = (
+            [label(effect_label(name), longest) for name in names] for names in (answers, rows)
         )
-        axes.set_yticks(
-            range(len(rows)), [label(effect_label(name), longest) for name in rows], fontsize=size
-        )
+        axes.set_xticks(range(len(answers)), columns, rotation=90, fontsize=size)
+        axes.set_yticks(range(len(rows)), lines, fontsize=size)
         axes.set_xlim(-0.5, len(answers) - 0.5)
         axes.set_ylim(len(rows) - 0.5, -0.5)
-        axes.set_xlabel("answer [cases]")
-        axes.set_ylabel("planted [cases]" if narrow else "planted family [cases]")
+        planted = "planted [cases]" if narrow else "planted family [cases]"
+        finish(axes, "answer [cases]", planted, lines="")
 
-    height = 1.9 + 0.27 * len(rows)
-    return Drawing("confusion", confusion_title(trial), draw, height, 1.4 + 0.2 * len(rows))
+    totals = {family: sum(row.values()) for family, row in rows.items()}
+    right = sum(row.get(family, 0.0) for family, row in rows.items())
+    title = (
+        f"{count(right)} of {count(sum(totals.values()))} visible single faults are given their "
+        "family"
+    )
+    wrong = [
+        (cases, family, answer)
+        for family, row in rows.items()
+        for answer, cases in row.items()
+        if answer != family and cases > 0
+    ]
+    if wrong:
+        cases, family, answer = max(wrong, key=lambda item: item[0])
+        title += (
+            f"; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
+            f"{count(cases)} of {count(totals[family])}"
+        )
+    return Drawing("confusion", title, draw, 1.9 + 0.27 * len(rows), 1.4 + 0.2 * len(rows))
 
 
 def strata_drawing(trial: Trial) -> Drawing | None:
@@ -208,67 +166,57 @@ def strata_drawing(trial: Trial) -> Drawing | None:
     ]
     if not shown:
         return None
-    heads = [name for name, _, _ in shown]
-    steps = [
-        0.0,
-        *(1.0 if name == before else 1.7 for before, name in zip(heads, heads[1:], strict=False)),
-    ]
-    places = [sum(steps[: k + 1]) for k in range(len(steps))]
+    places, before = [0.0], shown[0][0]
+    for name, _, _ in shown[1:]:
+        places.append(places[-1] + (1.0 if name == before else 1.7))
+        before = name
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for series, (role, offset, marker) in SERIES.items():
             for place, (_, _, rates) in zip(places, shown, strict=True):
-                _point(axes, place + offset, rates[series], role, marker)
-            axes.plot(
-                [],
-                [],
-                color=colour(role),
-                marker=marker,
-                markersize=4.5,
-                linewidth=1.5,
-                label=TITLES[series],
-            )
+                rate, at = rates[series], place + offset
+                if rate.share is not None:
+                    line(axes, [100.0 * rate.low, 100.0 * rate.high], [at, at], role)
+                    dot(axes, 100.0 * rate.share, at, role, 4.5, marker=marker)
+            line(axes, [], [], role, marker=marker, markersize=4.5, label=TITLES[series])
         axes.set_yticks(places, [label(stratum_label(name, key)) for name, key, _ in shown])
         axes.set_ylim(places[-1] + 0.6, places[0] - 0.7)
-        grid(axes)
         bare(axes)
         _percent_axis(axes, narrow)
-        axes.set_xlabel(
-            "share of cases [%]"
-            if narrow
-            else "share of the cases [%], number of cases at the right"
-        )
+        what = "share of the cases [%], number of cases at the right"
         for place, (_, _, rates) in zip(places, shown, strict=True):
-            counts = " / ".join(formatting.count(rates[series].of) for series in SERIES)
-            axes.text(
-                103.0,
-                place,
-                counts,
-                va="center",
-                fontsize=8.0,
-                color=colour("muted"),
-                clip_on=False,
-            )
-        legend_above(axes, 1 if narrow else 2)
+            counts = " / ".join(count(rates[series].of) for series in SERIES)
+            write(axes, 103.0, place, counts, "muted", 8.0)
+        finish(
+            axes,
+            "share of cases [%]" if narrow else what,
+            lines="x",
+            legend=1 if narrow else 2,
+        )
 
     height = 0.95 + 0.26 * (places[-1] + 1.0)
-    return Drawing("strata", strata_title(trial), draw, height, height + 0.2)
+    return Drawing("strata", _strata_title(trial), draw, height, height + 0.2)
 
 
-def _point(axes: Axes, place: float, share: Rate, role: str, marker: str) -> None:
-    if share.share is None:
-        return
-    axes.plot(
-        [100.0 * share.low, 100.0 * share.high], [place, place], color=colour(role), linewidth=1.5
-    )
-    axes.plot(
-        100.0 * share.share,
-        place,
-        marker=marker,
-        markersize=4.5,
-        color=colour(role),
-        linestyle="none",
+def _strata_title(trial: Trial) -> str:
+    """ "The family is named first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility ≥ 2) of the
+    visible faults"."""
+    shares = [
+        (rates["family_first"].share, stratum_label(name, key))
+        for name, bins in trial.strata.items()
+        for key, rates in bins.items()
+        if rates["family_first"].share is not None
+    ]
+    if not shares:
+        return "No visible single fault in any stratum"
+    (low, worst), (high, best) = min(shares), max(shares)
+    shown = percent(low)
+    if shown == percent(high):
+        return f"The family is named first in {shown} of the visible faults, in every stratum"
+    return (
+        f"The family is named first in {shown} ({worst}) to {percent(high)} ({best}) of the "
+        "visible faults"
     )
 
 

@@ -12,7 +12,6 @@ from pamid.base.result_file import damaged, read_result
 from pamid.base.trust import is_code
 from pamid.model.registry import in_catalogue
 from pamid.report import formatting
-from pamid.report.formatting import effect_label, percent
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.figure_table import TITLES, FigureRow, cells, rows_of
 from pamid.trial.machine import machine_names
@@ -116,79 +115,6 @@ def reached_text(trial: Trial) -> str:
     return text if most >= FEW_CASES else f"{text}, on {few} at most: too few to tell"
 
 
-def targets_title(trial: Trial) -> str:
-    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target ≥ 92 %)"."""
-    missed = [
-        f"{score.row.title.removeprefix('... ')} ({score.texts[1]}, target {signs(score.texts[4])})"
-        for score in trial.scored
-        if score.reached is False
-    ]
-    more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
-    return (
-        f"{reached_text(trial)}; missed: {', '.join(missed[:2])}{more}"
-        if missed
-        else reached_text(trial)
-    )
-
-
-def reliability_title(trial: Trial) -> str:
-    """ "Stated probabilities are off by 0.042 on average (target ≤ 0.05)"."""
-    score = trial.of("ece")
-    if score is None or score.value is None:
-        return "Stated probabilities against the share that was right"
-    aim = f" (target {signs(score.texts[4])})" if score.row.target is not None else ""
-    return f"Stated probabilities are off by {score.texts[1]} on average{aim}"
-
-
-def confusion_title(trial: Trial) -> str:
-    """ "104 of 120 visible single faults are given their family; most often mistaken: friction for
-    leak, 5 of 20"."""
-    rows = trial.confusion
-    right, every = (
-        sum(row.get(family, 0.0) for family, row in rows.items()),
-        sum(map(_total, rows.values())),
-    )
-    text = (
-        f"{formatting.count(right)} of {formatting.count(every)} visible single faults are given "
-        "their family"
-    )
-    wrong = [
-        (count, family, answer)
-        for family, row in rows.items()
-        for answer, count in row.items()
-        if answer != family and count > 0
-    ]
-    if not wrong:
-        return text
-    count, family, answer = max(wrong, key=lambda item: item[0])
-    return (
-        f"{text}; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
-        f"{formatting.count(count)} of {formatting.count(_total(rows[family]))}"
-    )
-
-
-def strata_title(trial: Trial) -> str:
-    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility ≥ 2) of the
-    cases"."""
-    rates_by_stratum = [
-        (rates["family_first"].share, stratum_label(name, key))
-        for name, bins in trial.strata.items()
-        for key, rates in bins.items()
-    ]
-    shares = [(share, where) for share, where in rates_by_stratum if share is not None]
-    if not shares:
-        return "No visible single fault in any stratum"
-    (low, worst), (high, best) = min(shares), max(shares)
-    if percent(low) == percent(high):
-        return (
-            f"The family is named first in {percent(low)} of the visible faults, in every stratum"
-        )
-    return (
-        f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of "
-        "the visible faults"
-    )
-
-
 def stratum_label(dimension: str, key: str) -> str:
     """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²"."""
     unit_text = formatting.channel_unit(dimension)
@@ -208,7 +134,3 @@ def signs(text: str) -> str:
     """Signs as they are printed: no more than, at least, minus."""
     shown = text.replace(">=", "≥").replace("<=", "≤")
     return f"{formatting.MINUS}{shown[1:]}" if shown[:1] == "-" and shown[1:] else shown
-
-
-def _total(row: Mapping[str, float]) -> float:
-    return sum(row.values())

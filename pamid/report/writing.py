@@ -15,19 +15,18 @@ from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
-from pamid.report.comparison_figure import comparison_drawing
-from pamid.report.comparison_page import ComparedRun, comparison_document
-from pamid.report.correlation_figure import correlation_drawing
-from pamid.report.document import Document
-from pamid.report.error_signal_figure import error_signal_drawing
+from pamid.report.comparison_page import ComparedRun, comparison_page
 from pamid.report.evidence_figures import (
+    correlation_drawing,
+    error_signal_drawing,
     pulls_drawing,
-    pulls_of,
     timeline_drawing,
     training_drawing,
 )
 from pamid.report.figures import (
     budget_drawing,
+    comparison_drawing,
+    free_form_drawing,
     free_run_drawing,
     missing_drawing,
     ports_drawing,
@@ -35,21 +34,18 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.free_form_figure import free_form_drawing
 from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.motion import NO_POSE, rig_of_run
-from pamid.report.paper_page import paper_document
-from pamid.report.papers import PaperStory, read_paper
+from pamid.report.page import MARK, Page, html_of
+from pamid.report.paper_page import paper_page, read_paper
 from pamid.report.pdf import PDF_MARK, printed
 from pamid.report.recording_errors import held_out_errors
 from pamid.report.rig_figure import rig_drawing
-from pamid.report.run_page import run_document
+from pamid.report.run_page import run_page
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
-from pamid.report.trial_page import trial_document
+from pamid.report.trial_page import trial_page
 from pamid.report.trial_results import read_trial
-from pamid.report.web_page import MARK, html_of
-from pamid.schemas.run_file import Step
 from pamid.schemas.score_file import RecordingError
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
@@ -100,12 +96,12 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a report: rows of the MAE table, drawings, and the document once these are
+    """Content of a report: rows of the MAE table, drawings, and the page once these are
     pictures."""
 
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]
-    document_of: Callable[[dict[str, Picture]], Document]
+    page_of: Callable[[dict[str, Picture]], Page]
     recordings: tuple[RecordingError, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -135,24 +131,27 @@ def write_report(
         tell(f"pictures {k}/{len(content.drawings)}: {drawing.name}")
         pictures[drawing.name] = render(drawing)
     tell("the page")
-    document = content.document_of(pictures)  # everything is made before anything is written
-    html = html_of(document).encode(errors="replace")
-    paper = {pdf: printed(html)} if pdf is not None else {}
+    files = _files(content.page_of(pictures), page, pdf)  # before anything is written
     figure_names = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in figure_names.items() if name in pictures]
-    outputs = [path_ for path_ in (page, pdf) if path_ is not None]
-    for item in outputs:
-        make_folder(item.parent)
     run = Run.open(run_folder)
     run.remove(*(file for file in figure_names if file not in drawn))
-    figures = run.claim(*drawn, *(item.name for item in outputs if item.parent == run_folder))[
-        : len(drawn)
-    ]
-    files = {
+    figures = run.claim(*drawn, *(item.name for item in files if item.parent == run_folder))
+    figures = figures[: len(drawn)]
+    pngs = {
         path: pictures[figure_names[file]].png for path, file in zip(figures, drawn, strict=True)
     }
-    write_together({**files, **paper, page: html})
+    write_together({**pngs, **files})
     return Report(page, tuple(figures), content.errors, pdf, content.recordings, content.notes)
+
+
+def _files(content: Page, page: Path, pdf: Path | None) -> dict[Path, bytes]:
+    """The page, on request also printed, and folders for them."""
+    html = html_of(content).encode(errors="replace")
+    files = {pdf: printed(html), page: html} if pdf is not None else {page: html}
+    for path in files:
+        make_folder(path.parent)
+    return files
 
 
 def content_of(run_folder: Path, rig: str | None = None) -> Content:
@@ -162,15 +161,18 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
     if trial is not None or paper is not None:
         Run.open(run_folder)
         steps = read_steps(run_folder / "run.json")
-        if trial is not None:
-            return Content((), trial_drawings(trial), partial(trial_document, trial, steps))
-        assert paper is not None
-        return _paper_content(run_folder, paper, steps)
+    if trial is not None:
+        return Content((), trial_drawings(trial), partial(trial_page, trial, steps))
+    if paper is not None and not (run_folder / "diagnosis.json").exists():
+        return Content((), [], partial(paper_page, paper, steps, None, ()))
     run = load_run(run_folder)
     rows = errors_of(run)
+    drawings, recordings = drawings_of(run, rows), held_out_errors(run)
+    if paper is not None:
+        return Content(rows, drawings, partial(paper_page, paper, steps, run, rows), recordings)
     drawn_by, notes = _posed_rig(run, rig)
-    document_of = partial(run_document, run, rows, drawn_by=drawn_by)
-    return Content(rows, drawings_of(run, rows), document_of, held_out_errors(run), notes)
+    page_of = partial(run_page, run, rows, drawn_by=drawn_by)
+    return Content(rows, drawings, page_of, recordings, notes)
 
 
 def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
@@ -185,57 +187,35 @@ def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ..
         return None, (f"no animation: {error.message} {error.hint}",)
 
 
-def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
-    """Content of a reproduced paper: its pictures, and the drawn ones of its diagnosis, if there is
-    one."""
-    if not (run_folder / "diagnosis.json").exists():
-        return Content((), [], partial(paper_document, paper, steps, None, ()))
-    run = load_run(run_folder)
-    rows = errors_of(run)
-    return Content(
-        rows,
-        drawings_of(run, rows),
-        partial(paper_document, paper, steps, run, rows),
-        held_out_errors(run),
-    )
-
-
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     """The drawings that the content of this run allows."""
     drawings: list[Drawing | None] = []
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        drawings += [rig_drawing(diagnosis)]
-        drawings += [ranking_drawing(diagnosis, added_places(run)), added_drawing(run)]
-        drawings.append(comparison_drawing(diagnosis))
-        drawings += [free_form_drawing(diagnosis), missing_drawing(run)]
-        drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
-    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
-    drawings.append(correlation_drawing(run.fit))
-    if run.residual is not None and row is not None:
         drawings += [
-            *([timeline_drawing(run, row.channel)] if gap else []),
-            *([error_signal_drawing(run, row.channel)] if gap else []),
-            free_run_drawing(run, run.residual, row.channel),
-            *_windows(run, row.channel),
+            rig_drawing(diagnosis),
+            ranking_drawing(diagnosis, added_places(run)),
+            added_drawing(run),
+            comparison_drawing(diagnosis),
+            free_form_drawing(diagnosis),
+            missing_drawing(run),
         ]
+        drawings += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
+    drawings += [budget_drawing(rows, diagnosis), pulls_drawing(run), correlation_drawing(run.fit)]
+    if run.residual is not None and row is not None:
+        channel, residual = row.channel, run.residual
+        over = [timeline_drawing(run, channel), error_signal_drawing(run, channel)]
+        drawings += [*(over if gap else []), free_run_drawing(run, residual, channel)]
+        kinds: list[tuple[str, ...]] = [("data_sheet", "refitted", "cause")]
+        if residual.of(channel, "network") is not None:
+            before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
+            kinds.append((*before, "network"))
+        if (window := worst_window(residual, channel)) is not None:
+            drawings += [window_drawing(run, residual, channel, window, k) for k in kinds]
     if run.trace is not None:
         drawings.append(training_drawing(run.trace, run.network))
     return [drawing for drawing in drawings if drawing is not None]
-
-
-def _windows(run: RunData, channel: str) -> list[Drawing]:
-    """The worst window with the cause, and with the network if its trace exists."""
-    residual = run.residual
-    window = worst_window(residual, channel) if residual is not None else None
-    if residual is None or window is None:
-        return []
-    drawings = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
-    if residual.of(channel, "network") is not None:
-        before = ("refitted", "cause") if run.network_on_causes(channel) else ("refitted",)
-        drawings.append(window_drawing(run, residual, channel, window, (*before, "network")))
-    return drawings
 
 
 def write_comparison(
@@ -245,34 +225,23 @@ def write_comparison(
     unless it may be overwritten."""
     if not overwrite:
         _require_ours(page, pdf)
-    html = html_of(comparison_document(runs)).encode(errors="replace")
-    paper = {pdf: printed(html)} if pdf is not None else {}
-    for path in filter(None, (page, pdf)):
-        make_folder(path.parent)
-    write_together({**paper, page: html})
+    write_together(_files(comparison_page(runs), page, pdf))
 
 
 def _require_ours(page: Path, pdf: Path | None) -> None:
-    _require_replaceable(page, lambda found: found.startswith(MARK.encode()))
-    if pdf is not None:
-        _require_replaceable(
-            pdf, lambda found: found.startswith(b"%PDF") and found.endswith(PDF_MARK)
-        )
-
-
-def _require_replaceable(page: Path, is_own: Callable[[bytes], bool]) -> None:
-    """Raise unless pamid wrote the file, since pamid replaces only its files without a question."""
-    if not page.exists():
-        return
-    try:
-        is_report = is_own(read_data(page, PAGE))
-    except OSError as error:
-        raise FileError(
-            f"{page} cannot be replaced: {error.strerror}.", "Choose another name."
-        ) from error
-    if not is_report:
-        raise FileError(
-            f"{page} exists and is not a report.",
-            "Choose another name, or replace it by --overwrite.",
-            code="exists",
-        )
+    """Raise unless pamid wrote the files: only those are replaced without a question."""
+    for path, begin, end in ((page, MARK.encode(), b""), (pdf, b"%PDF", PDF_MARK)):
+        if path is None or not path.exists():
+            continue
+        try:
+            content = read_data(path, PAGE)
+        except OSError as error:
+            raise FileError(
+                f"{path} cannot be replaced: {error.strerror}.", "Choose another name."
+            ) from error
+        if not (content.startswith(begin) and content.endswith(end)):
+            raise FileError(
+                f"{path} exists and is not a report.",
+                "Choose another name, or replace it by --overwrite.",
+                code="exists",
+            )

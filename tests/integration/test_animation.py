@@ -22,9 +22,9 @@ from pamid.report.animation import ANIMATION_HZ, gif_of
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run
+from pamid.report.page import html_of
 from pamid.report.player import player_script
-from pamid.report.run_page import run_document
-from pamid.report.web_page import html_of
+from pamid.report.run_page import run_page
 
 STEP_S = 1.0 / ANIMATION_HZ
 LINK_1_M, LINK_2_M = 0.4, 0.3
@@ -139,7 +139,7 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 
 def page_of(run: RunData) -> str:
-    return html_of(run_document(run, errors_of(run), {}))
+    return html_of(run_page(run, errors_of(run), {}))
 
 
 def test_poses_are_those_of_the_angles_at_their_times(links: RunData) -> None:

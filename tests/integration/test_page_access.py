@@ -19,10 +19,10 @@ from synthetic_run import make_run, make_trial
 
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
+from pamid.report.page import html_of
 from pamid.report.rig_figure import rig_drawing
-from pamid.report.run_page import run_document
+from pamid.report.run_page import run_page
 from pamid.report.style import render
-from pamid.report.web_page import html_of
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 
@@ -54,7 +54,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert drawing is not None
     path = tmp_path_factory.mktemp("page") / "report.html"
     pictures = {"rig": render(drawing)}
-    path.write_text(html_of(run_document(run, errors_of(run), pictures)), encoding="utf-8")
+    path.write_text(html_of(run_page(run, errors_of(run), pictures)), encoding="utf-8")
     return path
 
 

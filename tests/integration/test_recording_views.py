@@ -12,7 +12,7 @@ from report_pages import flat
 from synthetic_run import make_run
 
 from pamid.report.channel_errors import whole_recording, worst_window
-from pamid.report.error_signal_figure import error_over_signal, error_signal_drawing
+from pamid.report.evidence_figures import error_over_signal, error_signal_drawing
 from pamid.report.figures import free_run_drawing
 from pamid.report.load import Residual, RunData, load_run
 from pamid.report.style import render

@@ -14,11 +14,11 @@ from synthetic_run import CHANNELS, make_run, make_trial
 from pamid.report.channel_errors import errors_of
 from pamid.report.formatting import number
 from pamid.report.load import RunData, load_run
-from pamid.report.run_page import run_document
+from pamid.report.page import html_of
+from pamid.report.run_page import run_page
 from pamid.report.samples import SAMPLE_LEVELS
-from pamid.report.trial_page import trial_document
+from pamid.report.trial_page import trial_page
 from pamid.report.trial_results import read_trial
-from pamid.report.web_page import html_of
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 
@@ -38,7 +38,7 @@ def chromium() -> Iterator[Browser]:
 
 def written(run: RunData, path: Path) -> Path:
     """The page without its pictures, which take the time."""
-    path.write_text(html_of(run_document(run, errors_of(run), {})), encoding="utf-8")
+    path.write_text(html_of(run_page(run, errors_of(run), {})), encoding="utf-8")
     return path
 
 
@@ -130,7 +130,7 @@ def test_a_phone_never_scrolls_sideways(kind: str, tmp_path: Path, chromium: Bro
         trial = read_trial(make_trial(tmp_path / "TRIAL") / "trial.json")
         assert trial is not None
         found = tmp_path / "trial.html"
-        found.write_text(html_of(trial_document(trial, (), {})), encoding="utf-8")
+        found.write_text(html_of(trial_page(trial, (), {})), encoding="utf-8")
     else:
         verdict = "explained" if kind == "fit" else kind
         found = written(

@@ -16,8 +16,8 @@ from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_run, run_json
 
 from pamid.base.errors import FileError
+from pamid.report.page import page_script
 from pamid.report.pdf import installed_browser
-from pamid.report.web_page import page_script
 from pamid.report.writing import write_report
 
 needs_browser = pytest.mark.skipif(

@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_trial, share_json
 
+from pamid.report.page import page_script
 from pamid.report.trial_figures import (
     confusion_drawing,
     reliability_drawing,
 )
 from pamid.report.trial_results import Trial, read_trial
-from pamid.report.web_page import page_script
 from pamid.report.writing import write_report
 from pamid.trial.figure_table import JOINT_ROWS
 

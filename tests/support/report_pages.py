@@ -12,8 +12,8 @@ from pathlib import Path
 from pamid.report import formatting
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
-from pamid.report.run_page import run_document
-from pamid.report.web_page import html_of
+from pamid.report.page import html_of
+from pamid.report.run_page import run_page
 
 VERDICTS = (
     "explained",
@@ -67,7 +67,7 @@ def flat(text: str) -> str:
 def text_of(folder: Path) -> str:
     """What the page says, without its figures (they take the time)."""
     run = load_run(folder)
-    return flat(Outline(html_of(run_document(run, errors_of(run), {}))).text)
+    return flat(Outline(html_of(run_page(run, errors_of(run), {}))).text)
 
 
 def scripts_of(page: str) -> list[str]:

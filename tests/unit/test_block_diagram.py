@@ -18,9 +18,8 @@ from pamid.report.block_diagram import (
     narrow_diagram,
     wide_diagram,
 )
-from pamid.report.rig_card import rig_svg
-from pamid.report.rig_figure import anchor, panels_html, rig_drawing
-from pamid.report.rig_texts import block_texts
+from pamid.report.rig_figure import anchor, block_texts, panels_html, rig_drawing, rig_svg
+from pamid.report.style import page_svg
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.model import read
 from pamid.schemas.rig_map import RigMap
@@ -110,8 +109,8 @@ def test_effects_are_pinned_where_they_act_and_tints_are_shares() -> None:
 def test_every_block_leads_to_a_panel_that_is_there() -> None:
     found = diagnosis_of("explained")
     drawing, panels = rig_drawing(found), str(panels_html(found))
-    assert drawing is not None and drawing.own is not None
-    for svg in drawing.own:
+    assert drawing is not None
+    for svg in (page_svg(drawing), page_svg(drawing, narrow=False)):
         targets = re.findall(r'href="#([^"]+)"', svg)
         assert len(targets) == 5
         assert all(f'id="{one}"' in panels for one in targets)
@@ -131,8 +130,8 @@ def test_names_from_a_file_are_text() -> None:
     content["rig"]["ports"][3] |= {"group": "<script>alert(1)</script>"}
     found = read(DiagnosisFile, content)
     drawing = rig_drawing(found)
-    assert drawing is not None and drawing.own is not None
-    assert "<script" not in "".join(drawing.own) + str(panels_html(found)) + rig_svg(found)
+    assert drawing is not None
+    assert "<script" not in page_svg(drawing) + str(panels_html(found)) + rig_svg(found)
 
 
 @pytest.mark.parametrize("name", ["geared-motor", "one-dof", "muscle-mass", "two-masses", "servo"])

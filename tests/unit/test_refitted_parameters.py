@@ -9,8 +9,8 @@ from typing import Any
 from report_pages import flat, text_of
 from synthetic_run import make_run
 
+from pamid.report.evidence import parameter_table, parameters_of
 from pamid.report.load import load_run
-from pamid.report.tables import parameter_table, parameters_of
 from pamid.schemas.estimates import Estimate
 from pamid.verdict.refitted_parameters import refitted_parameters
 

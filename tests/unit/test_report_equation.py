@@ -7,12 +7,11 @@ import re
 import xml.etree.ElementTree as xml
 
 import pytest
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from synthetic_run import diagnosis_json, make_run
 
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
-from pamid.report.document import Equation
 from pamid.report.equation import acting, cause_equations
 from pamid.report.formatting import SPACE
 from pamid.report.formula import FormulaError, formula_html
@@ -42,15 +41,6 @@ LABELS = [
 def read(math: str) -> str:
     """What a reader sees, one line; the markup must be sound."""
     return "".join(xml.fromstring(f"<all>{math}</all>").itertext()).replace(SPACE, " ")
-
-
-def shown(equations: tuple[Equation, ...]) -> str:
-    """Titles, equations and notes as a page holds them."""
-    return "".join(
-        part
-        for one in equations
-        for part in (escape(one.title), *one.math, *map(escape, one.notes))
-    )
 
 
 def set_in_type(node: Expr) -> Markup:
@@ -107,7 +97,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 
 def test_the_cause_is_told_in_names_and_in_values(run: RunData) -> None:
-    html = shown(cause_equations(run))
+    html = "".join(cause_equations(run))
     text = read(html)
     assert "The equation of Coulomb friction at the joint port, and with the values found" in text
     assert "M′=M−torque⋅stop(position,give)give" in text

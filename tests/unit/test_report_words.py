@@ -6,6 +6,7 @@ import pytest
 
 from pamid.report import formatting
 from pamid.report.markup import escape, prose, tag
+from pamid.report.page import Page, Section, html_of, strong, table, text
 
 
 @pytest.mark.parametrize(
@@ -49,3 +50,21 @@ def test_markup_escapes_everything_but_markup() -> None:
     assert tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&#34;">&lt;b&gt;<i>&amp;</i></p>'
     assert prose("run `a<b`") == "run <code>a&lt;b</code>"
     assert escape("\x00\ud800") == "\ufffd\ufffd"
+
+
+def test_a_page_lists_its_headings_down_to_the_third_level() -> None:
+    inner = Section("Known <b>", (Section("Deep", (), 4), text("one", "")), 3)
+    page = Page("Head", "sub", (Section("", (Section("Lead.", (), question="Where"),)), inner))
+    html = html_of(page)
+    assert [one.contents for one in page.sections] == [
+        [(2, "Where", "where")],
+        [(3, "Known <b>", "known-b")],
+    ]
+    assert '<h3 id="known-b">Known &lt;b&gt;</h3>' in html and "<p>one</p>" in html
+    assert html.count("<section>") == 4 and "<title>Head</title>" in html
+
+
+def test_a_table_marks_cells_that_repeat_the_row_above() -> None:
+    html = table(["a", "b", "n"], [["x", "<y>", "1"], ["x", strong("z"), "1"]], (2,))
+    assert html.count(' class="again"') == 1 and html.count('<td class="n">1</td>') == 2
+    assert "&lt;y&gt;" in html and "<strong>z</strong>" in html

@@ -26,7 +26,7 @@
   paint(MODES.includes(kept) ? kept : "");
 
   // ---- the rig's diagram: a block that is chosen or has the focus shows what is known of it ------------------------
-  const panels = [...document.querySelectorAll(".port-panel")], blocks = [...document.querySelectorAll(".rig-map .block")];
+  const panels = [...document.querySelectorAll(".port-panel")], blocks = [...document.querySelectorAll("a.block")];
   function choose(id) {
     for (const panel of panels) panel.classList.toggle("shown", panel.id === id);
     for (const block of blocks) block.classList.toggle("chosen", block.getAttribute("href") === "#" + id);
