@@ -13,6 +13,7 @@ from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import mjcf_of
 from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.simulators.mujoco_sources import relocated_text
 from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 
 LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
@@ -61,7 +62,8 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
         notes.append("it was not run, because the run has no held-out data")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
-    return Written({files[0]: written.text}, notes=tuple(notes), check=check)
+    text = relocated_text(written.text, path, files[0].parent)
+    return Written({files[0]: text}, notes=tuple(notes), check=check)
 
 
 def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:

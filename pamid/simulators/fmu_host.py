@@ -278,7 +278,6 @@ class FmuHost:
             np.zeros(0, np.int64),
             of(table.y)[places],
             words.ctypes.data + 8 * LEADS,
-            keep_alive=(handles, words),
         )
         status = first_failure(words)
         if status and (not self.went or status == FATAL):

@@ -326,7 +326,7 @@ def _actuators(
         unit = quotient(unit, "s") if unit and how == "integrator" else unit
         column = with_unit(f"{name}_command", unit) if m.actuator_ctrlnum[i] else ""
         states: tuple[tuple[str, str], ...] = ()
-        motor = _motor(m, i) if law == "dcmotor" else None
+        motor = winding_motor(m, i) if law == "dcmotor" else None
         if motor is not None:
             states = tuple(_motor_states(m, i, name, units[0]))
         elif how != "none":
@@ -369,7 +369,7 @@ def _actuators(
     return (*actuators, *bare)
 
 
-def _motor(model: Any, i: int) -> WindingMotor:
+def winding_motor(model: Any, i: int) -> WindingMotor:
     """Winding motor from MuJoCo's arrays, with the indices of mjs_setToDCMotor."""
     gain, dynamics, bias = (
         _vector(array[i])

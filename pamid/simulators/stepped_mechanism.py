@@ -27,7 +27,7 @@ from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
-from pamid.simulators.mechanism import Actuator, Mechanism
+from pamid.simulators.mechanism import Actuator, Mechanism, write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_findings import NOT_ENFORCED
 from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
@@ -182,7 +182,8 @@ class _Stepper:
     def __init__(
         self, mechanism: Mechanism, shapes: Sequence[BodyShape], names: Sequence[str]
     ) -> None:
-        file = open_mujoco(mechanism.path)
+        # many copies of the model are stored, and meshes may take megabytes in each
+        file = open_mujoco(mechanism.path, visual=False)
         from mujoco import rollout
 
         self.mujoco, self.model, self.m = file.mujoco, file.model, mechanism
@@ -228,11 +229,9 @@ class _Stepper:
         start = np.zeros(self.size)
         self.mujoco.mj_getState(model, self.data, start, kinds.mjSTATE_FULLPHYSICS)
         self.start = start
-        self.values = [w for q in mechanism.parameters for w in q.writes]
         self.shapes, self.names = shapes, names
         for shape in shapes:  # MuJoCo leaves out the centre of a body whose frame is at the centre
             model.body_sameframe[shape.number] = self.mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-        self.of = [k for k, q in enumerate(mechanism.parameters) for _ in q.writes]
 
     @property
     def _plastic(self) -> int:
@@ -310,7 +309,6 @@ class _Stepper:
                 *self.addresses,
                 np.zeros(0, np.int64),
                 0,
-                keep_alive=(models, self.data),
             )
         self._add_warnings(round(self.data.time * count / h))
 
@@ -378,21 +376,15 @@ class _Stepper:
                 model = self.mujoco.MjModel.__copy__(self.model)
             else:
                 model = self.model_of_values.pop(next(iter(self.model_of_values)))
-            for write, k in zip(self.values, self.of, strict=True):
-                array = getattr(model, write.array)
-                at = (write.row,) if write.column < 0 else (write.row, write.column)
-                array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
-            self._deform(model, row)
+            values = dict(zip(self.names, row.tolist(), strict=True))
+            write_values(model, self.m, values)
+            model.actuator_delay[:] = 0.0  # delays are pamid's
+            for shape in self.shapes:
+                i = shape.number
+                body = shape.deformed(values, float(model.body_mass[i]))
+                model.body_ipos[i], model.body_iquat[i] = body.centre, body.inertia_quaternion
+                model.body_inertia[i] = body.inertia
             self.mujoco.mj_setConst(model, self.data)
         self.model_of_values[key] = model
         model.opt.timestep = timestep_s
         return model
-
-    def _deform(self, model: Any, row: Array) -> None:
-        """Write the shapes of bodies whose shape is a parameter."""
-        values = dict(zip(self.names, row.tolist(), strict=True))
-        for shape in self.shapes:
-            i = shape.number
-            body = shape.deformed(values, float(model.body_mass[i]))
-            model.body_ipos[i], model.body_iquat[i] = body.centre, body.inertia_quaternion
-            model.body_inertia[i] = body.inertia
