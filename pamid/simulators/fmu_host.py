@@ -5,9 +5,7 @@ The work at every sample is compiled (`pamid.simulators.fmi_kernels`).
 
 from __future__ import annotations
 
-import json
-import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -34,7 +32,6 @@ from pamid.simulators.fmu_link import FmuUnits
 
 Array = NDArray[np.float64]
 
-SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
 MOST_INSTANCES = 64  # with different parameters, for seen states
 LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
@@ -101,7 +98,7 @@ class FmuHost:
             readings.append(self._store_readings(k, instance))
         return self._run_begins(readings)
 
-    def resume(self, numbers: list[int], p: Array) -> Array:
+    def resume(self, numbers: Sequence[int], p: Array) -> Array:
         self.release(self.copies)
         self.copies, readings = [], []
         for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
@@ -208,7 +205,7 @@ class FmuHost:
         self.copies = []
         return np.arange(first, self.count + 1, dtype=float)[None]
 
-    def drop(self, numbers: list[int]) -> Array:
+    def drop(self, numbers: Sequence[int]) -> Array:
         """Drop saved states and programs; the numbers of programs are negative."""
         self.release([self.kept.pop(number) for number in numbers if number > 0])
         for number in numbers:
@@ -315,24 +312,15 @@ class FmuHost:
 
     # ---- requests --------------------------------------------------------------------------------
 
-    def answer(self, request: bytes) -> Array:
-        """Answer one request: a word, a time step and the shape of a table, the table, and JSON."""
-        word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
-        begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
-        table = np.frombuffer(request[begin:end]).reshape(n, m)
-        return self.dispatch(word, table, h, json.loads(request[end:] or b"[]"))
-
-    def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
-        """Answer a decoded request."""
-        table = np.array(table)  # writable, because read-only arrays would compile another version
-        if word == b"s":
-            return self.step(table, h)
-        if word == b"x":
-            return self.step_states(table, h)
-        if word == b"o":
-            return self.read_outputs(table)
-        if word == b"b":
-            return self.begin(table)
-        if word == b"r":
-            return self.resume(numbers, table)
-        return self.keep() if word == b"k" else self.drop(numbers)
+    def answer(self, what: str, table: Array, h: float, numbers: Sequence[int]) -> Array:
+        """Answer a request of `pamid.simulators.fmu_link.FmuLink`."""
+        answers: dict[str, Callable[[], Array]] = {
+            "step": lambda: self.step(table, h),
+            "step states": lambda: self.step_states(table, h),
+            "read outputs": lambda: self.read_outputs(table),
+            "begin": lambda: self.begin(table),
+            "resume": lambda: self.resume(numbers, table),
+            "keep": self.keep,
+            "drop": lambda: self.drop(numbers),
+        }
+        return answers[what]()

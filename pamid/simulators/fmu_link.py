@@ -56,7 +56,7 @@ class FmuLink(Carrier):
     units: FmuUnits
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
+        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
     ) -> Array:
         """Answer to a request."""
         raise NotImplementedError
@@ -64,28 +64,28 @@ class FmuLink(Carrier):
     # ---- as a carrier ----------------------------------------------------------------------------
 
     def begin(self, p: Array) -> Array:
-        return self._readings(b"b", self.units.parameters.outside(p))
+        return self._readings("begin", self.units.parameters.outside(p))
 
     def resume(self, saved: Sequence[Any], p: Array) -> Array:
         numbers = [state.number for state in saved]
-        return self._readings(b"r", self.units.parameters.outside(p), numbers=numbers)
+        return self._readings("resume", self.units.parameters.outside(p), numbers=numbers)
 
     def step(self, f: Array, h: float) -> Array:
-        return self._readings(b"s", self.units.inputs.outside(f), h)
+        return self._readings("step", self.units.inputs.outside(f), h)
 
     def save(self) -> tuple[SavedState, ...]:
-        return tuple(SavedState(int(number)) for number in self._request(b"k", _EMPTY)[0])
+        return tuple(SavedState(int(number)) for number in self._request("keep", _EMPTY)[0])
 
     # ---- where its states are seen ---------------------------------------------------------------
 
     def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
         """States and outputs after h, of n copies; all SI."""
-        return self._split_columns(self._request(b"x", self._rows(x, f, p), h))
+        return self._split_columns(self._request("step states", self._rows(x, f, p), h))
 
     def read_outputs(self, x: Array, p: Array) -> Array:
         """Outputs at these states; all SI."""
         rows = np.concatenate([self.units.states.outside(x), self.units.parameters.outside(p)], 1)
-        return self._readings(b"o", rows)
+        return self._readings("read outputs", rows)
 
     def in_c(
         self, p: Array, h: float, places: NDArray[np.intp]
@@ -107,9 +107,9 @@ class FmuLink(Carrier):
         return self.units.states.inside(rows[:, seen:]), self.units.outputs.inside(rows[:, :seen])
 
     def _readings(
-        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
+        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
     ) -> Array:
-        return self.units.outputs.inside(self._request(word, table, h, numbers))
+        return self.units.outputs.inside(self._request(what, table, h, numbers))
 
 
 @dataclass

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
-import struct
 import subprocess
 import sys
 import tempfile
 import weakref
+from collections.abc import Sequence
 from multiprocessing import Pipe
 from typing import Any
 
@@ -18,6 +17,14 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.engine.program import Memory
+from pamid.engine.remote_program import (
+    Course,
+    Parcel,
+    packed,
+    program_data,
+    run_request,
+    take_answer,
+)
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
 from pamid.simulators.fmu_link import FmuLink, SavedState
@@ -26,17 +33,9 @@ Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # longest wait for an answer
 COMPILING = 5.0  # factor on the first wait, because the first run may compile code
-FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
-_LENGTH = struct.Struct("<q")
+FAILED = b"!"  # as in `pamid.simulators.fmu_runs`
 PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
 _EMPTY = np.zeros((0, 0))
-
-
-def _length_prefixed(about: dict[str, Any]) -> bytes:
-    """JSON behind its length, padded to whole numbers."""
-    header = json.dumps(about).encode()
-    header += b" " * (-len(header) % 8)
-    return _LENGTH.pack(len(header)) + header
 
 
 class FmuProcess(FmuLink):
@@ -72,7 +71,7 @@ class FmuProcess(FmuLink):
         self.poller = select.poll()
         self.poller.register(self.from_child, select.POLLIN | select.POLLHUP)
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
-        self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
+        self._exchange(packed({**file.request, "folder": self.folder.name}, []))
 
     # ---- whole runs ------------------------------------------------------------------------------
 
@@ -80,23 +79,15 @@ class FmuProcess(FmuLink):
         self, program: SteppedProgram, memory: Memory, *course: Any
     ) -> tuple[Array, Array, int]:
         """See `pamid.engine.stepped.FarRunner`."""
-        from pamid.engine.remote_program import Course, Parcel, run_request, take_answer
-
-        number = self._number(program)
         request = run_request(memory, Course(*course))
         saved = memory.saved and [
             memory.saved[0].number,
             *(sorted((c, state.number) for c, state in memory.saved[1].items())),
         ]
-        about = {**request.about, "program": number, "saved": saved}
+        about = {"what": "run", "program": self._number(program), "saved": saved}
         patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
-        answer = self._exchange(
-            b"u" + _length_prefixed(about) + request.numbers.tobytes(), patience_s
-        )
-        self.compiled = True
-        size = _LENGTH.unpack_from(answer)[0]
-        header = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
-        parcel = Parcel(header, np.frombuffer(answer, offset=_LENGTH.size + size))
+        parcel = self._exchange(Parcel({**request.about, **about}, request.numbers), patience_s)
+        self.compiled, header = True, parcel.about
         result = take_answer(memory, parcel)
         states = [SavedState(int(k)) for k in header["kept"]]
         for saved_state in states:
@@ -114,11 +105,9 @@ class FmuProcess(FmuLink):
         An unknown program is sent first. States and programs that are no longer in use are dropped
         there.
         """
-        from pamid.engine.remote_program import program_data
-
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request(b"d", _EMPTY, numbers=gone)
+            self._request("drop", _EMPTY, numbers=gone)
         number = self.programs.get(program)
         if number is None:
             simulator: Any = program.simulator
@@ -126,29 +115,24 @@ class FmuProcess(FmuLink):
             data = program_data(program)
             data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
             data["places"] = self.places
-            number = self.programs[program] = int(
-                self._answer(b"p" + _length_prefixed(data), PATIENCE_S)[0, 0]
-            )
+            answer = self._exchange(packed({"what": "program", **data}, []))
+            number = self.programs[program] = int(answer.numbers[0])
             weakref.finalize(program, self.dropped.append, -number)
         return number
 
     # ---- what is sent ----------------------------------------------------------------------------
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
+        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
     ) -> Array:
-        tail = b"" if numbers is None else json.dumps(numbers).encode()
-        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + tail)
+        about = {"what": what, "h": h, "numbers": list(numbers)}
+        (answer,) = self._exchange(packed(about, [table])).arrays()
+        return np.asarray(answer)
 
-    def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
-        answer = self._exchange(message, patience_s)
-        _, rows, columns = SHAPE_HEAD.unpack_from(answer)
-        return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
-
-    def _exchange(self, message: bytes, patience_s: float | None = None) -> bytes:
-        waits_s = (patience_s or PATIENCE_S) * (1.0 if self.compiled else COMPILING)
+    def _exchange(self, request: Parcel, patience_s: float = PATIENCE_S) -> Parcel:
+        waits_s = patience_s * (1.0 if self.compiled else COMPILING)
         try:
-            self.to_child.send_bytes(message)
+            self.to_child.send_bytes(request.message)
             if not self.poller.poll(1000.0 * waits_s):
                 self.child.kill()
                 self.child.wait()
@@ -160,7 +144,7 @@ class FmuProcess(FmuLink):
             raise self._failed(reason) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
-        return answer[1:]
+        return Parcel.of(answer[1:])
 
     def _failed(self, what: str) -> FileError:
         return FileError(

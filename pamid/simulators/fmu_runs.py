@@ -1,16 +1,15 @@
 """Process that holds an FMU. If its binary prints, hangs or crashes, only this process does.
 
-Requests come by a pipe from the parent process: a word, then numbers. Answers are numbers or a
-sentence, never objects. Whole runs are made here (`pamid.engine.remote_program`). The equations
-around the FMU are sent once, as text that is compiled.
+Requests come by a pipe from the parent process. They and the answers are JSON and numbers, or a
+sentence, never objects (`pamid.engine.remote_program.Parcel`). Whole runs are made here. The
+equations around the FMU are sent once, as text that is compiled.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import struct
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 from typing import Any
@@ -18,16 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.remote_program import Parcel, rebuilt_program, run_answer, run_of
+from pamid.engine.remote_program import Parcel, packed, rebuilt_program, run_answer, run_of
 from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
-from pamid.simulators.fmu_host import SHAPE_HEAD, FmuHost
+from pamid.simulators.fmu_host import FmuHost
 from pamid.simulators.fmu_link import FmuLink, FmuUnits, SavedState, SeenFmu, UnitScale
 
 Array = NDArray[np.float64]
 
 FAILED, NUMBERS = b"!", b"="
-_LENGTH = struct.Struct("<q")
 
 
 class NearFmu(FmuLink):
@@ -41,9 +39,9 @@ class NearFmu(FmuLink):
         )
 
     def _request(
-        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
+        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
     ) -> Array:
-        return self.host.dispatch(word, table, h, numbers or [])
+        return self.host.answer(what, table, h, numbers)
 
     def in_c(
         self, p: Array, h: float, places: NDArray[np.intp]
@@ -58,9 +56,20 @@ class FmuRuns:
         self.host, self.near = host, NearFmu(host)
         self.count = 0
 
-    def add(self, message: bytes) -> Array:
+    def answer(self, request: Parcel) -> Parcel:
+        """Answer a request."""
+        what = request.about["what"]
+        if what == "run":
+            return self.run(request)
+        if what == "program":
+            return packed({}, [self.add(request.about)])
+        # writable, because read-only arrays would compile another version
+        (table,) = request.arrays()
+        answer = self.host.answer(what, table, request.about["h"], request.about["numbers"])
+        return packed({}, [answer])
+
+    def add(self, data: dict[str, Any]) -> Array:
         """Add a program and return its number."""
-        data, _ = split_message(message)
         simulator: Any = self.near
         if self.host.about["seen"]:
             states, forces = map(np.array, data["typical"])
@@ -68,12 +77,12 @@ class FmuRuns:
             simulator = SeenFmu(self.near, places, (states, forces))
         self.count += 1
         self.host.programs[self.count] = rebuilt_program(data, simulator)
-        return np.full((1, 1), float(self.count))
+        return np.array([float(self.count)])
 
-    def run(self, message: bytes) -> bytes:
-        """Run a program and return the encoded result."""
-        about, numbers = split_message(message)
-        memory, course = run_of(Parcel(about, numbers))
+    def run(self, request: Parcel) -> Parcel:
+        """Run a program."""
+        about = request.about
+        memory, course = run_of(request)
         if about["saved"]:
             plain, *copies = about["saved"]
             memory.saved = SavedState(plain), {c: SavedState(number) for c, number in copies}
@@ -95,39 +104,26 @@ class FmuRuns:
             first, others = memory.saved
             header["kept"] = [first.number, *(other.number for other in others.values())]
             header["columns"] = list(others)
-        header_bytes = json.dumps(header).encode()
-        return _LENGTH.pack(len(header_bytes)) + header_bytes + answer.numbers.tobytes()
-
-
-def split_message(message: bytes) -> tuple[dict[str, Any], Array]:
-    """Header of a message, and the numbers behind it."""
-    size = _LENGTH.unpack_from(message)[0]
-    end = _LENGTH.size + size
-    return json.loads(message[_LENGTH.size : end]), np.frombuffer(message, offset=end)
+        return Parcel(header, answer.numbers)
 
 
 def serve(inlet: int, outlet: int) -> None:
     """Answer requests until the pipe closes. The first request describes the FMU."""
     incoming, outgoing = Connection(inlet, writable=False), Connection(outlet, readable=False)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
-    host: FmuHost | None = None
-    runs: Any = None
+    runs: FmuRuns | None = None
     while True:
         try:
-            request = incoming.recv_bytes()
+            request = Parcel.of(incoming.recv_bytes())
         except EOFError:
             return
         try:
-            if host is None:
-                host, reply = FmuHost(json.loads(request)), np.zeros((0, 0))
-                runs = FmuRuns(host)
-            elif request[:1] == b"u":
-                outgoing.send_bytes(NUMBERS + runs.run(request[1:]))
-                continue
+            reply = request  # an empty one is as good
+            if runs is None:
+                runs = FmuRuns(FmuHost(request.about))
             else:
-                reply = runs.add(request[1:]) if request[:1] == b"p" else host.answer(request)
-            shape = SHAPE_HEAD.pack(0.0, *reply.shape)
-            outgoing.send_bytes(NUMBERS + shape + np.ascontiguousarray(reply).tobytes())
+                reply = runs.answer(request)
+            outgoing.send_bytes(NUMBERS + reply.message)
         except Exception as error:
             kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
             outgoing.send_bytes(FAILED + f"{kind}{error}".encode())

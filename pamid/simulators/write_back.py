@@ -252,10 +252,17 @@ class _Writer:
         self._extend_keyframes()
         return self.edits.made(self.tags)
 
-    def _write(self, p: ModelParameter) -> None:
-        """Write a parameter that has changed."""
+    def _write_all(self, j: int, word: str) -> None:
+        """Write an attribute of a joint with all its coefficients."""
+        for name in (word, f"{word}_quadratic", f"{word}_cubic"):
+            if (p := self.parameters.get(("joint", j, name))) is not None:
+                self._write(p, forced=True)
+
+    def _write(self, p: ModelParameter, *, forced: bool = False) -> None:
+        """Write a parameter that has changed, or any by force."""
         name, was, now = p.parameter.name, p.stated, p.value_in(self.new)
-        if name in self.done or abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
+        same = not forced and abs(now - was) <= UNCHANGED * max(abs(was), abs(now))
+        if same or name in self.done:
             return
         self.done.add(name)
         tag, why = self._tag_of(p.element, p.number, p.of)
@@ -340,24 +347,21 @@ class _Writer:
         """Write the terms at a joint."""
         joint, new = self.mechanism.joints[j], self.new
         tag, why = self._tag_of("joint", j, joint.name)
-        if self.is_urdf:
-            self._reduce_to_urdf(joint, terms)
+        terms = self._in_urdf(joint, terms) if self.is_urdf else terms
         if tag is None:
             self.left.append(f"effects at {joint.name}: {why}")
             return
         dry = not new.dof_frictionloss[joint.dof]
         if terms.friction:
             new.dof_frictionloss[joint.dof] += terms.friction
-            self._write(self.parameters["joint", j, "frictionloss"])
+            self._write_all(j, "frictionloss")
             if dry and not self.is_urdf:
                 self._write_onset(tag, joint, terms)
         if terms.damping.any():
             total = self._polynomial("dof_damping", joint.dof)
             total += terms.damping[: len(total)]
             self._set_polynomial("dof_damping", joint.dof, total)
-            self._write(self.parameters["joint", j, "damping"])
-        if self.is_urdf:
-            return
+            self._write_all(j, "damping")
         if terms.spring.any():
             self._spring(tag, j, joint, terms)
         if terms.stop is not None:
@@ -422,7 +426,7 @@ class _Writer:
         about = np.array([float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)])
         self._set_polynomial("jnt_stiffness", j, about / [1.0, 2.0, 6.0])
         self.edits.set(tag, "springref", self._angle(joint, zero))
-        self._write(self.parameters["joint", j, "stiffness"])
+        self._write_all(j, "stiffness")
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """Range that both the file's limits and the buffers leave to the joint."""
@@ -492,7 +496,7 @@ class _Writer:
             self._split_body(tag, body, joint, near, element_text("joint", words))
         if needed > armature:
             self.new.dof_armature[joint.dof] = needed
-            self._write(self.parameters["joint", j, "armature"])
+            self._write_all(j, "armature")
 
     def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
         """The <body> of a joint, if it has no other joint."""
@@ -575,14 +579,6 @@ class _Writer:
 
     # ---- actuators and sensors -------------------------------------------------------------------
 
-    def _is_reshaped(self, i: int) -> bool:
-        """True if an actuator's law is written as one of <general>."""
-        terms, actuator = self.forms.commands.get(i, CommandTerms()), self.mechanism.actuators[i]
-        lagged = terms.lag > 0.0 and actuator.dynamics == "none"
-        if actuator.motor is not None:
-            return False
-        return terms.gain != 1.0 or terms.offset != 0.0 or lagged
-
     def _command(self, i: int, terms: CommandTerms) -> None:
         actuator = self.mechanism.actuators[i]
         tag, why = self._tag_of("actuator", i, actuator.name)
@@ -592,7 +588,8 @@ class _Writer:
             self.left.append(f"effects at the command of {actuator.name}: {why}")
             return
         if terms.delay:
-            self._delay(tag, terms.delay + float(self.new.actuator_delay[i]))
+            self.new.actuator_delay[i] += terms.delay
+            self._delay(tag, float(self.new.actuator_delay[i]))
         low, high = actuator.command_range or (-np.inf, np.inf)
         # the file limits what the effects make of the command
         ends = sorted((end - terms.offset) / terms.gain for end in (low, high))
@@ -602,12 +599,14 @@ class _Writer:
             self.edits.set(tag, "ctrllimited", "true")
             self.edits.set(tag, "ctrlrange", numbers(np.clip(ends, -wide, wide)))
             self.edits.set(tag, "inheritrange", None)
-        if actuator.motor is not None and (terms.gain != 1.0 or terms.offset or terms.lag):
+
+        if not (terms.gain != 1.0 or terms.offset or terms.lag):
+            return
+        if actuator.motor is not None:
             self.left.append(
                 f"effects at the command of {actuator.name}: a dcmotor has no gain, offset or lag "
                 "of its command"
             )
-        if not self._is_reshaped(i):
             return
         self.done |= {
             p.parameter.name
@@ -838,8 +837,8 @@ class _Writer:
             self.edits.add_inside(tag, element_text("dynamics", values))
         return ""
 
-    def _reduce_to_urdf(self, joint: MechanismJoint, terms: JointTerms) -> None:
-        """Reduce the terms at a joint to friction and linear damping; URDF has no more."""
+    def _in_urdf(self, joint: MechanismJoint, terms: JointTerms) -> JointTerms:
+        """Friction and linear damping of the terms at a joint; URDF has no more."""
         others = {
             "its drag": terms.damping[1:].any(),
             "its spring or constant force": terms.spring.any(),
@@ -852,8 +851,7 @@ class _Writer:
         ]
         if sliding := sum(values[2] for word, values in terms.motors if word == "lugre"):
             self.notes.append(f"{joint.name}: its friction is written at its sliding level")
-        terms.friction += sliding
-        terms.damping[1:] = 0.0
+        return JointTerms(terms.friction + sliding, damping=terms.damping * [1.0, 0.0, 0.0])
 
 
 def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
