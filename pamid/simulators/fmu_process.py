@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from multiprocessing import Pipe
 from typing import Any
 
@@ -25,9 +25,10 @@ from pamid.engine.remote_program import (
     run_request,
     take_answer,
 )
+from pamid.engine.shadow_simulators import Carrier
+from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
-from pamid.simulators.fmu_link import FmuLink, SavedState
 
 Array = NDArray[np.float64]
 
@@ -35,17 +36,24 @@ PATIENCE_S = 120.0  # longest wait for an answer
 COMPILING = 5.0  # factor on the first wait, because the first run may compile code
 FAILED = b"!"  # as in `pamid.simulators.fmu_runs`
 PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
-_EMPTY = np.zeros((0, 0))
 
 
-class FmuProcess(FmuLink):
-    """Copies of an FMU, held by another process.
+class SavedState:
+    """A saved state, by its number in the other process; it is dropped there with this object."""
+
+    def __init__(self, number: int, dropped: list[int]) -> None:
+        self.number = number
+        weakref.finalize(self, dropped.append, number)
+
+
+class FmuProcess(Carrier):
+    """Copies of an FMU, held by another process, which makes whole runs of it.
 
     The process starts with the first copy, and loads the FMU's binary then.
     """
 
     def __init__(self, file: FmuFile) -> None:
-        self.file, self.units = file, file.units
+        self.file = file
         self.programs: weakref.WeakKeyDictionary[SteppedProgram, int] = weakref.WeakKeyDictionary()
         self.places = [
             i for i, v in enumerate(file.outputs.variables) if v not in file.states.variables
@@ -85,13 +93,11 @@ class FmuProcess(FmuLink):
             *(sorted((c, state.number) for c, state in memory.saved[1].items())),
         ]
         about = {"what": "run", "program": self._number(program), "saved": saved}
-        patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
-        parcel = self._exchange(Parcel({**request.about, **about}, request.numbers), patience_s)
+        patience = 1.0 + len(course[0]) / PATIENT_SAMPLES
+        parcel = self._exchange(Parcel({**request.about, **about}, request.numbers), patience)
         self.compiled, header = True, parcel.about
         result = take_answer(memory, parcel)
-        states = [SavedState(int(k)) for k in header["kept"]]
-        for saved_state in states:
-            weakref.finalize(saved_state, self.dropped.append, saved_state.number)
+        states = [SavedState(int(k), self.dropped) for k in header["kept"]]
         if states:
             memory.saved = (
                 states[0],
@@ -107,7 +113,7 @@ class FmuProcess(FmuLink):
         """
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request("drop", _EMPTY, numbers=gone)
+            self._request("drop", [], gone)
         number = self.programs.get(program)
         if number is None:
             simulator: Any = program.simulator
@@ -122,15 +128,28 @@ class FmuProcess(FmuLink):
 
     # ---- what is sent ----------------------------------------------------------------------------
 
-    def _request(
-        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
-    ) -> Array:
-        about = {"what": what, "h": h, "numbers": list(numbers)}
-        (answer,) = self._exchange(packed(about, [table])).arrays()
-        return np.asarray(answer)
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """See `pamid.simulators.fmu_link.VisibleStates`."""
+        after, outputs = self._request("step_states", [x, f, p], h)
+        return after, outputs
 
-    def _exchange(self, request: Parcel, patience_s: float = PATIENCE_S) -> Parcel:
-        waits_s = patience_s * (1.0 if self.compiled else COMPILING)
+    def read_outputs(self, x: Array, p: Array) -> Array:
+        """See `pamid.simulators.fmu_link.VisibleStates`."""
+        return np.array(self._request("read_outputs", [x, p]))
+
+    def in_c(
+        self, p: Array, h: float, places: NDArray[np.intp]
+    ) -> AbstractContextManager[LibraryStep | None]:
+        """None, because the other process makes whole runs."""
+        return nullcontext()
+
+    def _request(self, what: str, arrays: list[Array | None], *values: Any) -> list[Array]:
+        """Answer of a method of `pamid.simulators.fmu_host.FmuHost`."""
+        answer = self._exchange(packed({"what": what, "values": values}, arrays))
+        return list(answer.arrays())
+
+    def _exchange(self, request: Parcel, patience: float = 1.0) -> Parcel:
+        waits_s = PATIENCE_S * patience * (1.0 if self.compiled else COMPILING)
         try:
             self.to_child.send_bytes(request.message)
             if not self.poller.poll(1000.0 * waits_s):

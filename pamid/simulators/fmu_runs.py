@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -18,43 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.remote_program import Parcel, packed, rebuilt_program, run_answer, run_of
-from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_host import FmuHost
-from pamid.simulators.fmu_link import FmuLink, FmuUnits, SavedState, SeenFmu, UnitScale
+from pamid.simulators.fmu_link import SeenFmu
 
 Array = NDArray[np.float64]
 
 FAILED, NUMBERS = b"!", b"="
-
-
-class NearFmu(FmuLink):
-    """FMU in this process."""
-
-    def __init__(self, host: FmuHost) -> None:
-        self.host, self.longest_s = host, float("inf")
-        self.whole_samples = not host.about["any_step"]
-        self.units = FmuUnits(
-            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in host.about["units"])
-        )
-
-    def _request(
-        self, what: str, table: Array, h: float = 0.0, numbers: Sequence[int] = ()
-    ) -> Array:
-        return self.host.answer(what, table, h, numbers)
-
-    def in_c(
-        self, p: Array, h: float, places: NDArray[np.intp]
-    ) -> AbstractContextManager[LibraryStep | None]:
-        return self.host.in_c(self.units, p, h, places)
+#: methods of `FmuHost` that may be requested
+CALLS = ("step_states", "read_outputs", "drop")
 
 
 class FmuRuns:
     """Received programs, and their runs."""
 
     def __init__(self, host: FmuHost) -> None:
-        self.host, self.near = host, NearFmu(host)
-        self.count = 0
+        self.host, self.count = host, 0
 
     def answer(self, request: Parcel) -> Parcel:
         """Answer a request."""
@@ -63,18 +40,18 @@ class FmuRuns:
             return self.run(request)
         if what == "program":
             return packed({}, [self.add(request.about)])
-        # writable, because read-only arrays would compile another version
-        (table,) = request.arrays()
-        answer = self.host.answer(what, table, request.about["h"], request.about["numbers"])
-        return packed({}, [answer])
+        if what not in CALLS:
+            raise ValueError(what)
+        answer = getattr(self.host, what)(*request.arrays(), *request.about["values"])
+        return packed({}, list(answer))
 
     def add(self, data: dict[str, Any]) -> Array:
         """Add a program and return its number."""
-        simulator: Any = self.near
+        simulator: Any = self.host
         if self.host.about["seen"]:
             states, forces = map(np.array, data["typical"])
             places = np.array(data["places"], np.intp)
-            simulator = SeenFmu(self.near, places, (states, forces))
+            simulator = SeenFmu(self.host, places, (states, forces))
         self.count += 1
         self.host.programs[self.count] = rebuilt_program(data, simulator)
         return np.array([float(self.count)])
@@ -85,7 +62,7 @@ class FmuRuns:
         memory, course = run_of(request)
         if about["saved"]:
             plain, *copies = about["saved"]
-            memory.saved = SavedState(plain), {c: SavedState(number) for c, number in copies}
+            memory.saved = plain, dict(copies)
         program: SteppedProgram = self.host.programs[about["program"]]
         result = program.run(
             memory,
@@ -102,7 +79,7 @@ class FmuRuns:
         header: dict[str, Any] = {**answer.about, "kept": [], "columns": []}
         if memory.saved and not self.host.about["seen"]:
             first, others = memory.saved
-            header["kept"] = [first.number, *(other.number for other in others.values())]
+            header["kept"] = [first, *others.values()]
             header["columns"] = list(others)
         return Parcel(header, answer.numbers)
 

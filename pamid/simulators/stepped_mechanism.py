@@ -3,9 +3,8 @@
 Such parts are contacts, closed loops and tendons over sites. The inputs are the commands, through
 their ports, and at every joint the force that effects add (qfrc_applied). The model states the
 force on the joint in part (`pamid.simulators.compiled_rig`). Effects get this part as their value,
-and return a difference. Parameters are written into copies of the model. Copies for differences are
-stepped in one call (mujoco.rollout), from a cold start of the solver, so that the same arguments
-lead to the same states.
+and return a difference. Parameters are written into copies of the model. A step begins with a cold
+start of the solver, so that the same arguments lead to the same states.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
-from pamid.engine.simulator_warnings import add_warnings, warnings_count
+from pamid.engine.simulator_warnings import add_warnings
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
@@ -184,8 +183,6 @@ class _Stepper:
     ) -> None:
         # many copies of the model are stored, and meshes may take megabytes in each
         file = open_mujoco(mechanism.path, visual=False)
-        from mujoco import rollout
-
         self.mujoco, self.model, self.m = file.mujoco, file.model, mechanism
         model = self.model
         model.opt.tolerance = min(model.opt.tolerance, SOLVER_TOLERANCE)
@@ -197,11 +194,10 @@ class _Stepper:
         if model.ntree == 1:  # one island: looking for others takes a tenth of a step
             model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.actuator_names = [file.name("actuator", i) for i in range(model.nactuator)]
-        self.rollout = rollout.Rollout(nthread=0)
         self.data = self.mujoco.MjData(model)
         kinds = self.mujoco.mjtState
-        self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
-        self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
+        self.full = kinds.mjSTATE_FULLPHYSICS
+        self.size = self.mujoco.mj_stateSize(model, self.full)
         self.model_of_values: dict[bytes, Any] = {}
         described = [i for i, a in enumerate(mechanism.actuators) if a.states]
         further = [i for i in range(model.nactuator) if i not in described]
@@ -226,9 +222,8 @@ class _Stepper:
             ]
         )
         self.forces = np.array([*range(model.nu), *(model.nu + d for d in dof)])
-        start = np.zeros(self.size)
-        self.mujoco.mj_getState(model, self.data, start, kinds.mjSTATE_FULLPHYSICS)
-        self.start = start
+        self.start = np.zeros(self.size)
+        self.mujoco.mj_getState(model, self.data, self.start, self.full)
         self.shapes, self.names = shapes, names
         for shape in shapes:  # MuJoCo leaves out the centre of a body whose frame is at the centre
             model.body_sameframe[shape.number] = self.mujoco.mjtSameFrame.mjSAMEFRAME_NONE
@@ -245,38 +240,21 @@ class _Stepper:
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> Array:
         """States (n, states) h seconds after x under f, with parameters p (all of n rows)."""
-        n, count = len(x), max(1, int(np.ceil(h / self.m.timestep_s - 1e-9)))
-        states = np.tile(self.start, (n, 1))
-        states[:, self.places] = x
-        control = np.zeros((n, 1, self.model.nu + self.model.nv))
-        control[:, 0, self.forces] = f
-        models = [self.with_values(row, h / count) for row in p]
-        control = np.repeat(control, count, axis=1) if count > 1 else control
-        if not warnings_count():
-            after, _ = self.rollout.rollout(
-                models, self.data, states, control, control_spec=self.spec
-            )
-            states = after[:, -1].copy()
-        # a rollout ends at the first warning and repeats the state that it has reached
-        for i in np.flatnonzero(np.rint(states[:, 0] * count / h) < count):
-            states[i] = self._run_steps(models[i], states[i], control[i])
-        return np.ascontiguousarray(states[:, self.places])
-
-    def _run_steps(self, model: Any, state: Array, control: Array) -> Array:
-        """Full state after all steps of a control (steps, values), despite MuJoCo's warnings.
-
-        The given state has some of these steps behind it.
-        """
-        step = float(model.opt.timestep)
-        done = round(state[0] / step)
-        while done < len(control):
-            after, _ = self.rollout.rollout(
-                [model], self.data, state[None], control[None, done:], control_spec=self.spec
-            )
-            state = after[0, -1]
-            before, done = done, max(round(state[0] / step), done + 1)
-            self._add_warnings(done - before)
-        return state
+        count, after = max(1, int(np.ceil(h / self.m.timestep_s - 1e-9))), np.empty_like(x)
+        mujoco, data, full = self.mujoco, self.data, self.full
+        state, control = self.start.copy(), np.zeros(self.model.nu + self.model.nv)
+        mujoco.mj_resetData(self.model, data)
+        for k, row in enumerate(p):
+            model = self.with_values(row, h / count)
+            state[self.places], control[self.forces] = x[k], f[k]
+            mujoco.mj_setState(model, data, state, full)
+            data.ctrl[:], data.qfrc_applied[:] = np.split(control, [self.model.nu])
+            data.qacc_warmstart[:] = 0.0
+            mujoco.mj_step(model, data, count)
+            mujoco.mj_getState(model, data, state, full)
+            after[k], state = state[self.places], self.start.copy()
+        self._add_warnings(count * len(x))
+        return after
 
     def _add_warnings(self, steps: int) -> None:
         """Count MuJoCo's warnings since the reset of its data, over this number of steps."""
