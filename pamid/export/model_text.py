@@ -19,7 +19,9 @@ from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 
 
-def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
+def write_model_text(
+    model: Identified, step: None, files: tuple[Path, ...], *, language: str
+) -> Written:
     """Text for the file, with its errors in MuJoCo.
 
     A URDF is also written as MJCF, which holds more.
@@ -28,10 +30,12 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     ----------
     model
         Identified model.
-    language
-        "mjcf" or "urdf".
+    step
+        None: a model file has no sample step.
     files
         Files to be written.
+    language
+        "mjcf" or "urdf".
 
     Raises
     ------

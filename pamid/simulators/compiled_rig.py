@@ -11,7 +11,7 @@ file states a loss. If a fit frees the loss of another joint, its friction grows
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, TypeAlias
@@ -355,30 +355,25 @@ class MechanismEquations:
                 total = total + self.rig.value(self.p, element, number, name, stated) * of
         return total
 
-    def joint_drive(self, j: int) -> Expr:
-        """Torque or force of the actuators of one joint, without those on tendons."""
-        force_sum = ZERO
-        for i, a in enumerate(self.m.actuators):
-            if a.tendon < 0 and a.joint == j:
-                gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                force_sum = force_sum + gear * self.actuator_force(i)
-        return force_sum
+    def shares(self, a: Actuator) -> Iterable[tuple[int, Expr | float]]:
+        """Force at every joint per unit of an actuator's force, without its gear."""
+        if a.mount is not None:
+            return self.rigid.moments(a.mount, a.wrench).items()
+        if a.tendon < 0:
+            return ((a.joint, 1.0),)
+        tendon = self.m.tendons[a.tendon]
+        return zip(tendon.joints, tendon.coefficients, strict=True)
 
-    def drive(self) -> list[Expr]:
-        """Forces of the actuators at every joint."""
-        forces = [self.joint_drive(j) for j in range(len(self.m.joints))]
-        for i, a in enumerate(self.m.actuators):
-            if a.mount is not None:
-                force = self.actuator_force(i)
-                for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                    forces[j] = forces[j] + moment * force
-            if a.tendon < 0:
-                continue
-            gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-            force = gear * self.actuator_force(i)
-            t = self.m.tendons[a.tendon]
-            for j, c in zip(t.joints, t.coefficients, strict=True):
-                forces[j] = forces[j] + c * force
+    def drive(self, actuators: Iterable[int] | None = None) -> list[Expr]:
+        """Forces of the actuators, or of some of them, at every joint."""
+        forces = [ZERO] * len(self.m.joints)
+        for i in range(len(self.m.actuators)) if actuators is None else actuators:
+            a = self.m.actuators[i]
+            force = self.actuator_force(i)
+            if a.mount is None:
+                force = self.rig.value(self.p, "actuator", i, "gear", a.gear) * force
+            for j, share in self.shares(a):
+                forces[j] = forces[j] + share * force
         if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
             for j, joint in enumerate(self.m.joints):
                 if joint.compensated_by_actuator:
@@ -479,13 +474,17 @@ class MechanismEquations:
         loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
         return SoftFriction(loss, joint.friction_rate, joint.friction_softness, self.qd[j])
 
-    def applied(self) -> list[Expr]:
-        """Force or torque at every joint, through its motion port."""
-        forces = [f + self.passive(j) for j, f in enumerate(self.drive())]
+    def known_forces(self, actuators: Iterable[int] | None = None) -> list[Expr]:
+        """Force or torque at every joint, of all actuators or some of them."""
+        forces = [f + self.passive(j) for j, f in enumerate(self.drive(actuators))]
         for i, t in enumerate(self.m.tendons):
             pull = self.tendon_force(i)
             for j, c in zip(t.joints, t.coefficients, strict=True):
                 forces[j] = forces[j] + c * pull
+        return forces
+
+    def applied(self) -> list[Expr]:
+        """Force or torque at every joint, through its motion port."""
         return [
             self.port(
                 self.rig.port_of("joint", j, "motion"),
@@ -493,7 +492,7 @@ class MechanismEquations:
                 position=self.q[j],
                 velocity=self.qd[j],
             )
-            for j, f in enumerate(forces)
+            for j, f in enumerate(self.known_forces())
         ]
 
     @cached_property
@@ -606,10 +605,19 @@ class MechanismEquations:
 
     def drive_change(self, j: int, angle: Expr, rate: Expr) -> Expr:
         """Change of the drive of joint j if the load lags behind it by an angle."""
-        before = self.joint_drive(j)
+        driving = [i for i, a in enumerate(self.m.actuators) if a.tendon < 0 and a.joint == j]
+
+        def drive() -> Expr:
+            force = ZERO
+            for i in driving:
+                gear = self.rig.value(self.p, "actuator", i, "gear", self.m.actuators[i].gear)
+                force = force + gear * self.actuator_force(i)
+            return force
+
+        before = drive()
         q, qd = self.q[j], self.qd[j]
         self.q[j], self.qd[j] = q - angle, qd - rate
-        more = self.joint_drive(j) - before
+        more = drive() - before
         self.q[j], self.qd[j] = q, qd
         return more
 

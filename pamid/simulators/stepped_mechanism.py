@@ -10,7 +10,7 @@ start of the solver, so that the same arguments lead to the same states.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -26,10 +26,10 @@ from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
-from pamid.simulators.mechanism import Actuator, Mechanism, write_values
+from pamid.simulators.mechanism import Mechanism, write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_findings import NOT_ENFORCED
-from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
+from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
@@ -99,38 +99,19 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         into: dict[str, Number] = {
             f"{m.actuators[i].name}_command": equations.command(i) for i in dynamic
         }
-        # what pamid puts in the place of actuators, where the file has none, goes in from outside
-        inside = self._known_forces(
-            equations, p, [i for i, a in enumerate(m.actuators) if not a.is_bare]
-        )
-        for j, force in enumerate(self._known_forces(equations, p, range(len(m.actuators)))):
+        # actuators with a law in the description; those that pamid puts in the place of actuators,
+        # where the file has none, go in from outside
+        known = [
+            i
+            for i, a in enumerate(m.actuators)
+            if (a.joint >= 0 or a.tendon >= 0) and not self._is_other(i)
+        ]
+        inside = equations.known_forces(i for i in known if not m.actuators[i].is_bare)
+        for j, force in enumerate(equations.known_forces(known)):
             name = self.port_of("joint", j, "motion")
             passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
             into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
-
-    def _known_forces(
-        self, equations: MechanismEquations, p: Any, actuators: Iterable[int]
-    ) -> list[Expr]:
-        """Known forces of joints, tendons and these actuators at every joint."""
-        m = self.mechanism
-        forces = [ZERO] * len(m.joints)
-        for i in actuators:
-            a = m.actuators[i]
-            if _is_plain(a) and not self._is_other(i):
-                force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
-                for j, share in _ends(m, a):
-                    forces[j] = forces[j] + share * force
-        forces = [
-            f if j.force_range is None else clip(f, *j.force_range)
-            for f, j in zip(forces, m.joints, strict=True)
-        ]
-        forces = [f + equations.passive(j) for j, f in enumerate(forces)]
-        for i, tendon in enumerate(m.tendons):
-            pull = equations.tendon_force(i)
-            for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
-                forces[j] = forces[j] + share * pull
-        return forces
 
     def _is_other(self, actuator: int) -> bool:
         """True if the description has no law for this actuator."""
@@ -161,18 +142,6 @@ def _refuse_quaternions(m: Mechanism) -> None:
                 "Write it as hinges and slides, or hold the body.",
                 code="model",
             )
-
-
-def _is_plain(a: Actuator) -> bool:
-    return a.joint >= 0 or a.tendon >= 0
-
-
-def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
-    """Joints that an actuator moves, with its length per unit of each."""
-    if a.tendon < 0:
-        return [(a.joint, 1.0)]
-    t = m.tendons[a.tendon]
-    return list(zip(t.joints, t.coefficients, strict=True))
 
 
 class _Stepper:
