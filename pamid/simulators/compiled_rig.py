@@ -262,10 +262,8 @@ class MechanismEquations:
         a = self.m.actuators[i]
         gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
         if a.mount is not None:
-            rate = ZERO
-            for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                rate = rate + moment * self.qd[j]
-            return ZERO, rate
+            moments = self.rigid.moments(a.mount, a.wrench).items()
+            return ZERO, sum((moment * self.qd[j] for j, moment in moments), ZERO)
         if a.tendon >= 0:
             length, rate = self.tendon(a.tendon)
             return gear * length, gear * rate
@@ -298,10 +296,9 @@ class MechanismEquations:
     def tendon(self, i: int) -> tuple[Expr, Expr]:
         """Length and velocity of a tendon."""
         tendon = self.m.tendons[i]
-        length = rate = ZERO
-        for j, c in zip(tendon.joints, tendon.coefficients, strict=True):
-            length, rate = length + c * self.q[j], rate + c * self.qd[j]
-        return length, rate
+        shares = list(zip(tendon.joints, tendon.coefficients, strict=True))
+        length = sum((c * self.q[j] for j, c in shares), ZERO)
+        return length, sum((c * self.qd[j] for j, c in shares), ZERO)
 
     def tendon_force(self, i: int) -> Expr:
         """Force of a tendon's spring and damper, against its length."""
@@ -448,9 +445,7 @@ class MechanismEquations:
             value = value * x + coefficient
         for j, each in below.items():
             slopes[j] = slopes.get(j, ZERO) - slope * each
-        error, speed = y - value, ZERO
-        for j, each in slopes.items():
-            speed = speed + each * self.qd[j]
+        error, speed = y - value, sum((each * self.qd[j] for j, each in slopes.items()), ZERO)
         share = impedance(c.impedance, error)
         softness = maximum((1.0 - share) / share * c.weight, LEAST_SOFTNESS)
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)

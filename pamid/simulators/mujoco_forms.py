@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.simulators.mechanism import Mechanism, ModelPort
-from pamid.simulators.mujoco_schema import reads, reads_polynomials
 
 Array = NDArray[np.float64]
 
@@ -86,30 +85,28 @@ class JointTerms:
     behind: FlexibleLoad | None = None
 
     def add(
-        self, friction: float = 0.0, damping: float = 0.0, constant: float = 0.0, note: str = ""
+        self,
+        friction: float = 0.0,
+        damping: float = 0.0,
+        quadratic: float = 0.0,
+        cubic: float = 0.0,
+        constant: float = 0.0,
+        note: str = "",
     ) -> str:
-        """Dry friction, linear damping and a constant force."""
+        """Dry friction, dampers and a constant force."""
         self.friction += friction
-        self.damping[0] += damping
+        self.damping += [damping, quadratic, cubic]
         self.spring[0] -= constant
         return note
 
     def add_spring(self, linear: float, cubic: float, rest: float) -> str:
         """A force -linear (q - rest) - cubic (q - rest)^3."""
-        if cubic and not reads_polynomials():
-            return f"(hardening = {cubic:.5g}) is not in the file: this MuJoCo has linear springs"
         self.spring += [
             -linear * rest - cubic * rest**3,
             linear + 3.0 * cubic * rest**2,
             -3.0 * cubic * rest,
             cubic,
         ]
-        return ""
-
-    def add_drag(self, power: int, drag: float) -> str:
-        if not reads_polynomials():
-            return f"(drag = {drag:.5g}, SI) is not in the file: this MuJoCo has linear dampers"
-        self.damping[power - 1] += drag
         return ""
 
     def add_yielding(self, level: float, speed: float) -> str:
@@ -129,19 +126,12 @@ class JointTerms:
         velocity: float = 1.0,
         note: str = "",
     ) -> str:
-        """LuGre friction; a frictionloss if this MuJoCo has no bristles."""
-        if reads("actuator/dcmotor", "lugre"):
-            numbers = stiffness, damping, sliding, sliding * breakaway, velocity
-            self.motors.append(("lugre", numbers))
-            return note
-        note = (
-            "is written as a frictionloss of its sliding level: this MuJoCo has no LuGre friction"
-        )
-        return self.add(friction=sliding, note=note)
+        """LuGre friction."""
+        numbers = stiffness, damping, sliding, sliding * breakaway, velocity
+        self.motors.append(("lugre", numbers))
+        return note
 
     def add_wave(self, sine: float, cosine: float, poles: float) -> str:
-        if not reads("actuator/dcmotor", "cogging"):
-            return f"(sine = {sine:.5g}, cosine = {cosine:.5g}) is not in the file: {CALLBACK}"
         wave = math.hypot(sine, cosine), poles, math.atan2(cosine, sine)
         self.motors.append(("cogging", wave))
         return ""
@@ -171,8 +161,11 @@ class CommandTerms:
     offset: float = 0.0
     lag: float = 0.0
 
-    def add_law(self, gain: float = 0.0, offset: float = 0.0, lag: float = 0.0) -> str:
-        """A lag and a relative gain error of the command, then an offset."""
+    def add_law(
+        self, gain: float = 0.0, offset: float = 0.0, lag: float = 0.0, delay: float = 0.0
+    ) -> str:
+        """A delay, a lag and a relative gain error of the command, then an offset."""
+        self.delay += delay
         self.lag += lag
         self.gain *= 1.0 + gain
         self.offset = self.offset * (1.0 + gain) + offset
@@ -191,6 +184,10 @@ class ReadingTerms:
 
     delay: float = 0.0
     cutoff: float = math.inf
+
+    def add_delay(self, delay: float) -> str:
+        self.delay += delay
+        return ""
 
     def add_limit(self, limit: float, share: float) -> str:
         self.cutoff = min(self.cutoff, limit)
@@ -211,7 +208,7 @@ class Forms:
 
 
 def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms:
-    """All effects in MuJoCo's elements, for the installed version of MuJoCo."""
+    """All effects in MuJoCo's elements."""
     forms = Forms()
     for effect in effects:
         notes: list[str] = []
@@ -240,13 +237,6 @@ def _at_port(forms: Forms, mechanism: Mechanism, effect: IdentifiedEffect, port:
     return write(terms, SimpleNamespace(**effect.values))
 
 
-def _add_delay(terms: CommandTerms | ReadingTerms, p: Any) -> str:
-    if not reads("actuator/motor", "delay"):
-        return f"(delay = {p.delay:.5g} s) is not in the file: this MuJoCo has no delays"
-    terms.delay += p.delay
-    return ""
-
-
 def _hysteresis(share: float) -> Callable[[JointTerms, Any], str]:
     """Bristles of the same level that deflect by a share of the reach."""
     note = "is written as bristle friction (lugre) of its level and reach"
@@ -270,8 +260,8 @@ _AT_JOINTS: dict[str, Callable[[JointTerms, Any], str]] = {
         note="is written as the mean frictionloss of both directions and a constant force",
     ),
     "yielding-friction": lambda t, p: t.add_yielding(p.level, p.speed),
-    "quadratic-drag": lambda t, p: t.add_drag(2, p.drag),
-    "cubic-drag": lambda t, p: t.add_drag(3, p.drag),
+    "quadratic-drag": lambda t, p: t.add(quadratic=p.drag),
+    "cubic-drag": lambda t, p: t.add(cubic=p.drag),
     "linear-stiffness": lambda t, p: t.add_spring(p.stiffness, 0.0, p.rest),
     "cubic-stiffness": lambda t, p: t.add_spring(0.0, p.hardening, p.rest),
     "constant-offset": lambda t, p: t.add(constant=p.level),
@@ -297,7 +287,7 @@ _AT_JOINTS: dict[str, Callable[[JointTerms, Any], str]] = {
     "backlash": lambda t, p: t.add_load_behind(p, p.half_gap),
 }
 _AT_COMMANDS: dict[str, Callable[[CommandTerms, Any], str]] = {
-    "dead-time": _add_delay,
+    "dead-time": lambda t, p: t.add_law(delay=p.delay),
     "first-order-lag": lambda t, p: t.add_law(lag=p.time_constant),
     "gain-error": lambda t, p: t.add_law(gain=p.gain),
     "offset": lambda t, p: t.add_law(offset=p.level),
@@ -305,6 +295,6 @@ _AT_COMMANDS: dict[str, Callable[[CommandTerms, Any], str]] = {
     "asymmetric-saturation": lambda t, p: t.add_limits(p.lower, p.upper, p.share),
 }
 _AT_READINGS: dict[str, Callable[[ReadingTerms, Any], str]] = {
-    "dead-time": _add_delay,
+    "dead-time": lambda t, p: t.add_delay(p.delay),
     "saturation": lambda t, p: t.add_limit(p.limit, p.share),
 }

@@ -32,7 +32,7 @@ NOUGHT: Vec = vec([0.0, 0.0, 0.0])
 IDENTITY: Mat = _expressions(np.eye(3))
 
 
-def times(s: Number, a: NDArray[np.object_]) -> NDArray[np.object_]:
+def times(s: Any, a: NDArray[np.object_]) -> NDArray[np.object_]:
     """s a; the operator of an array would be left to the expression, which knows no arrays."""
     return np.asarray(np.multiply(s, a))
 

@@ -174,8 +174,11 @@ class _Stepper:
             [model.actuator_actadr[i] + k for i in of for k in range(model.actuator_actnum[i])]
             for of in (described, further)
         ]
+        # relaxed positions of yielding springs; states stand in the order of their bits
+        before = int(self.full) & (int(kinds.mjSTATE_PLASTIC) - 1)
+        first = self.mujoco.mj_stateSize(model, before)
         plastic = [
-            self._plastic + model.jnt_plasticadr[j]
+            first + model.jnt_plasticadr[j]
             for j, joint in enumerate(mechanism.joints)
             if joint.spring_state
         ]
@@ -196,16 +199,6 @@ class _Stepper:
         self.shapes, self.names = shapes, names
         for shape in shapes:  # MuJoCo leaves out the centre of a body whose frame is at the centre
             model.body_sameframe[shape.number] = self.mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-
-    @property
-    def _plastic(self) -> int:
-        """Index in a state of the relaxed positions of yielding springs.
-
-        States stand in the order of their bits.
-        """
-        kinds = self.mujoco.mjtState
-        bit = int(getattr(kinds, "mjSTATE_PLASTIC", 0))
-        return int(self.mujoco.mj_stateSize(self.model, int(kinds.mjSTATE_FULLPHYSICS) & (bit - 1)))
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> Array:
         """States (n, states) h seconds after x under f, with parameters p (all of n rows)."""
@@ -228,9 +221,8 @@ class _Stepper:
     def _add_warnings(self, steps: int) -> None:
         """Count MuJoCo's warnings since the reset of its data, over this number of steps."""
         warned = {
-            words: int(self.data.warning[int(kind)].number)
+            words: int(self.data.warning[int(getattr(self.mujoco.mjtWarning, name))].number)
             for name, words in WARNINGS.items()
-            if (kind := getattr(self.mujoco.mjtWarning, name, None)) is not None
         }
         add_warnings("MuJoCo", steps, warned, WARNING_CURES)
 

@@ -469,7 +469,7 @@ def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
 
 def _held(values: NDArray[np.object_]) -> NDArray[np.object_]:
     """Expressions without their derivatives."""
-    return np.array([held(v) for v in values.flat]).reshape(values.shape)
+    return np.array([held(v) for v in values.ravel().tolist()]).reshape(values.shape)
 
 
 def _aligned(axis: Array) -> Array:

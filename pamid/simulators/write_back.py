@@ -297,8 +297,7 @@ class _Writer:
 
     def _set_polynomial(self, array: str, row: int, values: Array) -> None:
         getattr(self.new, array)[row] = values[0]
-        if hasattr(self.new, f"{array}poly"):
-            getattr(self.new, f"{array}poly")[row] = values[1:]
+        getattr(self.new, f"{array}poly")[row] = values[1:]
 
     # ---- elements of the text --------------------------------------------------------------------
 
@@ -359,8 +358,7 @@ class _Writer:
                 self._write_onset(tag, joint, terms)
         if terms.damping.any():
             total = self._polynomial("dof_damping", joint.dof)
-            total += terms.damping[: len(total)]
-            self._set_polynomial("dof_damping", joint.dof, total)
+            self._set_polynomial("dof_damping", joint.dof, total + terms.damping)
             self._write_all(j, "damping")
         if terms.spring.any():
             self._spring(tag, j, joint, terms)
@@ -409,7 +407,7 @@ class _Writer:
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> None:
         """Polynomial about one of its zeros, which is the spring's reference."""
         old = JointTerms()
-        first, square, cube = np.resize([*self._polynomial("jnt_stiffness", j), 0.0, 0.0], 3)
+        first, square, cube = self._polynomial("jnt_stiffness", j)
         rest = joint.spring_reference
         old.add_spring(first, cube, rest)
         old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
@@ -550,7 +548,7 @@ class _Writer:
         joint = self.file.name("joint", j)
         self.edits.set(tag, "name", joint)
         stem = f"{joint}_{'friction' if attribute == 'lugre' else attribute}"
-        used_names = {t.attributes.get("name") for t in self.tags} | self.motors
+        used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
         name = numbered(stem, used_names, "")
         self.motors.add(name)
         words = {
