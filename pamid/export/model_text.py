@@ -66,7 +66,8 @@ def write_model_text(
         notes.append("it was not run, because the run has no held-out data")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
-    text = relocated_text(written.text, path, files[0].parent)
+    text, unmoved = relocated_text(written.text, path, files[0].parent)
+    notes += [unmoved] if unmoved else []
     return Written({files[0]: text}, notes=tuple(notes), check=check)
 
 

@@ -659,7 +659,8 @@ class MechanismEquations:
 
     def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
         """Reading of a sensor on a frame."""
-        tree, values = self.rigid, tuple[Expr, ...]()
+        tree = self.rigid
+        values: Any
         if sensor.kind == "framequat":
             values = tree.quaternion(mount)
         elif sensor.kind == "framepos":
@@ -668,8 +669,9 @@ class MechanismEquations:
             motion = tree.motion(mount)
             values = motion.a if sensor.kind in ("gyro", "frameangvel") else motion.b
             if sensor.kind in ("gyro", "velocimeter"):
-                values = tree.mounted(mount).local(values)  # type: ignore[arg-type]
-        return values[sensor.component]
+                values = tree.mounted(mount).local(values)
+        value: Expr = values[sensor.component]
+        return value
 
 
 def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:

@@ -120,15 +120,16 @@ def root_link_with_mass(path: Path) -> tuple[str, int] | None:
     return None
 
 
-def relocated_text(text: bytes, path: Path, folder: Path) -> bytes:
+def relocated_text(text: bytes, path: Path, folder: Path) -> tuple[bytes, str]:
     """Text of a model file whose relative paths lead from another folder to the same files.
 
     Folders of meshes and textures in <compiler>, included files, and the meshes of a URDF are
-    rewritten. Absolute paths and those of packages stay.
+    rewritten. Absolute paths and those of packages stay. Also a note on included files that state
+    such folders themselves, "" if there are none.
     """
     tags, edits = tags_of(text), Edits(text)
     if folder.absolute() == path.parent.absolute():
-        return text
+        return text, ""
     is_urdf, has_files = tags[0].name == "robot", False
     lacking = {"meshdir", "texturedir"}  # folders that are those of the model by default
     compilers = [tag for tag in tags if tag.name == "compiler"]
@@ -149,7 +150,18 @@ def relocated_text(text: bytes, path: Path, folder: Path) -> bytes:
         if not compilers:
             words = " ".join(f'{key}="{value}"' for key, value in values.items())
             edits.add_inside(tags[0], f"<compiler {words}/>")
-    return edits.made(tags)
+    included = [tag.attributes.get("file", "") for tag in tags if tag.name == "include"]
+    stating = [
+        name
+        for name in included
+        for tag in _tags(path.parent / name)
+        if tag.name == "compiler" and any(key in tag.attributes for key in _FOLDERS)
+    ]
+    note = (
+        f"{', '.join(dict.fromkeys(stating))} states the folder of its meshes relative to "
+        f"{path.parent}, which does not lead there from {folder}"
+    )
+    return edits.made(tags), note if stating else ""
 
 
 def _moved(name: str, path: Path, folder: Path) -> str:

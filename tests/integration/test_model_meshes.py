@@ -479,8 +479,10 @@ def test_relative_paths_lead_from_the_folder_of_an_exported_model(
     more.write_text('<mujoco><sensor><jointpos joint="hinge"/></sensor></mujoco>')
     include = '<include file="more/sensors.xml"/>'
     file.write_text(SHAPED.format(compiler=compiler, mesh=mesh, include=include))
-    assert relocated_text(file.read_bytes(), file, file.parent) == file.read_bytes()
-    new.write_bytes(relocated_text(file.read_bytes(), file, new.parent))
+    assert relocated_text(file.read_bytes(), file, file.parent) == (file.read_bytes(), "")
+    text, note = relocated_text(file.read_bytes(), file, new.parent)
+    new.write_bytes(text)
+    assert not note
     model = open_mujoco(new)
     assert model.model.nmesh == 1 and model.model.nsensor == 1 and not model.left_out
 
@@ -490,8 +492,14 @@ def test_meshes_of_a_urdf_lead_from_the_folder_of_an_exported_model(tmp_path: Pa
     file = urdf(tmp_path / "robot" / "lever.urdf", "meshes/lever.stl", visual="meshes/lever.stl")
     new = tmp_path / "out" / "lever.urdf"
     new.parent.mkdir()
-    new.write_bytes(relocated_text(file.read_bytes(), file, new.parent))
+    new.write_bytes(relocated_text(file.read_bytes(), file, new.parent)[0])
     assert open_mujoco(new).model.nmesh == 1 and not open_mujoco(new).left_out
+
+
+def test_an_included_file_that_states_folders_is_named(tmp_path: Path) -> None:
+    (tmp_path / "more.xml").write_text('<mujoco><compiler meshdir="meshes"/></mujoco>')
+    text = b'<mujoco><include file="more.xml"/></mujoco>'
+    assert "more.xml" in relocated_text(text, tmp_path / "arm.xml", tmp_path / "out")[1]
 
 
 def test_copies_of_a_stepped_model_are_without_shapes_for_pictures(tmp_path: Path) -> None:
