@@ -158,36 +158,3 @@ def moved_parameters(p: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
         copies[2 + n + np.arange(n), chosen] -= THIN * by
         copies[2 + 2 * n, chosen] -= PROBED * by
     return copies, by
-
-
-def slopes_of(
-    simulator: Simulator,
-    x: Array,
-    f: Array,
-    p: Array,
-    h: float,
-    chosen: NDArray[np.intp],
-    pushed: NDArray[np.intp] | None = None,
-) -> Slopes:
-    """Slopes of one step of h seconds by forward differences over copies. chosen: places of
-    parameters; pushed: of forces, all without it (the slopes by others are zero).
-
-    One more copy has everything moved to the other side. Where the slopes do not predict it, a jump
-    lies between, as where a contact closes. A difference across it is the jump over the arbitrary
-    width of the difference. Such slopes are computed on the other side as well, as near as rounding
-    allows. The smaller action of the two is taken, as by the minmod limiter (Roe (1986), Annu. Rev.
-    Fluid Mech. 18, 337-365).
-    """
-    from pamid.engine.stepped_kernel import step_slopes
-
-    nx, nf = len(x), len(f)
-    moves = np.ones(nf, bool) if pushed is None else np.isin(np.arange(nf), pushed)
-    copies, by = moved_parameters(p, chosen)
-    readings = simulator.reads(x[None], p[None]).shape[1]
-    after = np.empty(readings + nx)
-    slopes = np.zeros((len(after), nx + nf + len(chosen)))
-    places = np.zeros(len(chosen), np.int64)
-    scales = StepScales(DIFFERENCE, *simulator.sizes, by, places, p, np.zeros(0))
-    with library_step(simulator, copies, h, readings) as c:
-        step_slopes(c, scales, np.array(x), np.array(f), moves, after, slopes)
-    return Slopes(after, *np.split(slopes, [nx, nx + nf], axis=1))

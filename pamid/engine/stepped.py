@@ -11,7 +11,7 @@ States of the simulator and readings are states of the equations with a rate of 
 every exchange. The driver of compiled equations (`pamid.engine.integrator`) therefore serves the
 equations unchanged, sensitivities included. Sensitivities of the whole follow by the chain rule
 from the slopes of the step. These are finite differences over copies of the simulator that lie
-across no jump (`pamid.engine.simulator.slopes_of`), so that the sensitivities are those of the
+across no jump (`slopes_of`), so that the sensitivities are those of the
 recursion as it was computed.
 
 Forces are held over h, so that the method is of order 1 in h for external forces. Coupled
@@ -34,10 +34,10 @@ from pamid.engine.shadow_simulators import BLOWN_UP, Carrier, ShadowCourse
 from pamid.engine.simulator import (
     DIFFERENCE,
     Simulator,
+    Slopes,
     StepScales,
     library_step,
     moved_parameters,
-    slopes_of,
 )
 
 Array = NDArray[np.float64]
@@ -365,3 +365,36 @@ class SteppedProgram:
         alone = slopes_of(self.simulator, x, f, own, period_s, none, none).by_state
         matrix[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
         return matrix
+
+
+def slopes_of(
+    simulator: Simulator,
+    x: Array,
+    f: Array,
+    p: Array,
+    h: float,
+    chosen: NDArray[np.intp],
+    pushed: NDArray[np.intp] | None = None,
+) -> Slopes:
+    """Slopes of one step of h seconds by forward differences over copies. chosen: places of
+    parameters; pushed: of forces, all without it (the slopes by others are zero).
+
+    One more copy has everything moved to the other side. Where the slopes do not predict it, a jump
+    lies between, as where a contact closes. A difference across it is the jump over the arbitrary
+    width of the difference. Such slopes are computed on the other side as well, as near as rounding
+    allows. The smaller action of the two is taken, as by the minmod limiter (Roe (1986), Annu. Rev.
+    Fluid Mech. 18, 337-365).
+    """
+    from pamid.engine.stepped_kernel import step_slopes
+
+    nx, nf = len(x), len(f)
+    moves = np.ones(nf, bool) if pushed is None else np.isin(np.arange(nf), pushed)
+    copies, by = moved_parameters(p, chosen)
+    readings = simulator.reads(x[None], p[None]).shape[1]
+    after = np.empty(readings + nx)
+    slopes = np.zeros((len(after), nx + nf + len(chosen)))
+    places = np.zeros(len(chosen), np.int64)
+    scales = StepScales(DIFFERENCE, *simulator.sizes, by, places, p, np.zeros(0))
+    with library_step(simulator, copies, h, readings) as c:
+        step_slopes(c, scales, np.array(x), np.array(f), moves, after, slopes)
+    return Slopes(after, *np.split(slopes, [nx, nx + nf], axis=1))

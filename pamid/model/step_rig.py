@@ -44,8 +44,8 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.shadow_simulators import Carrier
-from pamid.engine.simulator import DIFFERENCE, LibraryStep, slopes_of
-from pamid.engine.stepped import FarRunner
+from pamid.engine.simulator import DIFFERENCE, LibraryStep
+from pamid.engine.stepped import FarRunner, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
