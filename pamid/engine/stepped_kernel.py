@@ -1,7 +1,7 @@
 """Compiled loop of a stepped program.
 
 An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies
-(`pamid.engine.simulator.slopes_of`), or known slopes (`pamid.engine.known_slopes`). The copies are
+(`pamid.engine.stepped.slopes_of`), or known slopes (`pamid.engine.known_slopes`). The copies are
 one structure of the simulator, set anew for each of them. numba takes its cache of this file's
 functions for stale by the stamp of this file alone: touch it where `sweep` takes other arguments.
 
@@ -243,7 +243,7 @@ def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _slopes(c, w, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
-    """Fill columns of `slopes` as `pamid.engine.simulator.slopes_of` does, where these steps of a
+    """Fill columns of `slopes` as `pamid.engine.stepped.slopes_of` does, where these steps of a
     difference are not zero."""
     at, n = x.shape[0] + f.shape[0], w.place.shape[0]
     _forward_differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
