@@ -20,13 +20,12 @@ from pamid.engine.llvm_ir import (
     product_text,
     with_partials,
 )
-from pamid.engine.step_driver import StepDriver
 from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
-    from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays
+    from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays, Results
 
 Array = NDArray[np.float64]
 
@@ -119,6 +118,37 @@ class WindowStarts:
 
     def __len__(self) -> int:
         return len(self.edges)
+
+
+class RunParts(NamedTuple):
+    """Arguments of a run in single steps. What it works on stands in `arrays`: states may be set
+    between two steps, and their rows of S with them."""
+
+    equations: CompiledEquations
+    arrays: MemoryArrays
+    inputs: Inputs
+    results: Results
+
+    def step(
+        self, k: int, sub: int, times: tuple[float, float, Stepping], first: tuple[bool, bool]
+    ) -> tuple[Array, Array]:
+        """Step `sub` of sample k; the outputs at its start (outputs,) and their sensitivities
+        (outputs, columns). times: of the first sample, s; of a sample, s; how it is divided;
+        first: `begin` and `join` of the memory."""
+        from pamid.engine.integrator import Times, sweep
+
+        time_s, period_s, step = times
+        now = Times(
+            float(time_s + k * period_s),
+            float(period_s),
+            step.substeps,
+            step.implicit,
+            *first,
+            sub,
+        )
+        inputs = self.inputs._replace(u=self.inputs.u[k : k + 1])
+        sweep(self.equations, self.arrays, inputs, now, self.results)
+        return self.results.Y[0], self.results.JY[0]
 
 
 class SimulatedWindow(NamedTuple):
@@ -308,7 +338,7 @@ class Program(EquationSteps):
         columns: NDArray[np.int64] | None,
         after: Array | None,
         first: int,
-    ) -> StepDriver:
+    ) -> RunParts:
         """The same run in single steps, between which `first` states are set from outside: those
         that `memory` lacks. See `run` for the others."""
         from pamid.engine.integrator import Results
@@ -325,7 +355,7 @@ class Program(EquationSteps):
             np.empty((1, 1, 0) if columns is None else shape),
             np.ones(len(self.outputs)),
         )
-        return StepDriver(equations, held._replace(x=x, S=S), inputs, results)
+        return RunParts(equations, held._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
         """Table for slopes of a track's steps, for `with_slopes`. None where steps cost little."""

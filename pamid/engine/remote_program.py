@@ -6,6 +6,8 @@ changes of process each.
 
 from __future__ import annotations
 
+import json
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -27,6 +29,8 @@ from pamid.engine.simulator import Simulator
 from pamid.engine.stepped import SteppedProgram
 
 Array = NDArray[np.float64]
+
+_LENGTH = struct.Struct("<q")
 
 
 def program_data(program: SteppedProgram) -> dict[str, Any]:
@@ -92,6 +96,19 @@ class Parcel:
     about: dict[str, Any]
     numbers: Array
 
+    @property
+    def message(self) -> bytes:
+        """The header as JSON behind its length, padded to whole numbers, and the numbers."""
+        header = json.dumps(self.about).encode()
+        header += b" " * (-len(header) % 8)
+        return _LENGTH.pack(len(header)) + header + self.numbers.tobytes()
+
+    @classmethod
+    def of(cls, message: bytes) -> Parcel:
+        """The parcel of a message."""
+        end = _LENGTH.size + _LENGTH.unpack_from(message)[0]
+        return cls(json.loads(message[_LENGTH.size : end]), np.frombuffer(message, offset=end))
+
     def arrays(self) -> Iterator[Any]:
         at = 0
         for shape in self.about["shapes"]:
@@ -108,7 +125,7 @@ def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
     shapes = [None if a is None else a.shape for a in arrays]
     # One row of float64 is written and read in one piece. Integers up to 2^53 survive it exactly.
     flat = [np.ravel(a).astype(float) for a in arrays if a is not None]
-    return Parcel({**about, "shapes": shapes}, np.concatenate(flat))
+    return Parcel({**about, "shapes": shapes}, np.concatenate([np.zeros(0), *flat]))
 
 
 def run_request(memory: Memory, course: Course) -> Parcel:

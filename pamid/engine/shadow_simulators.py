@@ -49,9 +49,8 @@ class Carrier:
 
 
 class ShadowCourse:
-    """As `_Course` of `pamid.engine.stepped`: it moves readings on in x (first of all there), and
-    their rows of S. parameter_count: number of the first
-    parameters, which belong to the simulator."""
+    """The simulator's part of a run: it moves readings on in x (first of all there), and their rows
+    of S. parameter_count: number of the first parameters, which belong to the simulator."""
 
     def __init__(
         self,
@@ -93,19 +92,15 @@ class ShadowCourse:
             )
         self._take(readings)
 
-    def step(self, row: int, f: Array, by: Array, h: float) -> None:
-        """One exchange of h seconds, whichever of the run it is, under f (forces), whose
-        sensitivities are `by` (forces, columns)."""
+    def step(self, f: Array, by: Array, h: float) -> None:
+        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
+        columns)."""
         forces = np.tile(f, (1 + len(self.by), 1))
         if len(self.by):
             # A moved copy needs the force that its own parameter would cause, so that the chain
             # rule is part of the run.
             forces[1:] += (by[:, self.places] * self.by).T
         self._take(self.carrier.step(forces, h))
-
-    def in_c(self, *_: Any) -> None:
-        """It is stepped one exchange after the other."""
-        return
 
     def _take(self, readings: Array) -> None:
         self.x[: self.readings] = readings[0]
@@ -116,10 +111,6 @@ class ShadowCourse:
     def keep(self, memory: Memory) -> None:
         plain, *copies = self.carrier.save()
         memory.saved = (plain, dict(zip(self.places.tolist(), copies, strict=True)))
-
-    @property
-    def finite(self) -> bool:
-        return bool((np.abs(self.x) < BLOWN_UP).all())
 
 
 def _step(value: float) -> float:

@@ -3,9 +3,9 @@ differences over copies."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from functools import cached_property
+import ctypes
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,8 +17,6 @@ DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 
 # of such a difference, where it lies across a jump: the square root of what rounding leaves of a
 # value is the least one worth having (Nocedal and Wright (2006), ch. 8.1)
 THIN = float(np.sqrt(np.finfo(float).eps)) / DIFFERENCE
-SIDES_AGREE = 0.1  # of a step's action: curvature leaves 1e-6 of it, a jump ten times as much
-SLOPE_ROUNDING = 1e-9  # of a value's size: rounding error of a slope by differences
 # widths of a difference by which a probe of known slopes goes: to a tenth curvature does not count
 # there, and rounding counts less
 PROBED = 10.0
@@ -47,28 +45,49 @@ class Simulator(Protocol):
         None where there is none."""
 
 
-@dataclass(frozen=True, eq=False)
-class LibraryStep:
-    """A compiled function that steps; addresses are int64.
+class LibraryStep(NamedTuple):
+    """A function with the calling convention of C that steps; addresses are int64.
 
-    step: function (model, data) that moves data on, `count` times an exchange; models (n,): with
-    parameters of their own; state_at, force_at: where the states and forces (float64) stand in
-    data; reading_at: where the readings stand after a step; cleared_at: numbers that every exchange
-    begins with at zero; leads_at: address of a number that is 1 for the step itself and 0 for those
-    from moved values, whose internal steps follow it (0: there is none); keep_alive: objects that
-    must live as long as these.
+    step        function (model, data) that moves data on, `repeats` times an exchange
+    data        what it moves
+    models      (n,): each with parameters of its own
+    state_at, force_at
+                (states,), (forces,): where these numbers (float64) stand in data
+    cleared_at  numbers that every exchange begins with at zero
+    reading_at  (readings,): where the readings stand after a step
+    leads_at    address of a number that is 1 for the step itself and 0 for those from moved values,
+                whose internal steps follow it; 0: there is none
     """
 
     step: int
     data: int
-    models: NDArray[np.int64]
-    count: int
-    state_at: NDArray[np.int64]
-    force_at: NDArray[np.int64]
-    cleared_at: NDArray[np.int64]
-    reading_at: NDArray[np.int64]
+    models: Any
+    repeats: int
+    state_at: Any
+    force_at: Any
+    cleared_at: Any
+    reading_at: Any
     leads_at: int
-    keep_alive: tuple[Any, ...]
+
+
+class StepScales(NamedTuple):
+    """Numbers of a run for the differences of its steps, and for the known slopes of these.
+
+    difference       share of a value's size by which states and forces are moved
+    state_size, force_size
+                     (states,), (forces,): typical magnitudes
+    moved_by, place  (moved parameters,): by how much each is moved, and its sensitivity column
+    p                (parameters of the simulator,)
+    level            (values,): root mean square of a step's action along the run
+    """
+
+    difference: float
+    state_size: Any
+    force_size: Any
+    moved_by: Any
+    place: Any
+    p: Any
+    level: Any
 
 
 class Slopes(NamedTuple):
@@ -81,93 +100,61 @@ class Slopes(NamedTuple):
     by_parameter: Array
 
 
-def slopes_of(
-    simulator: Simulator,
-    x: Array,
-    f: Array,
-    p: Array,
-    h: float,
-    chosen: NDArray[np.intp],
-    pushed: NDArray[np.intp] | None = None,
-) -> Slopes:
-    """By forward differences over copies (`Differences`). chosen: places of parameters; pushed: of
-    forces, all without it."""
-    nx, nf = len(x), len(f)
-    forces = np.arange(nf) if pushed is None else pushed
-    step = Differences(simulator, x, f, p, h)
-    slopes = step.slopes(np.concatenate([np.arange(nx), nx + forces, nx + nf + chosen]))
-    return Slopes(step.after, *np.split(slopes, [nx, nx + len(forces)], axis=1))
+@contextmanager
+def library_step(simulator: Simulator, p: Array, h: float, readings: int) -> Iterator[LibraryStep]:
+    """Steps of h seconds with parameters p (n, parameters) for compiled code.
+
+    A simulator without a compiled function is called back. What it raises is raised when the block
+    ends; the states are NaN from there on.
+    """
+    with simulator.in_c(p, h) as compiled:
+        if compiled is not None:
+            yield compiled
+            return
+        nx, nf = map(len, simulator.sizes)
+        numbers = np.zeros(nx + nf + readings)
+        x, f, y = np.split(numbers, [nx, nx + nf])
+        errors: list[BaseException] = []
+
+        def step(model: int, _: int) -> None:
+            try:
+                if not errors:
+                    x[:], y[:] = simulator.steps(x[None].copy(), f[None].copy(), p[model, None], h)
+            except BaseException as error:  # an exception cannot pass through compiled code
+                errors.append(error)
+            if errors:
+                numbers[:] = np.nan
+
+        function = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(step)
+        at = np.asarray(numbers.ctypes.data + 8 * np.arange(len(numbers)), np.int64)
+        yield LibraryStep(
+            ctypes.cast(function, ctypes.c_void_p).value or 0,
+            0,
+            np.arange(len(p)),
+            1,
+            at[:nx],
+            at[nx : nx + nf],
+            at[:0],
+            at[nx + nf :],
+            0,
+        )
+        if errors:
+            raise errors[0]
 
 
-@dataclass(frozen=True, eq=False)
-class Differences:
-    """Differences of one step of h seconds over copies of the simulator. Places count through
-    states, forces and parameters, in this order."""
+def moved_parameters(p: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Parameters (copies, parameters) of all copies that differences may need, and the widths
+    (chosen,) by which they are moved.
 
-    simulator: Simulator
-    x: Array
-    f: Array
-    p: Array
-    h: float
-
-    @cached_property
-    def plain(self) -> Array:
-        return np.concatenate([self.x, self.f, self.p])
-
-    @cached_property
-    def widths(self) -> Array:
-        """Widths by which the values are moved."""
-        # A value of zero has no size of its own: states and forces then move by a share of a
-        # typical one, a parameter by a share of one.
-        sizes = np.concatenate([*self.simulator.sizes, self.p == 0.0])
-        return DIFFERENCE * np.maximum(np.abs(self.plain), sizes)
-
-    @cached_property
-    def after(self) -> Array:
-        """Readings and states after the step itself."""
-        return self.behind(self.plain[None])[0]
-
-    def behind(self, values: Array) -> Array:
-        """Readings and states (n, rows) after steps with other values (n, places)."""
-        nx, nf = len(self.x), len(self.f)
-        parts = values[:, :nx], values[:, nx : nx + nf], values[:, nx + nf :]
-        after, readings = self.simulator.steps(*parts, self.h)
-        return np.concatenate([readings, after], axis=1)
-
-    def slopes(self, at: NDArray[np.intp]) -> Array:
-        """Slopes (rows, places) by forward differences at these places.
-
-        One more copy has all of them moved to the other side. Where the slopes do not predict it, a
-        jump lies between, as where a contact closes. A difference across it is the jump over the
-        arbitrary width of the difference. Such slopes are computed on the other side as well, as
-        near as rounding allows. The smaller action of the two is taken, as by the minmod limiter
-        (Roe (1986), Annu. Rev. Fluid Mech. 18, 337-365).
-        """
-        slopes = self._differences(at, self.widths[at])
-        if not self.agree(at, slopes):
-            # As near as possible, because the jump that was crossed lies within one width of the
-            # point.
-            other = self._differences(at, -THIN * self.widths[at])
-            still = self._still(at)
-            slopes = np.where(np.abs(other - still) < np.abs(slopes - still), other, slopes)
-        return slopes
-
-    def agree(self, at: NDArray[np.intp], slopes: Array, widths: float = 1.0) -> bool:
-        """Whether slopes predict the step with all these values moved down at once, by so many
-        widths of a difference."""
-        moved, by = self.plain.copy(), widths * self.widths[at]
-        moved[at] -= by
-        limits = SIDES_AGREE * np.abs(slopes - self._still(at)) @ by
-        limits += SLOPE_ROUNDING * np.abs(self.after)
-        off = self.behind(moved[None])[0] - self.after + slopes @ by
-        return bool((np.abs(off) <= limits).all())
-
-    def _differences(self, at: NDArray[np.intp], by: Array) -> Array:
-        values = np.tile(self.plain, (len(at), 1))
-        values[np.arange(len(at)), at] += by
-        return (self.behind(values) - self.after).T / by
-
-    def _still(self, at: NDArray[np.intp]) -> Array:
-        """Slopes of a step that does nothing."""
-        rows = len(self.after)
-        return np.eye(rows, len(self.plain), len(self.x) - rows)[:, at]
+    The copies are the plain one, each with one parameter moved up, all moved down, each with one
+    moved down by `THIN` of that, and all by `PROBED`; the plain one alone if none is chosen.
+    """
+    n, size = len(chosen), np.abs(p[chosen])
+    by = DIFFERENCE * (size + (size == 0.0))
+    copies = np.tile(p, (3 + 2 * n if n else 1, 1))
+    if n:
+        copies[1 + np.arange(n), chosen] += by
+        copies[1 + n, chosen] -= by
+        copies[2 + n + np.arange(n), chosen] -= THIN * by
+        copies[2 + 2 * n, chosen] -= PROBED * by
+    return copies, by

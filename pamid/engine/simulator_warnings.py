@@ -47,11 +47,6 @@ def counted_warnings() -> Iterator[SimulatorWarnings]:
         _COUNTING[:] = [other for other in _COUNTING if other is not counted]
 
 
-def warnings_count() -> bool:
-    """Whether any block counts warnings."""
-    return bool(_COUNTING)
-
-
 def add_warnings(
     simulator: str, steps: int, warned: Mapping[str, int], cures: Mapping[str, str]
 ) -> None:

@@ -1,94 +1,26 @@
-"""The run of a stepped program whose simulator is a function of a library in C: one loop that is
-compiled, in place of calls from Python in every sample.
+"""Compiled loop of a stepped program.
 
-An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies, or known
-slopes (`pamid.engine.known_slopes`, the same rule in the same order). The copies are one structure
-of the library, set anew for each of them. numba takes its cache of this file's functions for stale
-by the stamp of this file alone: touch it where `sweep` changes what it is given.
+An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies
+(`pamid.engine.stepped.slopes_of`), or known slopes (`pamid.engine.known_slopes`). The copies are
+one structure of the simulator, set anew for each of them. numba takes its cache of this file's
+functions for stale by the stamp of this file alone: touch it where `sweep` takes other arguments.
+
+Arguments: c, w, t are a `LibraryStep`, `StepScales` and `KnownSlopes`.
 """
 
 from __future__ import annotations
-
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from pamid.engine.function_calls import call_pair, number_at, put_number
 from pamid.engine.integrator import BLOWN_UP, Inputs, Times, sweep
 from pamid.engine.numba_cache import njit
+from pamid.engine.simulator import PROBED, THIN
 
-
-class SteppedInC(NamedTuple):
-    """A simulator in C. Addresses and counts are int64.
-
-    step            function (model, data) that moves data on by a step of the model's own
-    data            what it moves
-    models          (3 + 2 moved parameters,): plain, each with one parameter moved up, all of them
-                    moved down, each with one moved down by `thin` of that, all of them by `probed`;
-                    the plain one alone where there are none
-    steps           of the model's own per exchange
-    state_at, force_at
-                    (states,), (forces,): where these numbers stand in data
-    cleared_at      (cleared,): numbers of data that every exchange begins with at zero
-    reading_at      (readings,): where readings stand after a step
-    leads_at        where 1.0 is written before the step itself, 0.0 before those from moved
-                    values; 0: nowhere
-    state_size, force_size
-                    (states,), (forces,) float64: typical magnitudes
-    moved_by, place
-                    (moved parameters,): by how much (float64), sensitivity column
-    difference      of a value's size, float64: by how much states and forces are moved
-    thin            of that, float64: by how much they are moved where slopes disagree
-    same, rounded   by what slopes of both sides agree, float64
-    probed          of a difference, float64: by how much all is moved where slopes are probed
-    """
-
-    step: int
-    data: int
-    models: Any
-    steps: int
-    state_at: Any
-    force_at: Any
-    cleared_at: Any
-    reading_at: Any
-    leads_at: int
-    state_size: Any
-    force_size: Any
-    moved_by: Any
-    place: Any
-    difference: float
-    thin: float
-    same: float
-    rounded: float
-    probed: float
-
-
-class KnownInC(NamedTuple):
-    """The table `pamid.engine.known_slopes.KnownSlopes`; without rows for a run without one.
-
-    p_now: present parameters of the simulator; level (values,): root mean square of a step's action
-    along the run; same, far, rounded: limits within which slopes hold; prediction_limit: largest
-    error of a predicted step, in levels.
-    """
-
-    filled: Any
-    x: Any
-    f: Any
-    p: Any
-    after: Any
-    slopes: Any
-    pushed: Any
-    last: Any
-    last_after: Any
-    trust: Any
-    chosen: Any
-    counts: Any
-    p_now: Any
-    level: Any
-    same: float
-    far: float
-    rounded: float
-    prediction_limit: float
+SIDES_AGREE = 0.1  # of a step's action: curvature leaves 1e-6 of it, a jump ten times as much
+SLOPE_ROUNDING = 1e-9  # of a value's size: rounding error of a slope by differences
+STILL_HOLDS = 0.1  # of a step's action: a change within which slopes hold
+FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
 
 
 @njit(cache=True)
@@ -103,7 +35,7 @@ def _advance(c, model, x, f, after):  # type: ignore[no-untyped-def]
         put_number(c.state_at[i], x[i])
     for i in range(f.shape[0]):
         put_number(c.force_at[i], f[i])
-    for _ in range(c.steps):
+    for _ in range(c.repeats):
         call_pair(c.step, model, c.data)
     readings = c.reading_at.shape[0]
     for i in range(readings):
@@ -123,16 +55,16 @@ def _step(c, x, f, after):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
+def _in_reach(w, t, row, f):  # type: ignore[no-untyped-def]
     """Whether the row has slopes by every force and parameter that moved, none of them far."""
     if not t.filled[row]:
         return False
     for k in range(f.shape[0]):
         if f[k] != t.f[row, k] and not t.pushed[row, k]:
             return False
-    for i in range(t.p_now.shape[0]):
-        dp = abs(t.p_now[i] - t.p[row, i])
-        if dp > t.far * abs(t.p[row, i]):
+    for i in range(w.p.shape[0]):
+        dp = abs(w.p[i] - t.p[row, i])
+        if dp > FAR * abs(t.p[row, i]):
             return False
         if dp != 0.0:
             chosen = False
@@ -144,7 +76,7 @@ def _in_reach(t, row, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _difference(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
+def _difference(w, t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     """Fill dz (states + forces + chosen parameters): from there to x under f."""
     nx, nf = x.shape[0], f.shape[0]
     for i in range(nx):
@@ -152,13 +84,13 @@ def _difference(t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
     for i in range(nf):
         dz[nx + i] = f[i] - f0[i]
     for i in range(t.chosen.shape[0]):
-        dz[nx + nf + i] = t.p_now[t.chosen[i]] - p0[t.chosen[i]]
+        dz[nx + nf + i] = w.p[t.chosen[i]] - p0[t.chosen[i]]
 
 
 @njit(cache=True)
-def _linear_change(t, row, j, dz):  # type: ignore[no-untyped-def]
+def _linear_change(w, t, row, j, dz):  # type: ignore[no-untyped-def]
     """Change of the j-th value by the slopes of a row, and the change of its action."""
-    shift, differently, diagonal = 0.0, 0.0, j - t.level.shape[0] + t.x.shape[1]
+    shift, differently, diagonal = 0.0, 0.0, j - w.level.shape[0] + t.x.shape[1]
     for i in range(dz.shape[0]):
         slope = t.slopes[row, j, i]
         shift += slope * dz[i]
@@ -176,90 +108,90 @@ def _larger_in_levels(most, size, level):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _distance(t, row, dz):  # type: ignore[no-untyped-def]
+def _distance(w, t, row, dz):  # type: ignore[no-untyped-def]
     """Largest change of the action, in levels."""
     largest = 0.0
-    for j in range(t.level.shape[0]):
-        largest = _larger_in_levels(largest, _linear_change(t, row, j, dz)[1], t.level[j])
+    for j in range(w.level.shape[0]):
+        largest = _larger_in_levels(largest, _linear_change(w, t, row, j, dz)[1], w.level[j])
     return largest
 
 
 @njit(cache=True)
-def _predict(t, row, x, f, after):  # type: ignore[no-untyped-def]
+def _predict(w, t, row, x, f, after):  # type: ignore[no-untyped-def]
     """Fill `after` with the predicted step from x under f; False beyond the checked distance."""
-    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
+    if t.prediction_limit == 0.0 or not _in_reach(w, t, row, f):
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
-    way = _distance(t, row, dz)
+    _difference(w, t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way = _distance(w, t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
     # NaN fails the comparison
     near = way == 0.0 or bend * (2.0 * base + way) * way <= t.prediction_limit
     if not (near and way <= reach):
         return False
     for j in range(after.shape[0]):
-        after[j] = t.last_after[row, j] + _linear_change(t, row, j, dz)[0]
+        after[j] = t.last_after[row, j] + _linear_change(w, t, row, j, dz)[0]
     return True
 
 
 @njit(cache=True)
-def _check(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+def _check(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
     """Compare a step to `plain` that was made with its prediction, and update the trust."""
-    if t.prediction_limit == 0.0 or not _in_reach(t, row, f):
+    if t.prediction_limit == 0.0 or not _in_reach(w, t, row, f):
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _difference(t, x, f, last[:nx], last[nx:at], last[at:], dz)
-    way, base = _distance(t, row, dz), t.trust[row, 0]
+    _difference(w, t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    way, base = _distance(w, t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
         for j in range(plain.shape[0]):
-            off = abs(plain[j] - t.last_after[row, j] - _linear_change(t, row, j, dz)[0])
-            missed = _larger_in_levels(missed, off, t.level[j])
+            off = abs(plain[j] - t.last_after[row, j] - _linear_change(w, t, row, j, dz)[0])
+            missed = _larger_in_levels(missed, off, w.level[j])
         t.trust[row, 1] = way
         t.trust[row, 2] = missed / ((2.0 * base + way) * way)
     last[:nx] = x
     last[nx:at] = f
-    last[at:] = t.p_now
+    last[at:] = w.p
     t.last_after[row] = plain
-    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
-    t.trust[row, 0] = _distance(t, row, dz)
+    _difference(w, t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    t.trust[row, 0] = _distance(w, t, row, dz)
 
 
 @njit(cache=True)
-def _hold(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+def _hold(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
     """Whether the slopes by states and forces, and those by parameters, hold without a probe for a
     step from x under f to `plain`."""
-    if not _in_reach(t, row, f):
+    if not _in_reach(w, t, row, f):
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
-    _difference(t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    _difference(w, t, x, f, t.x[row], t.f[row], t.p[row], dz)
     readings = plain.shape[0] - x.shape[0]
     for j in range(plain.shape[0]):
-        tiny = t.rounded * (abs(plain[j]) + t.level[j])
+        tiny = SLOPE_ROUNDING * (abs(plain[j]) + w.level[j])
         change = plain[j] - t.after[row, j]
-        shift, differently = _linear_change(t, row, j, dz)
+        shift, differently = _linear_change(w, t, row, j, dz)
         # NaN fails the comparison
-        if not abs(change - shift) <= t.same * differently + tiny:
+        if not abs(change - shift) <= STILL_HOLDS * differently + tiny:
             return False, False
         moved = dz[j - readings] if j >= readings else 0.0
-        if not abs(change - moved) <= t.same * t.level[j] + tiny:
+        if not abs(change - moved) <= STILL_HOLDS * w.level[j] + tiny:
             acts = False
     return True, acts or t.chosen.shape[0] == 0
 
 
 @njit(cache=True)
-def _keep(t, row, x, f, plain):  # type: ignore[no-untyped-def]
+def _keep(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
     """Store the slopes of a row. The limits of trust stay."""
     nx, at = x.shape[0], x.shape[0] + f.shape[0]
     t.x[row] = x
     t.f[row] = f
-    t.p[row] = t.p_now
+    t.p[row] = w.p
     t.after[row] = plain
     t.last[row, :nx] = x
     t.last[row, nx:at] = f
-    t.last[row, at:] = t.p_now
+    t.last[row, at:] = w.p
     t.last_after[row] = plain
     if not t.filled[row]:
         t.trust[row, 1] = 0.0
@@ -302,16 +234,18 @@ def _agree(c, model, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def
             diagonal = i == j - readings
             differently += abs((slopes[j, i] - 1.0 if diagonal else slopes[j, i]) * steps[i])
         # NaN fails the comparison
-        if not abs(moved[j] - predicted) <= c.same * differently + c.rounded * abs(plain[j]):
+        if not abs(moved[j] - predicted) <= SIDES_AGREE * differently + SLOPE_ROUNDING * abs(
+            plain[j]
+        ):
             return False
     return True
 
 
 @njit(cache=True)
-def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
-    """Fill columns of `slopes` as `pamid.engine.simulator.Differences` does, where these steps of a
+def _slopes(c, w, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
+    """Fill columns of `slopes` as `pamid.engine.stepped.slopes_of` does, where these steps of a
     difference are not zero."""
-    at, n = x.shape[0] + f.shape[0], c.place.shape[0]
+    at, n = x.shape[0] + f.shape[0], w.place.shape[0]
     _forward_differences(c, x, f, steps, c.models[1 : 1 + n], plain, slopes)
     moved = 0
     for k in range(n):
@@ -321,7 +255,7 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
     if not some and _agree(c, c.models[1 + n if moved else 0], x, f, steps, plain, slopes):
         return
     other = slopes.copy()
-    _forward_differences(c, x, f, -c.thin * steps, c.models[2 + n :], plain, other)
+    _forward_differences(c, x, f, -THIN * steps, c.models[2 + n :], plain, other)
     for j in range(plain.shape[0]):
         for i in range(slopes.shape[1]):
             still = 1.0 if i == j - plain.shape[0] + x.shape[0] else 0.0
@@ -330,43 +264,43 @@ def _slopes(c, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _rescaled(t, row, far):  # type: ignore[no-untyped-def]
+def _rescaled(w, t, row, far):  # type: ignore[no-untyped-def]
     """Scale the slopes of a row to the present parameters. Mark in `far` (columns,) those by
     parameters that have moved too far for that."""
     at = t.x.shape[1] + t.f.shape[1]
     for k in range(t.chosen.shape[0]):
-        before, now = t.p[row, t.chosen[k]], t.p_now[t.chosen[k]]
-        far[at + k] = abs(now - before) > t.far * abs(before)
+        before, now = t.p[row, t.chosen[k]], w.p[t.chosen[k]]
+        far[at + k] = abs(now - before) > FAR * abs(before)
         if before != now and now != 0.0:
             for j in range(t.slopes.shape[1]):
                 t.slopes[row, j, at + k] *= before / now
 
 
 @njit(cache=True)
-def _probed(c, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
+def _probed(c, w, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
     at, slopes, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
-    _rescaled(t, row, far)
+    _rescaled(w, t, row, far)
     motion, parameters = steps.copy(), steps.copy()
     motion[at:] = 0.0
     parameters[:at] = 0.0
-    if not (moves or _agree(c, c.models[0], x, f, c.probed * motion, plain, slopes)):
-        _slopes(c, x, f, steps, plain, slopes)
+    if not (moves or _agree(c, c.models[0], x, f, PROBED * motion, plain, slopes)):
+        _slopes(c, w, x, f, steps, plain, slopes)
         return True
     anew = bool(far.any())
     if anew:
-        _slopes(c, x, f, np.where(far, steps, 0.0), plain, slopes)
+        _slopes(c, w, x, f, np.where(far, steps, 0.0), plain, slopes)
     if parameters.shape[0] > at and not _agree(
-        c, c.models[-1], x, f, c.probed * parameters, plain, slopes
+        c, c.models[-1], x, f, PROBED * parameters, plain, slopes
     ):
-        _slopes(c, x, f, parameters, plain, slopes)
+        _slopes(c, w, x, f, parameters, plain, slopes)
         anew = True
     return anew
 
 
 @njit(cache=True)
-def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
+def _known_or_new_slopes(c, w, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
     """Provide slopes of a row for a step from x under f, and fill `plain` with its result. pushed
     (forces,): forces with slopes; steps: widths of all differences."""
     nx, nf, known = x.shape[0], f.shape[0], t.filled[row]
@@ -381,61 +315,78 @@ def _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain):  # type: ignore
     if not known:
         _step(c, x, f, plain)
         t.slopes[row] = 0.0
-        _slopes(c, x, f, steps, plain, t.slopes[row])
+        _slopes(c, w, x, f, steps, plain, t.slopes[row])
         t.counts[0] += 1
-        _keep(t, row, x, f, plain)
+        _keep(w, t, row, x, f, plain)
         return
     if lacking.any():
         _step(c, x, f, plain)
-        _slopes(c, x, f, lacking, plain, t.slopes[row])
-    predicted = _predict(t, row, x, f, plain)
+        _slopes(c, w, x, f, lacking, plain, t.slopes[row])
+    predicted = _predict(w, t, row, x, f, plain)
     if not predicted:
         _step(c, x, f, plain)
-        _check(t, row, x, f, plain)
-    moves, acts = _hold(t, row, x, f, plain)
+        _check(w, t, row, x, f, plain)
+    moves, acts = _hold(w, t, row, x, f, plain)
     if acts:
         t.counts[1] += 1
         t.counts[2] += predicted
         return
     if predicted:
         _step(c, x, f, plain)
-    anew = _probed(c, t, row, x, f, steps, plain, moves)
+    anew = _probed(c, w, t, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
-    _keep(t, row, x, f, plain)
+    _keep(w, t, row, x, f, plain)
 
 
 @njit(cache=True)
-def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untyped-def]
+def _widths(w, x, f):  # type: ignore[no-untyped-def]
+    """Widths of all differences (states + forces + moved parameters,)."""
+    nx, at = x.shape[0], x.shape[0] + f.shape[0]
+    steps = np.empty(at + w.moved_by.shape[0])
+    for i in range(nx):
+        steps[i] = w.difference * max(abs(x[i]), w.state_size[i])
+    for k in range(f.shape[0]):
+        steps[nx + k] = w.difference * max(abs(f[k]), w.force_size[k])
+    steps[at:] = w.moved_by
+    return steps
+
+
+@njit(cache=True)
+def step_slopes(c, w, x, f, pushed, after, slopes):  # type: ignore[no-untyped-def]
+    """Fill `after` with readings and states after a step from x under f, and the columns of
+    `slopes` by states, pushed forces and moved parameters."""
+    steps = _widths(w, x, f)
+    steps[x.shape[0] : x.shape[0] + f.shape[0]] *= pushed
+    _step(c, x, f, after)
+    _slopes(c, w, x, f, steps, after, slopes)
+
+
+@njit(cache=True)
+def _exchange(c, w, t, row, values, f, by, S, sensitive):  # type: ignore[no-untyped-def]
     """Move `values` (readings and states,) and, on request, their rows of S (all in place) over
     an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
     readings, seen = c.reading_at.shape[0], values.shape[0]
     x = values[readings:]
-    nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], c.place.shape[0]
+    nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], w.place.shape[0]
     plain, keep = np.empty(seen), t.filled.shape[0] > 0
     if not sensitive:
-        if keep and _predict(t, row, x, f, plain):
+        if keep and _predict(w, t, row, x, f, plain):
             t.counts[2] += 1
         else:
             _step(c, x, f, plain)
             if keep:
-                _check(t, row, x, f, plain)
+                _check(w, t, row, x, f, plain)
         values[:] = plain
         return
-    steps, pushed = np.empty(nx + nf + n), np.zeros(nf, np.bool_)
-    for i in range(nx):
-        steps[i] = c.difference * max(abs(x[i]), c.state_size[i])
+    pushed = np.zeros(nf, np.bool_)
     for k in range(nf):
-        steps[nx + k] = c.difference * max(abs(f[k]), c.force_size[k])
         pushed[k] = by[k].any()
-    steps[nx + nf :] = c.moved_by
     if keep:
         slopes = t.slopes[row]
-        _known_or_new_slopes(c, t, row, x, f, pushed, steps, plain)
+        _known_or_new_slopes(c, w, t, row, x, f, pushed, _widths(w, x, f), plain)
     else:
         slopes = np.zeros((seen, nx + nf + n))
-        steps[nx : nx + nf] *= pushed
-        _step(c, x, f, plain)
-        _slopes(c, x, f, steps, plain, slopes)
+        step_slopes(c, w, x, f, pushed, plain, slopes)
     # A new array, because every row of S is needed until the last product has been taken.
     rows = np.zeros((seen, wide))
     for i in range(nx + nf):
@@ -449,16 +400,16 @@ def _exchange(c, values, f, by, S, sensitive, t, row):  # type: ignore[no-untype
     for k in range(n):
         # in proportion to the parameter they stay as they are
         share = 1.0
-        if keep and t.p[row, t.chosen[k]] != t.p_now[t.chosen[k]] and t.p_now[t.chosen[k]] != 0.0:
-            share = t.p[row, t.chosen[k]] / t.p_now[t.chosen[k]]
+        if keep and t.p[row, t.chosen[k]] != w.p[t.chosen[k]] and w.p[t.chosen[k]] != 0.0:
+            share = t.p[row, t.chosen[k]] / w.p[t.chosen[k]]
         for j in range(seen):
-            rows[j, c.place[k]] += share * slopes[j, nx + nf + k]
+            rows[j, w.place[k]] += share * slopes[j, nx + nf + k]
     S[:seen] = rows
     values[:] = plain
 
 
 @njit(cache=True)
-def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # type: ignore[no-untyped-def]
+def stepped_sweep(equations, memory, inputs, times, results, c, w, t, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u, filling Y (samples, seen) and, with sensitivities, JY
     (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
     what is seen. Memory is carried on in place; readings and states of the simulator are the first
@@ -489,7 +440,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, t, Y, JY):  # ty
                     JY[k] = results.JY[0, :seen]
             f[:] = results.Y[0, seen:]
             row = k * times.substeps + sub
-            _exchange(c, x[:inside], f, results.JY[0, seen:], S, sensitive, t, row)
+            _exchange(c, w, t, row, x[:inside], f, results.JY[0, seen:], S, sensitive)
         for i in range(x.shape[0]):
             if not abs(x[i]) < BLOWN_UP:
                 Y[k + 1 :] = np.nan

@@ -11,9 +11,8 @@ from importlib.resources import files
 from itertools import accumulate
 from string import Template
 
-from pamid.export.statements import C, Statements, Symbol, Writer, identifier, identifiers
+from pamid.export.statements import C, ModelFunctions, identifier, identifiers
 from pamid.export.step import SampleStep, Variable
-from pamid.symbolic.expression import Expr
 from pamid.symbolic.operators import OPERATORS
 
 
@@ -114,18 +113,7 @@ def _fields(step: SampleStep) -> list[str]:
 
 def source(step: SampleStep) -> str:
     name = model_name(step)
-    work = _CFunctions(step)
-    parts = [work.update()] if step.updates else []
-    parts += [
-        work.readings(),
-        work.rates(),
-        *([work.slopes()] if step.implicit else []),
-        asset("sdirk2.c" if step.implicit else "rk4.c").rstrip(),
-        work.prepare(),
-        work.start(),
-        _init(step),
-    ]
-    body = "\n\n".join(parts)
+    body = "\n\n".join([*_functions(step), _init(step)])
     return Template(asset("model.c")).substitute(
         model=name,
         states=len(step.states),
@@ -153,89 +141,41 @@ def helpers(body: str) -> list[str]:
     ]
 
 
-class _CFunctions:
+def _functions(step: SampleStep) -> list[str]:
     """Functions with the model's equations."""
+    name = model_name(step)
+    parameters = [f"m->p[{i}]" for i in range(len(step.parameters))]
+    work = ModelFunctions(step, C, parameters, "m->derived", "m->cells")
+    first = list(accumulate(step.lines, initial=0))
 
-    def __init__(self, step: SampleStep) -> None:
-        self.step = step
-        places: dict[Symbol, str] = {("tick", t): t for t in ("time", "begin", "fresh")}
-        places |= {("state", n): f"x[{i}]" for i, n in enumerate(step.states)}
-        places |= {("input", v.name): f"u[{i}]" for i, v in enumerate(step.inputs)}
-        places |= {("parameter", v.name): f"m->p[{i}]" for i, v in enumerate(step.parameters)}
-        places |= {("derived", str(i)): f"m->derived[{i}]" for i in range(len(step.derived))}
-        for space in ("cell", "past"):
-            places |= {(space, c.name): f"m->cells[{i}]" for i, c in enumerate(step.updates)}
-        self.writer = Writer(C, places)
+    def delayed(word: str, line: int, value: str, seconds: str) -> str:
+        at = f"m->lines + {first[line]}, {step.lines[line]}, &m->heads[{line}]"
+        return C.assign.format(word, f"delayed({at}, begin, {value}, {seconds})")
 
-    def update(self) -> str:
-        """Cells, one after the other."""
-        cells, words = self.step.updates, self.writer.words
-        first = list(accumulate(self.step.lines, initial=0))
-
-        def write(work: Statements) -> None:
-            for c in cells:
-                if c.line < 0:
-                    work.name(c.value, words["cell", c.name])
-                    continue
-                value, seconds = work.value(c.value), work.value(c.seconds)
-                line = f"m->lines + {first[c.line]}, {self.step.lines[c.line]}, &m->heads[{c.line}]"
-                work.lines.append(
-                    C.assign.format(
-                        words["cell", c.name], f"delayed({line}, begin, {value}, {seconds})"
-                    )
-                )
-            work.lines += [f"m->cells[{i}] = {words['cell', c.name]};" for i, c in enumerate(cells)]
-
-        roots = [e for c in cells for e in (c.value, c.seconds)]
-        return _function(
-            "static void update(model *m, const double u[], double time, int begin, int fresh)",
-            self.writer.lines(roots, write, [("cell", c.name) for c in cells]),
-        )
-
-    def readings(self) -> str:
-        return _function(
-            "static void readings(const model *m, const double u[], double time, double y[])",
-            self.writer.values(*_numbered("y", self.step.readings)),
-        )
-
-    def rates(self) -> str:
-        return _function(
-            "static void rates(const model *m, const double x[], const double u[], double time, "
-            "double f[])",
-            self.writer.values(*_numbered("f", self.step.rates)),
-        )
-
-    def slopes(self) -> str:
-        """Rates, and their derivatives by the states."""
-        partials = ((f"J[{row}][{column}]", value) for row, column, value in self.step.slopes)
-        return _function(
-            "static void slopes(const model *m, const double x[], const double u[], double time, "
-            "double f[], double J[NX][NX])",
-            [
-                "memset(J, 0, NX * sizeof J[0]);",
-                *self.writer.values(*_numbered("f", self.step.rates), *partials),
-            ],
-        )
-
-    def prepare(self) -> str:
-        return _function(
-            f"void {model_name(self.step)}_prepare(model *m)",
-            self.writer.values(*_numbered("m->derived", self.step.derived)),
-        )
-
-    def start(self) -> str:
-        return _function(
-            f"void {model_name(self.step)}_start(model *m)",
-            [
-                "memset((char *)m + offsetof(model, x), 0, sizeof *m - offsetof(model, x));",
-                f"{model_name(self.step)}_prepare(m);",
-                *self.writer.values(*_numbered("m->x", self.step.start)),
-            ],
-        )
-
-
-def _numbered(array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
-    return [(f"{array}[{i}]", value) for i, value in enumerate(values)]
+    at = "const double x[], const double u[], double time"
+    bodies = {
+        "static void update(model *m, const double u[], double time, int begin, int fresh)":
+            work.updated(delayed) if step.updates else [],
+        "static void readings(const model *m, const double u[], double time, double y[])":
+            work.stored("y", step.readings),
+        f"static void rates(const model *m, {at}, double f[])": work.stored("f", step.rates),
+        f"static void slopes(const model *m, {at}, double f[], double J[NX][NX])":
+            ["memset(J, 0, NX * sizeof J[0]);", *work.slopes()] if step.implicit else [],
+        "": [asset("sdirk2.c" if step.implicit else "rk4.c").rstrip()],
+        f"void {name}_prepare(model *m)": work.stored("m->derived", step.derived),
+        f"void {name}_start(model *m)": [
+            "memset((char *)m + offsetof(model, x), 0, sizeof *m - offsetof(model, x));",
+            f"{name}_prepare(m);",
+            *work.stored("m->x", step.start),
+        ],
+    }  # fmt: skip
+    needless = {head for head in bodies if "void update" in head and not step.updates}
+    needless |= {head for head in bodies if "void slopes" in head and not step.implicit}
+    return [
+        _function(head, lines) if head else lines[0]
+        for head, lines in bodies.items()
+        if head not in needless
+    ]
 
 
 def _function(head: str, lines: list[str]) -> str:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from pamid.base.progress import tell
 from pamid.base.units import unit
@@ -193,46 +194,48 @@ def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[byt
 # ---- descriptions ------------------------------------------------------------------------------
 
 
-def _xml(root: ElementTree.Element) -> bytes:
+def _xml(root: Element) -> bytes:
     ElementTree.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "utf-8") + b"\n"
 
 
+def _element(name: str, attributes: dict[str, str], *children: Element) -> Element:
+    element = Element(name, attributes)
+    element.extend(children)
+    return element
+
+
 def _root(
-    step: SampleStep, sources: dict[str, str], version: int, **more: str
-) -> ElementTree.Element:
+    step: SampleStep, sources: dict[str, str], version: int, *children: Element, **more: str
+) -> Element:
     from importlib.metadata import version as version_of
 
     token = re.findall(r'TOKEN "(\w+)"', sources["fmu.h"])[0]
-    named = {2: "guid", 3: "instantiationToken"}[version]
-    return ElementTree.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": f"{version}.0",
-            "modelName": step.name,
-            named: token,
-            "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
-            "generationTool": f"pamid {version_of('pamid')}",
-            "variableNamingConvention": "flat",
-            **more,
-        },
-    )
+    about = {
+        "fmiVersion": f"{version}.0",
+        "modelName": step.name,
+        {2: "guid", 3: "instantiationToken"}[version]: token,
+        "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
+        "generationTool": f"pamid {version_of('pamid')}",
+        "variableNamingConvention": "flat",
+        **more,
+    }
+    return _element("fmiModelDescription", about, *children)
 
 
-def _units(root: ElementTree.Element, step: SampleStep) -> None:
+def _units(step: SampleStep) -> Element:
     symbols = dict.fromkeys(
         v.unit for v in (*step.inputs, *step.outputs, *step.parameters) if v.unit
     )
     symbols |= {"s": None}
-    listed = ElementTree.SubElement(root, "UnitDefinitions")
+    units = []
     for symbol in symbols:
         kind = unit(symbol)
         base = {d: str(e) for d, e in zip(_DIMENSIONS, kind.dimension, strict=True) if e}
         base |= {"factor": repr(kind.factor)} if kind.factor != 1.0 else {}
         base |= {"offset": repr(kind.offset)} if kind.offset else {}
-        ElementTree.SubElement(
-            ElementTree.SubElement(listed, "Unit", name=symbol), "BaseUnit", base
-        )
+        units.append(_element("Unit", {"name": symbol}, _element("BaseUnit", base)))
+    return _element("UnitDefinitions", {}, *units)
 
 
 def _variables(step: SampleStep) -> list[tuple[dict[str, str], dict[str, str]]]:
@@ -266,69 +269,65 @@ def _offers(step: SampleStep, state: str) -> dict[str, str]:
     }
 
 
-def _description_2(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
-    root = _root(step, sources, 2, numberOfEventIndicators="0")
+def _description_2(step: SampleStep, sources: dict[str, str]) -> Element:
     offers = {**_offers(step, "FMUstate"), "canNotUseMemoryManagementFunctions": "true"}
-    files = ElementTree.SubElement(
-        ElementTree.SubElement(root, "CoSimulation", offers), "SourceFiles"
+    files = (_element("File", {"name": name}) for name in sources if name.endswith(".c"))
+    structure = _structure(step)
+    outputs = (
+        {"index": str(k + 1), "dependencies": " ".join(str(i + 1) for i in needs)}
+        for k, needs in structure
     )
-    for name in sources:
-        if name.endswith(".c"):
-            ElementTree.SubElement(files, "File", name=name)
-    _units(root, step)
-    ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
-    listed = ElementTree.SubElement(root, "ModelVariables")
-    for about, value in _variables(step):
-        ElementTree.SubElement(
-            ElementTree.SubElement(listed, "ScalarVariable", about), "Real", value
-        )
-    structure = ElementTree.SubElement(root, "ModelStructure")
-    outputs = ElementTree.SubElement(structure, "Outputs")
-    unknown = ElementTree.SubElement(structure, "InitialUnknowns")
-    for index, needs in _structure(step):
-        ElementTree.SubElement(
-            outputs,
-            "Unknown",
-            index=str(index + 1),
-            dependencies=" ".join(str(i + 1) for i in needs),
-        )
-        ElementTree.SubElement(unknown, "Unknown", index=str(index + 1))
-    return root
+    unknown = ({"index": str(k + 1)} for k, _ in structure)
+    return _root(
+        step, sources, 2,
+        _element("CoSimulation", offers, _element("SourceFiles", {}, *files)),
+        _units(step),
+        _experiment(step),
+        _element("ModelVariables", {}, *(
+            _element("ScalarVariable", about, _element("Real", value))
+            for about, value in _variables(step)
+        )),
+        _element("ModelStructure", {},
+            _element("Outputs", {}, *(_element("Unknown", each) for each in outputs)),
+            _element("InitialUnknowns", {}, *(_element("Unknown", each) for each in unknown)),
+        ),
+        numberOfEventIndicators="0",
+    )  # fmt: skip
 
 
-def _description_3(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
-    root = _root(step, sources, 3)
-    ElementTree.SubElement(
-        root,
-        "CoSimulation",
-        {**_offers(step, "FMUState"), "fixedInternalStepSize": repr(step.period_s)},
-    )
-    _units(root, step)
-    ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
-    listed = ElementTree.SubElement(root, "ModelVariables")
-    every = _variables(step)
-    for about, value in every:
-        ElementTree.SubElement(listed, "Float64", {**about, **value})
+def _description_3(step: SampleStep, sources: dict[str, str]) -> Element:
+    every, structure = _variables(step), _structure(step)
     clock = "time" if all(about["name"] != "time" for about, _ in every) else "time (independent)"
-    ElementTree.SubElement(
-        listed,
-        "Float64",
-        {
-            "name": clock,
-            "valueReference": str(len(every)),
-            "unit": "s",
-            "causality": "independent",
-            "variability": "continuous",
-        },
+    time = {
+        "name": clock,
+        "valueReference": str(len(every)),
+        "unit": "s",
+        "causality": "independent",
+        "variability": "continuous",
+    }
+    outputs = (
+        {"valueReference": str(k), "dependencies": " ".join(map(str, needs))}
+        for k, needs in structure
     )
-    structure = ElementTree.SubElement(root, "ModelStructure")
-    for index, needs in _structure(step):
-        ElementTree.SubElement(
-            structure, "Output", valueReference=str(index), dependencies=" ".join(map(str, needs))
-        )
-    for index, _ in _structure(step):
-        ElementTree.SubElement(structure, "InitialUnknown", valueReference=str(index))
-    return root
+    offers = {**_offers(step, "FMUState"), "fixedInternalStepSize": repr(step.period_s)}
+    return _root(
+        step, sources, 3,
+        _element("CoSimulation", offers),
+        _units(step),
+        _experiment(step),
+        _element("ModelVariables", {},
+            *(_element("Float64", {**about, **value}) for about, value in every),
+            _element("Float64", time),
+        ),
+        _element("ModelStructure", {},
+            *(_element("Output", each) for each in outputs),
+            *(_element("InitialUnknown", {"valueReference": str(k)}) for k, _ in structure),
+        ),
+    )  # fmt: skip
+
+
+def _experiment(step: SampleStep) -> Element:
+    return _element("DefaultExperiment", {"startTime": "0.0", "stepSize": repr(step.period_s)})
 
 
 def _structure(step: SampleStep) -> list[tuple[int, list[int]]]:
@@ -340,11 +339,10 @@ def _structure(step: SampleStep) -> list[tuple[int, list[int]]]:
     ]
 
 
-def _build_description(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
-    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=model_name(step))
-    listed = ElementTree.SubElement(build, "SourceFileSet", language="C99")
-    for name in sources:
-        if name.endswith(".c"):
-            ElementTree.SubElement(listed, "SourceFile", name=name)
-    return root
+def _build_description(step: SampleStep, sources: dict[str, str]) -> Element:
+    files = (_element("SourceFile", {"name": name}) for name in sources if name.endswith(".c"))
+    return _element(
+        "fmiBuildDescription", {"fmiVersion": "3.0"},
+        _element("BuildConfiguration", {"modelIdentifier": model_name(step)},
+            _element("SourceFileSet", {"language": "C99"}, *files)),
+    )  # fmt: skip

@@ -13,12 +13,15 @@ from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import mjcf_of
 from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.simulators.mujoco_sources import relocated_text
 from pamid.simulators.write_back import WrittenModel, stored_text, write_back
 
 LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 
 
-def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) -> Written:
+def write_model_text(
+    model: Identified, step: None, files: tuple[Path, ...], *, language: str
+) -> Written:
     """Text for the file, with its errors in MuJoCo.
 
     A URDF is also written as MJCF, which holds more.
@@ -27,10 +30,12 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
     ----------
     model
         Identified model.
-    language
-        "mjcf" or "urdf".
+    step
+        None: a model file has no sample step.
     files
         Files to be written.
+    language
+        "mjcf" or "urdf".
 
     Raises
     ------
@@ -61,7 +66,9 @@ def write_model_text(model: Identified, language: str, files: tuple[Path, ...]) 
         notes.append("it was not run, because the run has no held-out data")
     if rivals := _rivals_note(model):
         notes.insert(0, rivals)
-    return Written({files[0]: written.text}, notes=tuple(notes), check=check)
+    text, unmoved = relocated_text(written.text, path, files[0].parent)
+    notes += [unmoved] if unmoved else []
+    return Written({files[0]: text}, notes=tuple(notes), check=check)
 
 
 def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:

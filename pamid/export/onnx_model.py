@@ -1,4 +1,4 @@
-"""An identified model, or a network alone, as ONNX in float64.
+"""An identified model as ONNX in float64.
 
 There is one sample, and a whole run as a Scan over it.
 
@@ -20,12 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.base.units import NONE, split_column
 from pamid.correction.identified_model import Identified
 from pamid.export.onnx_graph import Graph, graph_of, model_bytes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
-from pamid.networks.trained_network import TrainedNetwork
 
 Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)
@@ -55,42 +53,10 @@ def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
         "states": list(s.states),
         "fit_sha256": model.sha256,
     }
-    return _run_and_cell(model.name, sample.nodes, sample.start, about)
+    return run_and_cell(model.name, sample.nodes, sample.start, about)
 
 
-def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
-    """Run and cell of a network."""
-    network = trained.network
-    memory = network.memory_size
-    low, high = (np.array(ends) for ends in (trained.input_scaling.low, trained.input_scaling.high))
-    (bottom,), (top,) = trained.output_scaling.low, trained.output_scaling.high
-
-    def nodes(g: Graph, inputs: str, state: str) -> tuple[str, str]:
-        before, samples = g.parts(state, [memory, 1]) if memory else ("", state)
-        scaled = g.add(
-            "Div",
-            g.add("Mul", g.number(2.0), g.add("Sub", inputs, g.array(low))),
-            g.array(high - low),
-        )
-        given = g.add("Sub", scaled, g.number(1.0))
-        first = g.add("Equal", samples, g.number(0.0))
-        value, after = network.onnx_nodes(g, trained.weights, given, before, first)
-        share = g.add("Mul", g.number(0.5), g.add("Add", value, g.number(1.0)))
-        output = g.add("Add", g.number(bottom), g.add("Mul", share, g.number(top - bottom)))
-        counted = g.add("Add", samples, g.number(1.0))
-        return output, g.joined([after, counted] if memory else [counted])
-
-    about = {
-        "network": network.kind,
-        "dt_s": trained.period_s,
-        "inputs": [_column(n) for n in trained.input_names],
-        "outputs": [_column(trained.output_name)],
-        "state": {**({"memory": memory} if memory else {}), "samples": 1},
-    }
-    return _run_and_cell(network.kind, nodes, np.zeros(memory + 1), about)
-
-
-def _run_and_cell(
+def run_and_cell(
     name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]
 ) -> tuple[bytes, bytes]:
     nu, n, ny = len(about["inputs"]), len(start), len(about["outputs"])
@@ -130,11 +96,6 @@ def _run_and_cell(
         outermost=True,
     )
     return model_bytes(run, words), model_bytes(cell, words)
-
-
-def _column(name: str) -> dict[str, str]:
-    unit = split_column(name)[1]
-    return {"name": name, "unit": "" if unit == NONE else unit}
 
 
 def _require_onnx() -> None:

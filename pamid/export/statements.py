@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from pamid.export.step import SampleStep
 from pamid.symbolic.expression import Expr, symbols, walk
 from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, Operator
 
@@ -21,6 +22,7 @@ class Dialect:
     """Differences between the target languages.
 
     assign, truth, choice   format strings; truth: of a comparison as a number
+    element                 an element of an array (its name and index from 0)
     choice_binds            precedence of a choice
     function                name of an operator as a function, "" if it is written with its sign
     """
@@ -31,10 +33,27 @@ class Dialect:
     choice: str
     choice_binds: int
     function: Callable[[Operator], str]
+    element: Callable[..., str]
 
 
-C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", CHOICE, lambda o: o.c)
-MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", ATOM, lambda o: o.matlab)
+C = Dialect(
+    "const double {} = {};",
+    "{} ? 1.0 : 0.0",
+    "!=",
+    "{} ? {} : {}",
+    CHOICE,
+    lambda o: o.c,
+    lambda array, *at: f"{array}{''.join(f'[{k}]' for k in at)}",
+)
+MATLAB = Dialect(
+    "{} = {};",
+    "double({})",
+    "~=",
+    "choose({}, {}, {})",
+    ATOM,
+    lambda o: o.matlab,
+    lambda array, *at: f"{array}({', '.join(str(k + 1) for k in at)})",
+)
 
 
 #: reserved words of the two languages and of the exported programs
@@ -194,3 +213,57 @@ class Writer:
                 work.lines.append(f"{target} = {text};")
 
         return self.lines([value for _, value in targets], write)
+
+
+class ModelFunctions:
+    """Bodies of functions with the equations of a sample step.
+
+    parameters: the place of each; derived, cells: names of their arrays.
+    """
+
+    def __init__(
+        self, step: SampleStep, dialect: Dialect, parameters: list[str], derived: str, cells: str
+    ) -> None:
+        self.step, self.dialect, self.cells = step, dialect, cells
+        element, names = dialect.element, [v.name for v in step.parameters]
+        places: dict[Symbol, str] = {("tick", t): t for t in ("time", "begin", "fresh")}
+        places |= {("state", n): element("x", i) for i, n in enumerate(step.states)}
+        places |= {("input", v.name): element("u", i) for i, v in enumerate(step.inputs)}
+        places |= {("parameter", n): at for n, at in zip(names, parameters, strict=True)}
+        places |= {("derived", str(i)): element(derived, i) for i in range(len(step.derived))}
+        for space in ("cell", "past"):
+            places |= {(space, c.name): element(cells, i) for i, c in enumerate(step.updates)}
+        self.writer = Writer(dialect, places)
+
+    def updated(self, delayed: Callable[[str, int, str, str], str]) -> list[str]:
+        """Cells, one after the other. delayed: line with the value of a delay line, from the
+        cell's name, the line's number, the value and the seconds."""
+        cells, words, element = self.step.updates, self.writer.words, self.dialect.element
+
+        def write(work: Statements) -> None:
+            for c in cells:
+                word = words["cell", c.name]
+                if c.line < 0:
+                    work.name(c.value, word)
+                    continue
+                value, seconds = work.value(c.value), work.value(c.seconds)
+                work.lines.append(delayed(word, c.line, value, seconds))
+            work.lines += [
+                f"{element(self.cells, i)} = {words['cell', c.name]};" for i, c in enumerate(cells)
+            ]
+
+        roots = [e for c in cells for e in (c.value, c.seconds)]
+        return self.writer.lines(roots, write, [("cell", c.name) for c in cells])
+
+    def stored(self, array: str, values: Iterable[Expr]) -> list[str]:
+        """Lines that store values in an array."""
+        return self.writer.values(*self._numbered(array, values))
+
+    def slopes(self) -> list[str]:
+        """Rates, and their derivatives by the states."""
+        element = self.dialect.element
+        partials = ((element("J", row, column), v) for row, column, v in self.step.slopes)
+        return self.writer.values(*self._numbered("f", self.step.rates), *partials)
+
+    def _numbered(self, array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
+        return [(self.dialect.element(array, i), value) for i, value in enumerate(values)]

@@ -44,8 +44,8 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.engine.shadow_simulators import Carrier
-from pamid.engine.simulator import DIFFERENCE, LibraryStep, slopes_of
-from pamid.engine.stepped import FarRunner
+from pamid.engine.simulator import DIFFERENCE, LibraryStep
+from pamid.engine.stepped import FarRunner, slopes_of
 from pamid.model.rig import Rig
 from pamid.symbolic.expression import Expr, expression, symbol
 from pamid.symbolic.vocabulary import Number
@@ -96,26 +96,33 @@ class StepRig(Rig):
         """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
         goes in."""
         states, parameters = self._named
-        after, pushed, known = list[list[float]](), _NumberCache(into), _NumberCache(parameters)
-        for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True):
-            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
-            after.append(
-                self._called(self.step, states, given, pushed.of(forces), known.of(values), h)
-            )
-        results = np.array(after)
-        return results, self.reads(results, p)
+        after = np.array(
+            [
+                self._called(
+                    self.step,
+                    states,
+                    _numbers(states, row),
+                    _numbers(into, forces),
+                    _numbers(parameters, values),
+                    h,
+                )
+                for row, forces, values in zip(x.tolist(), f.tolist(), p.tolist(), strict=True)
+            ]
+        )
+        return after, self.reads(after, p)
 
     def reads(self, x: Array, p: Array) -> Array:
         """See `pamid.engine.simulator.Simulator`; one copy after the other."""
-        wanted = tuple(self.readings)
+        wanted, (states, parameters) = tuple(self.readings), self._named
         if not wanted:
             return np.empty((len(x), 0))
-        states, known = self._named[0], _NumberCache(self._named[1])
-        out = list[list[float]]()
-        for row, values in zip(x.tolist(), p.tolist(), strict=True):
-            given = SimpleNamespace(**dict(zip(states, row, strict=True)))
-            out.append(self._called(self.read, wanted, given, known.of(values)))
-        return np.array(out)
+        rows = zip(x.tolist(), p.tolist(), strict=True)
+        return np.array(
+            [
+                self._called(self.read, wanted, _numbers(states, row), _numbers(parameters, values))
+                for row, values in rows
+            ]
+        )
 
     def in_c(
         self, p: Array, h: float, into: tuple[str, ...]
@@ -281,17 +288,8 @@ class StepRig(Rig):
         return {k: vars(self)[k] for k in names}
 
 
-class _NumberCache:
-    """Named numbers, made again only where they differ from the last ones."""
-
-    def __init__(self, names: tuple[str, ...]) -> None:
-        self.names, self.last, self.numbers = names, list[float](), SimpleNamespace()
-
-    def of(self, values: list[float]) -> SimpleNamespace:
-        if values != self.last:
-            self.last = values
-            self.numbers = SimpleNamespace(**dict(zip(self.names, values, strict=True)))
-        return self.numbers
+def _numbers(names: tuple[str, ...], values: list[float]) -> SimpleNamespace:
+    return SimpleNamespace(**dict(zip(names, values, strict=True)))
 
 
 class RigSimulator:

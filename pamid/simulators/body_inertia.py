@@ -33,7 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import Body, Mechanism
-from pamid.simulators.spatial import Mat, Vec, constant, product, rotation, transposed, vec
+from pamid.simulators.spatial import Mat, Vec, constant, rotation, vec
 from pamid.symbolic.vocabulary import ZERO, exp, expression
 
 Array = NDArray[np.float64]
@@ -104,10 +104,9 @@ class BodyShape:
         symbols."""
         axes, moments = second_moments(self.body)
         d1, d2, d3, s12, s13, s23 = (expression(getattr(p, n)) for n in self.deformation_names)
-        deformation: Mat = (exp(d1), s12, s13), (ZERO, exp(d2), s23), (ZERO, ZERO, exp(d3))
-        turned = product(constant(axes), deformation)
-        wide = tuple(vec([s * x for s, x in zip(moments, row, strict=True)]) for row in turned)
-        return product((wide[0], wide[1], wide[2]), transposed(turned))
+        deformation = [[exp(d1), s12, s13], [ZERO, exp(d2), s23], [ZERO, ZERO, exp(d3)]]
+        turned = constant(axes) @ np.array(deformation)
+        return np.asarray((turned * moments) @ turned.T)
 
     def centre(self, p: Any) -> Vec:
         """Centre of mass in the body's frame, m; p as in `second_moment`."""
@@ -116,7 +115,7 @@ class BodyShape:
     def inertia(self, p: Any, mass: Any) -> tuple[Any, ...]:
         """Inertia about the centre along the body's axes in the order of `inertia_names`, kg m2."""
         about = inertia_per_mass(self.second_moment(p))
-        return tuple(mass * about[i][k] for i, k in PAIRS)
+        return tuple(mass * about[i, k] for i, k in PAIRS)
 
     def deformed(self, values: Mapping[str, float], mass: float) -> Body:
         """Return the body with these parameter values, by name, SI."""
@@ -161,9 +160,9 @@ def second_moments(body: Body) -> tuple[Array, list[float]]:
 
 def inertia_per_mass(second: Mat) -> Mat:
     """tr(P) 1 - P"""
-    trace = second[0][0] + second[1][1] + second[2][2]
-    rows = [[(trace if i == k else ZERO) - second[i][k] for k in range(3)] for i in range(3)]
-    return vec(rows[0]), vec(rows[1]), vec(rows[2])
+    trace = second[0, 0] + second[1, 1] + second[2, 2]
+    return np.array([[(trace if i == k else ZERO) - second[i, k] for k in range(3)]
+                     for i in range(3)])  # fmt: skip
 
 
 def full_inertia(body: Body) -> Array:

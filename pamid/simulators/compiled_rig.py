@@ -11,7 +11,7 @@ file states a loss. If a fit frees the loss of another joint, its friction grows
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, TypeAlias
@@ -264,10 +264,8 @@ class MechanismEquations:
         a = self.m.actuators[i]
         gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
         if a.mount is not None:
-            rate = ZERO
-            for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                rate = rate + moment * self.qd[j]
-            return ZERO, rate
+            moments = self.rigid.moments(a.mount, a.wrench).items()
+            return ZERO, sum((moment * self.qd[j] for j, moment in moments), ZERO)
         if a.tendon >= 0:
             length, rate = self.tendon(a.tendon)
             return gear * length, gear * rate
@@ -300,10 +298,9 @@ class MechanismEquations:
     def tendon(self, i: int) -> tuple[Expr, Expr]:
         """Length and velocity of a tendon."""
         tendon = self.m.tendons[i]
-        length = rate = ZERO
-        for j, c in zip(tendon.joints, tendon.coefficients, strict=True):
-            length, rate = length + c * self.q[j], rate + c * self.qd[j]
-        return length, rate
+        shares = list(zip(tendon.joints, tendon.coefficients, strict=True))
+        length = sum((c * self.q[j] for j, c in shares), ZERO)
+        return length, sum((c * self.qd[j] for j, c in shares), ZERO)
 
     def tendon_force(self, i: int) -> Expr:
         """Force of a tendon's spring and damper, against its length."""
@@ -357,30 +354,25 @@ class MechanismEquations:
                 total = total + self.rig.value(self.p, element, number, name, stated) * of
         return total
 
-    def joint_drive(self, j: int) -> Expr:
-        """Torque or force of the actuators of one joint, without those on tendons."""
-        force_sum = ZERO
-        for i, a in enumerate(self.m.actuators):
-            if a.tendon < 0 and a.joint == j:
-                gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-                force_sum = force_sum + gear * self.actuator_force(i)
-        return force_sum
+    def shares(self, a: Actuator) -> Iterable[tuple[int, Expr | float]]:
+        """Force at every joint per unit of an actuator's force, without its gear."""
+        if a.mount is not None:
+            return self.rigid.moments(a.mount, a.wrench).items()
+        if a.tendon < 0:
+            return ((a.joint, 1.0),)
+        tendon = self.m.tendons[a.tendon]
+        return zip(tendon.joints, tendon.coefficients, strict=True)
 
-    def drive(self) -> list[Expr]:
-        """Forces of the actuators at every joint."""
-        forces = [self.joint_drive(j) for j in range(len(self.m.joints))]
-        for i, a in enumerate(self.m.actuators):
-            if a.mount is not None:
-                force = self.actuator_force(i)
-                for j, moment in self.rigid.moments(a.mount, a.wrench).items():
-                    forces[j] = forces[j] + moment * force
-            if a.tendon < 0:
-                continue
-            gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
-            force = gear * self.actuator_force(i)
-            t = self.m.tendons[a.tendon]
-            for j, c in zip(t.joints, t.coefficients, strict=True):
-                forces[j] = forces[j] + c * force
+    def drive(self, actuators: Iterable[int] | None = None) -> list[Expr]:
+        """Forces of the actuators, or of some of them, at every joint."""
+        forces = [ZERO] * len(self.m.joints)
+        for i in range(len(self.m.actuators)) if actuators is None else actuators:
+            a = self.m.actuators[i]
+            force = self.actuator_force(i)
+            if a.mount is None:
+                force = self.rig.value(self.p, "actuator", i, "gear", a.gear) * force
+            for j, share in self.shares(a):
+                forces[j] = forces[j] + share * force
         if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
             for j, joint in enumerate(self.m.joints):
                 if joint.compensated_by_actuator:
@@ -455,9 +447,7 @@ class MechanismEquations:
             value = value * x + coefficient
         for j, each in below.items():
             slopes[j] = slopes.get(j, ZERO) - slope * each
-        error, speed = y - value, ZERO
-        for j, each in slopes.items():
-            speed = speed + each * self.qd[j]
+        error, speed = y - value, sum((each * self.qd[j] for j, each in slopes.items()), ZERO)
         share = impedance(c.impedance, error)
         softness = maximum((1.0 - share) / share * c.weight, LEAST_SOFTNESS)
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
@@ -481,13 +471,17 @@ class MechanismEquations:
         loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
         return SoftFriction(loss, joint.friction_rate, joint.friction_softness, self.qd[j])
 
-    def applied(self) -> list[Expr]:
-        """Force or torque at every joint, through its motion port."""
-        forces = [f + self.passive(j) for j, f in enumerate(self.drive())]
+    def known_forces(self, actuators: Iterable[int] | None = None) -> list[Expr]:
+        """Force or torque at every joint, of all actuators or some of them."""
+        forces = [f + self.passive(j) for j, f in enumerate(self.drive(actuators))]
         for i, t in enumerate(self.m.tendons):
             pull = self.tendon_force(i)
             for j, c in zip(t.joints, t.coefficients, strict=True):
                 forces[j] = forces[j] + c * pull
+        return forces
+
+    def applied(self) -> list[Expr]:
+        """Force or torque at every joint, through its motion port."""
         return [
             self.port(
                 self.rig.port_of("joint", j, "motion"),
@@ -495,7 +489,7 @@ class MechanismEquations:
                 position=self.q[j],
                 velocity=self.qd[j],
             )
-            for j, f in enumerate(forces)
+            for j, f in enumerate(self.known_forces())
         ]
 
     @cached_property
@@ -610,10 +604,19 @@ class MechanismEquations:
 
     def drive_change(self, j: int, angle: Expr, rate: Expr) -> Expr:
         """Change of the drive of joint j if the load lags behind it by an angle."""
-        before = self.joint_drive(j)
+        driving = [i for i, a in enumerate(self.m.actuators) if a.tendon < 0 and a.joint == j]
+
+        def drive() -> Expr:
+            force = ZERO
+            for i in driving:
+                gear = self.rig.value(self.p, "actuator", i, "gear", self.m.actuators[i].gear)
+                force = force + gear * self.actuator_force(i)
+            return force
+
+        before = drive()
         q, qd = self.q[j], self.qd[j]
         self.q[j], self.qd[j] = q - angle, qd - rate
-        more = self.joint_drive(j) - before
+        more = drive() - before
         self.q[j], self.qd[j] = q, qd
         return more
 
@@ -661,7 +664,8 @@ class MechanismEquations:
 
     def mounted(self, sensor: MechanismSensor, mount: Mount) -> Expr:
         """Reading of a sensor on a frame."""
-        tree, values = self.rigid, tuple[Expr, ...]()
+        tree = self.rigid
+        values: Any
         if sensor.kind == "framequat":
             values = tree.quaternion(mount)
         elif sensor.kind == "framepos":
@@ -670,8 +674,9 @@ class MechanismEquations:
             motion = tree.motion(mount)
             values = motion.a if sensor.kind in ("gyro", "frameangvel") else motion.b
             if sensor.kind in ("gyro", "velocimeter"):
-                values = tree.mounted(mount).local(values)  # type: ignore[arg-type]
-        return values[sensor.component]
+                values = tree.mounted(mount).local(values)
+        value: Expr = values[sensor.component]
+        return value
 
 
 def _affine(law: list[Expr], length: Expr, rate: Expr) -> Expr:

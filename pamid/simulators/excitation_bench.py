@@ -239,20 +239,10 @@ class ExcitationBench:
         """True if one of the two is a part of the surroundings."""
         return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
 
-    def _chain(self, body: int) -> list[int]:
-        """Body and those that carry it, without the world."""
-        bodies = []
-        while body > 0:
-            bodies.append(body)
-            body = self.m.bodies[body].parent
-        return bodies
-
     def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
         """Actuators of the joints between two geoms."""
-        first, second = (set(self._chain(int(self.model.geom_bodyid[g]))) for g in pair)
-        between = first ^ second
-        joints = [j for j, joint in enumerate(self.m.joints) if joint.body in between]
-        drivers = {i for j in joints for i in self._drivers(j)}
+        first, second = (set(self.m.chain(int(self.model.geom_bodyid[g]))) for g in pair)
+        drivers = {i for j in first ^ second for i in self._drivers(j)}
         return tuple(sorted(drivers)) or self.m.commanded
 
     def _drivers(self, joint: int) -> tuple[int, ...]:

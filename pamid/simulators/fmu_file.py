@@ -125,26 +125,18 @@ class FmuFile:
     @property
     def request(self) -> dict[str, Any]:
         """Arguments of `FmuHost`, except the folder."""
+        plain = {k: v for k, v in vars(self).items() if not isinstance(v, FmuVariables)}
+        outputs, parameters = self.outputs, self.parameters
         return {
-            "path": self.path,
-            "version": self.version,
-            "exchange": self.exchange,
-            "identifier": self.identifier,
-            "token": self.token,
-            "states": self.states.references,
-            "rates": list(self.rates),
-            "sizes": list(self.nominals),
-            "indicators": self.indicators,
-            "alone": self.alone,
+            **plain,
+            "sizes": self.nominals,
             "units": [[s.tolist() for s in unit] for unit in self.units],
-            "any_step": self.any_step,
-            "seen": self.seen,
-            "called": [v.called for v in self.outputs.variables],
-            "parameters": self.parameters.references,
-            "tunable": [v.tunable for v in self.parameters.variables],
+            "called": [v.called for v in outputs.variables],
+            "tunable": [v.tunable for v in parameters.variables],
+            "states": self.states.references,
+            "parameters": parameters.references,
             "inputs": self.inputs.references,
-            "outputs": self.outputs.references,
-            "saves": self.saves,
+            "outputs": outputs.references,
         }
 
 

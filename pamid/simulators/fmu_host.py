@@ -5,9 +5,7 @@ The work at every sample is compiled (`pamid.simulators.fmi_kernels`).
 
 from __future__ import annotations
 
-import json
-import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import LibraryStep
 from pamid.simulators.fmi_kernels import (
     LEADS,
@@ -30,11 +29,10 @@ from pamid.simulators.fmi_kernels import (
     table_in,
 )
 from pamid.simulators.fmu_instance import FATAL, FmuInstance, why
-from pamid.simulators.fmu_link import FmuUnits
+from pamid.simulators.fmu_link import FmuUnits, UnitScale
 
 Array = NDArray[np.float64]
 
-SHAPE_HEAD = struct.Struct("<dqq")  # seconds, rows and columns of a table
 MOST_INSTANCES = 64  # with different parameters, for seen states
 LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
@@ -59,14 +57,18 @@ class _Copy:
     due: Array
 
 
-class FmuHost:
-    """Copies of one FMU. about: `FmuFile.request`, and the folder of the unpacked FMU.
+class FmuHost(Carrier):
+    """Copies of one FMU; all SI. about: `FmuFile.request`, and the folder of the unpacked FMU.
 
     If an FMU saves states, one instance serves all copies. Otherwise each copy has an instance.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
         self.about, self.saves, self.exchanges = about, about["saves"], about["exchange"]
+        self.whole_samples, self.longest_s = not about["any_step"], float("inf")
+        self.units = FmuUnits(
+            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in about["units"])
+        )
         self.instances: list[FmuInstance] = []
         self.m = self.instance(0).model()
         self.copies: list[_Copy] = []
@@ -92,7 +94,7 @@ class FmuHost:
     def begin(self, p: Array) -> Array:
         self.release(self.copies)
         self.copies, readings = [], []
-        for k, row in enumerate(p):
+        for k, row in enumerate(self.units.parameters.outside(p)):
             instance = self.instance(k)
             instance.restart(self.m, row)
             self.copies.append(
@@ -101,10 +103,11 @@ class FmuHost:
             readings.append(self._store_readings(k, instance))
         return self._run_begins(readings)
 
-    def resume(self, numbers: list[int], p: Array) -> Array:
+    def resume(self, saved: Sequence[int], p: Array) -> Array:
         self.release(self.copies)
         self.copies, readings = [], []
-        for k, (number, row) in enumerate(zip(numbers, p, strict=True)):
+        rows = self.units.parameters.outside(p)
+        for k, (number, row) in enumerate(zip(saved, rows, strict=True)):
             before = self.kept[number]
             instance = self._restored_instance(k, before)
             instance.x, instance.due = before.x.copy(), before.due.copy()
@@ -129,10 +132,10 @@ class FmuHost:
         self.x = np.array([c.x for c in self.copies]).reshape(n, -1)
         self.due = np.array([c.due for c in self.copies]).reshape(n, 1)
         self.y = np.array(readings)
-        return self.y
+        return self.units.outputs.inside(self.y)
 
     def step(self, f: Array, h: float) -> Array:
-        f = np.ascontiguousarray(f)
+        f = np.ascontiguousarray(self.units.inputs.outside(f))
         given = self.m, self.handles, self.saved, self.standing, self.times, f, h
         if self.exchanges:
             exchange_copies(*given, self.x, self.due, self.y, self.statuses)
@@ -143,7 +146,7 @@ class FmuHost:
         if not self.saves:
             for copy, row in zip(self.copies, f, strict=True):
                 copy.past = (copy.past, row.copy(), h)
-        return self.y
+        return self.units.outputs.inside(self.y)
 
     def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
         """Turn failures into NaN; before the first successful run, into an error."""
@@ -193,7 +196,7 @@ class FmuHost:
             time_s += h
         return instance
 
-    def keep(self) -> Array:
+    def save(self) -> tuple[int, ...]:
         first = self.count + 1
         self.count += len(self.copies)
         if self.standing == 0:
@@ -206,14 +209,14 @@ class FmuHost:
         self.went = self.went or not self.statuses.any()
         self.kept.update(zip(range(first, self.count + 1), self.copies, strict=True))
         self.copies = []
-        return np.arange(first, self.count + 1, dtype=float)[None]
+        return tuple(range(first, self.count + 1))
 
-    def drop(self, numbers: list[int]) -> Array:
+    def drop(self, numbers: Sequence[int]) -> tuple[()]:
         """Drop saved states and programs; the numbers of programs are negative."""
         self.release([self.kept.pop(number) for number in numbers if number > 0])
         for number in numbers:
             self.programs.pop(-number, None)
-        return np.zeros((0, 0))
+        return ()
 
     def release(self, copies: list[_Copy]) -> None:
         for copy in copies:
@@ -247,20 +250,17 @@ class FmuHost:
         return 1 if self.about["alone"] else MOST_INSTANCES
 
     @contextmanager
-    def in_c(
-        self, units: FmuUnits, p: Array, h: float, places: NDArray[np.intp]
-    ) -> Iterator[LibraryStep | None]:
+    def in_c(self, p: Array, h: float, places: NDArray[np.intp]) -> Iterator[LibraryStep | None]:
         """See `pamid.engine.simulator.Simulator`.
 
-        p: SI; places: indices of the readings among the outputs. None for more copies than
-        instances.
+        places: indices of the readings among the outputs. None for more copies than instances.
         """
         if len(p) > self.instance_limit:
             yield None
             return
-        rows = units.parameters.outside(p)
+        rows = self.units.parameters.outside(p)
         handles = np.array([self.with_values(row).handle for row in rows], np.int64)
-        words = exchange_words(self.m, units, h)
+        words = exchange_words(self.m, self.units, h)
         table = table_in(words)
 
         def of(numbers: NDArray[Any]) -> NDArray[np.int64]:
@@ -278,7 +278,6 @@ class FmuHost:
             np.zeros(0, np.int64),
             of(table.y)[places],
             words.ctypes.data + 8 * LEADS,
-            keep_alive=(handles, words),
         )
         status = first_failure(words)
         if status and (not self.went or status == FATAL):
@@ -294,46 +293,22 @@ class FmuHost:
         if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
             raise RuntimeError(TIMED)
 
-    def step_states(self, rows: Array, h: float) -> Array:
-        """States and outputs after h, from rows of states, inputs and parameters."""
-        nx, nf, ny = len(self.m.states), len(self.m.inputs), len(self.m.outputs)
-        values, statuses = np.zeros((len(rows), ny + nx)), np.zeros(len(rows), np.int64)
-        grid, due = np.zeros(MOST_STEPS + 1), np.zeros(1)
-        for k, row in enumerate(rows):
-            c = self.with_values(row[nx + nf :]).handle
-            f, x = row[nx : nx + nf].copy(), values[k, ny:]
-            x[:] = row[:nx]
-            statuses[k] = exchange(self.m, c, 0.0, h, f, x, due, grid)
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States and outputs after h."""
+        units, ny = self.units, len(self.m.outputs)
+        values, statuses = np.zeros((len(x), ny + x.shape[1])), np.zeros(len(x), np.int64)
+        values[:, ny:] = units.states.outside(x)
+        inputs, grid, due = units.inputs.outside(f), np.zeros(MOST_STEPS + 1), np.zeros(1)
+        for k, row in enumerate(units.parameters.outside(p)):
+            c = self.with_values(row).handle
+            statuses[k] = exchange(self.m, c, 0.0, h, inputs[k], values[k, ny:], due, grid)
             statuses[k] = statuses[k] or get_outputs(self.m, c, values[k, :ny])
         self._judge(statuses, values, h)
         self.went = True
-        return values
+        return units.states.inside(values[:, ny:]), units.outputs.inside(values[:, :ny])
 
-    def read_outputs(self, rows: Array) -> Array:
-        """Outputs from rows of states and parameters."""
-        nx = len(self.m.states)
-        return np.array([self.with_values(r[nx:]).outputs_at(self.m, r[:nx]) for r in rows])
-
-    # ---- requests --------------------------------------------------------------------------------
-
-    def answer(self, request: bytes) -> Array:
-        """Answer one request: a word, a time step and the shape of a table, the table, and JSON."""
-        word, (h, n, m) = request[:1], SHAPE_HEAD.unpack_from(request, 1)
-        begin, end = 1 + SHAPE_HEAD.size, 1 + SHAPE_HEAD.size + 8 * n * m
-        table = np.frombuffer(request[begin:end]).reshape(n, m)
-        return self.dispatch(word, table, h, json.loads(request[end:] or b"[]"))
-
-    def dispatch(self, word: bytes, table: Array, h: float, numbers: list[int]) -> Array:
-        """Answer a decoded request."""
-        table = np.array(table)  # writable, because read-only arrays would compile another version
-        if word == b"s":
-            return self.step(table, h)
-        if word == b"x":
-            return self.step_states(table, h)
-        if word == b"o":
-            return self.read_outputs(table)
-        if word == b"b":
-            return self.begin(table)
-        if word == b"r":
-            return self.resume(numbers, table)
-        return self.keep() if word == b"k" else self.drop(numbers)
+    def read_outputs(self, x: Array, p: Array) -> Array:
+        """Outputs at these states."""
+        rows = zip(self.units.states.outside(x), self.units.parameters.outside(p), strict=True)
+        outputs = [self.with_values(row).outputs_at(self.m, state) for state, row in rows]
+        return self.units.outputs.inside(np.array(outputs))

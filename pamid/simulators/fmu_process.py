@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
-import struct
 import subprocess
 import sys
 import tempfile
 import weakref
+from contextlib import AbstractContextManager, nullcontext
 from multiprocessing import Pipe
 from typing import Any
 
@@ -18,35 +17,43 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.engine.program import Memory
+from pamid.engine.remote_program import (
+    Course,
+    Parcel,
+    packed,
+    program_data,
+    run_request,
+    take_answer,
+)
+from pamid.engine.shadow_simulators import Carrier
+from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.simulators.fmu_file import FmuFile, extracted
-from pamid.simulators.fmu_link import FmuLink, SavedState
 
 Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # longest wait for an answer
 COMPILING = 5.0  # factor on the first wait, because the first run may compile code
-FAILED, SHAPE_HEAD = b"!", struct.Struct("<dqq")  # as in `pamid.simulators.fmu_runs`
-_LENGTH = struct.Struct("<q")
+FAILED = b"!"  # as in `pamid.simulators.fmu_runs`
 PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
-_EMPTY = np.zeros((0, 0))
 
 
-def _length_prefixed(about: dict[str, Any]) -> bytes:
-    """JSON behind its length, padded to whole numbers."""
-    header = json.dumps(about).encode()
-    header += b" " * (-len(header) % 8)
-    return _LENGTH.pack(len(header)) + header
+class SavedState:
+    """A saved state, by its number in the other process; it is dropped there with this object."""
+
+    def __init__(self, number: int, dropped: list[int]) -> None:
+        self.number = number
+        weakref.finalize(self, dropped.append, number)
 
 
-class FmuProcess(FmuLink):
-    """Copies of an FMU, held by another process.
+class FmuProcess(Carrier):
+    """Copies of an FMU, held by another process, which makes whole runs of it.
 
     The process starts with the first copy, and loads the FMU's binary then.
     """
 
     def __init__(self, file: FmuFile) -> None:
-        self.file, self.units = file, file.units
+        self.file = file
         self.programs: weakref.WeakKeyDictionary[SteppedProgram, int] = weakref.WeakKeyDictionary()
         self.places = [
             i for i, v in enumerate(file.outputs.variables) if v not in file.states.variables
@@ -72,7 +79,7 @@ class FmuProcess(FmuLink):
         self.poller = select.poll()
         self.poller.register(self.from_child, select.POLLIN | select.POLLHUP)
         weakref.finalize(self, _close, self.child, self.to_child, self.folder)
-        self._answer(json.dumps({**file.request, "folder": self.folder.name}).encode())
+        self._exchange(packed({**file.request, "folder": self.folder.name}, []))
 
     # ---- whole runs ------------------------------------------------------------------------------
 
@@ -80,27 +87,17 @@ class FmuProcess(FmuLink):
         self, program: SteppedProgram, memory: Memory, *course: Any
     ) -> tuple[Array, Array, int]:
         """See `pamid.engine.stepped.FarRunner`."""
-        from pamid.engine.remote_program import Course, Parcel, run_request, take_answer
-
-        number = self._number(program)
         request = run_request(memory, Course(*course))
         saved = memory.saved and [
             memory.saved[0].number,
             *(sorted((c, state.number) for c, state in memory.saved[1].items())),
         ]
-        about = {**request.about, "program": number, "saved": saved}
-        patience_s = PATIENCE_S * (1.0 + len(course[0]) / PATIENT_SAMPLES)
-        answer = self._exchange(
-            b"u" + _length_prefixed(about) + request.numbers.tobytes(), patience_s
-        )
-        self.compiled = True
-        size = _LENGTH.unpack_from(answer)[0]
-        header = json.loads(answer[_LENGTH.size : _LENGTH.size + size])
-        parcel = Parcel(header, np.frombuffer(answer, offset=_LENGTH.size + size))
+        about = {"what": "run", "program": self._number(program), "saved": saved}
+        patience = 1.0 + len(course[0]) / PATIENT_SAMPLES
+        parcel = self._exchange(Parcel({**request.about, **about}, request.numbers), patience)
+        self.compiled, header = True, parcel.about
         result = take_answer(memory, parcel)
-        states = [SavedState(int(k)) for k in header["kept"]]
-        for saved_state in states:
-            weakref.finalize(saved_state, self.dropped.append, saved_state.number)
+        states = [SavedState(int(k), self.dropped) for k in header["kept"]]
         if states:
             memory.saved = (
                 states[0],
@@ -114,11 +111,9 @@ class FmuProcess(FmuLink):
         An unknown program is sent first. States and programs that are no longer in use are dropped
         there.
         """
-        from pamid.engine.remote_program import program_data
-
         if self.dropped:
             gone = [self.dropped.pop() for _ in range(len(self.dropped))]
-            self._request(b"d", _EMPTY, numbers=gone)
+            self._request("drop", [], gone)
         number = self.programs.get(program)
         if number is None:
             simulator: Any = program.simulator
@@ -126,29 +121,37 @@ class FmuProcess(FmuLink):
             data = program_data(program)
             data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
             data["places"] = self.places
-            number = self.programs[program] = int(
-                self._answer(b"p" + _length_prefixed(data), PATIENCE_S)[0, 0]
-            )
+            answer = self._exchange(packed({"what": "program", **data}, []))
+            number = self.programs[program] = int(answer.numbers[0])
             weakref.finalize(program, self.dropped.append, -number)
         return number
 
     # ---- what is sent ----------------------------------------------------------------------------
 
-    def _request(
-        self, word: bytes, table: Array, h: float = 0.0, numbers: list[int] | None = None
-    ) -> Array:
-        tail = b"" if numbers is None else json.dumps(numbers).encode()
-        return self._answer(word + SHAPE_HEAD.pack(h, *table.shape) + table.tobytes() + tail)
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """See `pamid.simulators.fmu_link.VisibleStates`."""
+        after, outputs = self._request("step_states", [x, f, p], h)
+        return after, outputs
 
-    def _answer(self, message: bytes, patience_s: float | None = None) -> Array:
-        answer = self._exchange(message, patience_s)
-        _, rows, columns = SHAPE_HEAD.unpack_from(answer)
-        return np.frombuffer(answer, offset=SHAPE_HEAD.size).reshape(rows, columns)
+    def read_outputs(self, x: Array, p: Array) -> Array:
+        """See `pamid.simulators.fmu_link.VisibleStates`."""
+        return np.array(self._request("read_outputs", [x, p]))
 
-    def _exchange(self, message: bytes, patience_s: float | None = None) -> bytes:
-        waits_s = (patience_s or PATIENCE_S) * (1.0 if self.compiled else COMPILING)
+    def in_c(
+        self, p: Array, h: float, places: NDArray[np.intp]
+    ) -> AbstractContextManager[LibraryStep | None]:
+        """None, because the other process makes whole runs."""
+        return nullcontext()
+
+    def _request(self, what: str, arrays: list[Array | None], *values: Any) -> list[Array]:
+        """Answer of a method of `pamid.simulators.fmu_host.FmuHost`."""
+        answer = self._exchange(packed({"what": what, "values": values}, arrays))
+        return list(answer.arrays())
+
+    def _exchange(self, request: Parcel, patience: float = 1.0) -> Parcel:
+        waits_s = PATIENCE_S * patience * (1.0 if self.compiled else COMPILING)
         try:
-            self.to_child.send_bytes(message)
+            self.to_child.send_bytes(request.message)
             if not self.poller.poll(1000.0 * waits_s):
                 self.child.kill()
                 self.child.wait()
@@ -160,7 +163,7 @@ class FmuProcess(FmuLink):
             raise self._failed(reason) from error
         if answer.startswith(FAILED):
             raise self._failed(answer[1:].decode(errors="replace"))
-        return answer[1:]
+        return Parcel.of(answer[1:])
 
     def _failed(self, what: str) -> FileError:
         return FileError(

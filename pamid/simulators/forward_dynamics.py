@@ -68,13 +68,9 @@ def accelerations(
             change[j] = change[j] - slope * force_along
     inverse = [solution.system.column(i) for i in range(tree.n)]
     return [
-        tangent(solution.value[i], -_total([held(inverse[j][i]) * c for j, c in enumerate(change)]))
+        tangent(
+            solution.value[i],
+            -sum((held(inverse[j][i]) * c for j, c in enumerate(change)), ZERO),
+        )
         for i in range(tree.n)
     ]
-
-
-def _total(terms: Sequence[Expr]) -> Expr:
-    total = ZERO
-    for term in terms:
-        total = total + term
-    return total

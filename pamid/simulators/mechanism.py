@@ -8,8 +8,9 @@ number. Body 0 is the world. Places and axes are (3,), quaternions (w, x, y, z).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pamid.model.parameter import Parameter
 
@@ -297,6 +298,10 @@ class Write:
     column: int
     factor: float
 
+    @property
+    def place(self) -> tuple[int, ...]:
+        return (self.row,) if self.column < 0 else (self.row, self.column)
+
 
 @dataclass(frozen=True)
 class ModelParameter:
@@ -315,6 +320,23 @@ class ModelParameter:
     attribute: str
     writes: tuple[Write, ...]
     assumed: bool = False
+
+    @property
+    def stated(self) -> float:
+        """Value in the file, SI."""
+        return self.parameter.value * self.parameter.factor
+
+    def value_in(self, model: Any) -> float:
+        """Value in a model of the simulator, SI."""
+        write = self.writes[0]
+        return float(getattr(model, write.array)[write.place]) / write.factor
+
+
+def write_values(model: Any, mechanism: Mechanism, values: Mapping[str, float]) -> None:
+    """Write parameters (SI, by name) into a model of the simulator."""
+    for p in mechanism.parameters:
+        for write in p.writes:
+            getattr(model, write.array)[write.place] = write.factor * values[p.parameter.name]
 
 
 @dataclass(frozen=True)

@@ -103,8 +103,10 @@ def _dropped(_: str) -> None:
     pass
 
 
-def open_mujoco(path: PathLike) -> MujocoFile:
+def open_mujoco(path: PathLike, *, visual: bool = True) -> MujocoFile:
     """Load a file (MJCF or URDF); its meshes are also searched in `known_packages`.
+
+    visual: False leaves out shapes, meshes and textures that only a picture needs.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def open_mujoco(path: PathLike) -> MujocoFile:
         number in it is not finite. The extra is not installed.
     """
     file = Path(path)
-    with _apart(compiled, file) as (answer, folder):
+    with _apart(compiled, file, visual=visual) as (answer, folder):
         mujoco = mujoco_package(file)
         model = mujoco.MjModel.from_binary_path(str(folder / _COMPILED))
     lines = {(kind, number): line for kind, number, line in answer["lines"]}
@@ -137,7 +139,9 @@ def mjcf_of(path: PathLike) -> bytes:
 
 
 @contextmanager
-def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str, Any], Path]]:
+def _apart(
+    function: Callable[..., Any], file: Path, **settings: Any
+) -> Iterator[tuple[dict[str, Any], Path]]:
     """Call a function of this module on a file in a separate process.
 
     Returns the answer and the folder with its output. FileError: see `open_mujoco`.
@@ -153,7 +157,7 @@ def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str,
         try:
             answer = run_limited(
                 f"{__name__}:{function.__name__}",
-                {"path": whole, "packages": asdict(known_packages())},
+                {"path": whole, "packages": asdict(known_packages()), **settings},
                 folder,
                 limits.compilation,
                 f"compiling {file.name}, for at most {limits.compilation.patience:.0f} s",
@@ -171,7 +175,7 @@ def _apart(function: Callable[..., Any], file: Path) -> Iterator[tuple[dict[str,
         yield answer, folder
 
 
-def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
+def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) -> dict[str, Any]:
     """Compile a file and save the model into the folder; returns lines of its elements, and
     warnings.
 
@@ -181,7 +185,7 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
     warnings: list[str] = []
     mujoco = mujoco_package(file)
     mujoco.set_mju_user_warning(warnings.append)
-    spec, model, left_out = _compile(file, packages)
+    spec, model, left_out = _compile(file, packages, visual)
     free = settle_free_joints(mujoco, spec, _line)
     if free.notes:
         model = spec.compile()
@@ -218,15 +222,15 @@ def compiled(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any
 
 def translated(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Text of a file as MJCF; `mjcf_of` calls it in a separate process."""
-    spec, _, _ = _compile(Path(path), packages)
+    spec, _, _ = _compile(Path(path), packages, True)
     return {"text": spec.to_xml()}
 
 
-def _compile(file: Path, packages: dict[str, Any]) -> tuple[Any, Any, str]:
+def _compile(file: Path, packages: dict[str, Any], visual: bool) -> tuple[Any, Any, str]:
     """MjSpec of a file, its mjModel, and a note on omissions."""
     mujoco = mujoco_package(file)
     folders = require_plain_sources(file)
-    assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages))
+    assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages), visual=visual)
     try:
         spec, model = assets.compiled()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:

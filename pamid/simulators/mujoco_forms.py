@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.simulators.mechanism import Mechanism, ModelPort
-from pamid.simulators.mujoco_schema import reads, reads_polynomials
 
 Array = NDArray[np.float64]
 
@@ -37,27 +36,6 @@ class IdentifiedEffect:
     name: str
     values: Mapping[str, float]
     ports: tuple[ModelPort, ...]
-
-
-@dataclass(frozen=True)
-class Bristle:
-    """LuGre friction: stiffness and damping of the bristles, sliding and static level, Stribeck
-    velocity, SI."""
-
-    stiffness: float
-    damping: float
-    sliding: float
-    static: float
-    velocity: float
-
-
-@dataclass(frozen=True)
-class Wave:
-    """A force amplitude * sin(poles * q + phase)."""
-
-    amplitude: float
-    poles: float
-    phase: float
 
 
 @dataclass(frozen=True)
@@ -90,19 +68,38 @@ class JointTerms:
     """Forces at a joint.
 
     They are -friction sign(v) - (damping . (v, v|v|, v^3)) - (spring . (1, q, q^2, q^3)), and the
-    further parts. onset: speed at which the friction is reached; 0: dry.
+    further parts. onset: speed at which the friction is reached; 0: dry. motors: (attribute, its
+    numbers) of motors without a command: "lugre" with stiffness and damping of the bristles,
+    sliding and static level, Stribeck velocity, or "cogging" with a force amplitude * sin(poles * q
+    + phase).
+
+    The methods return a note on the form of an effect, "" for MuJoCo's own.
     """
 
     friction: float = 0.0
     onset: float = 0.0
     damping: Array = field(default_factory=lambda: np.zeros(3))
     spring: Array = field(default_factory=lambda: np.zeros(4))
-    bristles: list[Bristle] = field(default_factory=list)
-    waves: list[Wave] = field(default_factory=list)
+    motors: list[tuple[str, tuple[float, ...]]] = field(default_factory=list)
     stop: Stop | None = None
     behind: FlexibleLoad | None = None
 
-    def add_spring(self, linear: float, cubic: float, rest: float) -> None:
+    def add(
+        self,
+        friction: float = 0.0,
+        damping: float = 0.0,
+        quadratic: float = 0.0,
+        cubic: float = 0.0,
+        constant: float = 0.0,
+        note: str = "",
+    ) -> str:
+        """Dry friction, dampers and a constant force."""
+        self.friction += friction
+        self.damping += [damping, quadratic, cubic]
+        self.spring[0] -= constant
+        return note
+
+    def add_spring(self, linear: float, cubic: float, rest: float) -> str:
         """A force -linear (q - rest) - cubic (q - rest)^3."""
         self.spring += [
             -linear * rest - cubic * rest**3,
@@ -110,6 +107,47 @@ class JointTerms:
             -3.0 * cubic * rest,
             cubic,
         ]
+        return ""
+
+    def add_yielding(self, level: float, speed: float) -> str:
+        """Friction with an onset; several of them add their slopes at rest."""
+        slope = (self.friction / self.onset if self.onset else 0.0) + level / max(speed, 1e-9)
+        self.onset = (self.friction + level) / slope
+        note = "is written as a frictionloss that sets in over its speed (solreffriction)"
+        return self.add(friction=level, note=note)
+
+    def add_bristles(
+        self,
+        stiffness: float,
+        sliding: float,
+        *,
+        damping: float = 0.0,
+        breakaway: float = 1.0,
+        velocity: float = 1.0,
+        note: str = "",
+    ) -> str:
+        """LuGre friction."""
+        numbers = stiffness, damping, sliding, sliding * breakaway, velocity
+        self.motors.append(("lugre", numbers))
+        return note
+
+    def add_wave(self, sine: float, cosine: float, poles: float) -> str:
+        wave = math.hypot(sine, cosine), poles, math.atan2(cosine, sine)
+        self.motors.append(("cogging", wave))
+        return ""
+
+    def add_stop(self, low: float, high: float, stiffness: float, speed: float) -> str:
+        # the effect's damping grows with the depth; its value at a twentieth of the way stands for
+        # it
+        damping = stiffness * 0.05 * min(abs(low), abs(high)) / speed
+        self.stop = Stop(low, high, stiffness, damping)
+        return ""
+
+    def add_load_behind(self, p: Any, half_gap: float = 0.0) -> str:
+        if self.behind is not None:
+            return "is not in the file: another effect lies between this joint and its link"
+        self.behind = FlexibleLoad(half_gap, p.frequency, p.damping, p.share)
+        return ""
 
 
 @dataclass
@@ -123,6 +161,22 @@ class CommandTerms:
     offset: float = 0.0
     lag: float = 0.0
 
+    def add_law(
+        self, gain: float = 0.0, offset: float = 0.0, lag: float = 0.0, delay: float = 0.0
+    ) -> str:
+        """A delay, a lag and a relative gain error of the command, then an offset."""
+        self.delay += delay
+        self.lag += lag
+        self.gain *= 1.0 + gain
+        self.offset = self.offset * (1.0 + gain) + offset
+        return ""
+
+    def add_limits(self, low: float, high: float, share: float) -> str:
+        # a limit acts on the command after the effects before it
+        self.low = max(self.low, (low - self.offset) / self.gain)
+        self.high = min(self.high, (high - self.offset) / self.gain)
+        return "" if share > HARD else _SOFT_LIMIT
+
 
 @dataclass
 class ReadingTerms:
@@ -130,6 +184,14 @@ class ReadingTerms:
 
     delay: float = 0.0
     cutoff: float = math.inf
+
+    def add_delay(self, delay: float) -> str:
+        self.delay += delay
+        return ""
+
+    def add_limit(self, limit: float, share: float) -> str:
+        self.cutoff = min(self.cutoff, limit)
+        return "" if share > HARD else _SOFT_LIMIT
 
 
 @dataclass
@@ -146,7 +208,7 @@ class Forms:
 
 
 def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms:
-    """All effects in MuJoCo's elements, for the installed version of MuJoCo."""
+    """All effects in MuJoCo's elements."""
     forms = Forms()
     for effect in effects:
         notes: list[str] = []
@@ -175,228 +237,64 @@ def _at_port(forms: Forms, mechanism: Mechanism, effect: IdentifiedEffect, port:
     return write(terms, SimpleNamespace(**effect.values))
 
 
-# ---- at joints -----------------------------------------------------------------------------------
-
-
-def _dry(terms: JointTerms, p: Any) -> str:
-    terms.friction += p.level
-    return ""
-
-
-def _viscous(terms: JointTerms, p: Any) -> str:
-    terms.damping[0] += p.damping
-    return ""
-
-
-def _directional_damping(terms: JointTerms, p: Any) -> str:
-    terms.damping[0] += 0.5 * (p.forward + p.backward)
-    return "is written as the mean damping of both directions"
-
-
-def _directional_friction(terms: JointTerms, p: Any) -> str:
-    terms.friction += 0.5 * (p.forward + p.backward)
-    terms.spring[0] += 0.5 * (p.forward - p.backward)
-    return "is written as the mean frictionloss of both directions and a constant force"
-
-
-def _yielding(terms: JointTerms, p: Any) -> str:
-    terms.onset = _joined_onset(terms, p.level, p.speed)
-    terms.friction += p.level
-    return "is written as a frictionloss that sets in over its speed (solreffriction)"
-
-
-def _joined_onset(terms: JointTerms, level: float, speed: float) -> float:
-    """Onset of several frictions, from the sum of their slopes at rest."""
-    slope = (terms.friction / terms.onset if terms.onset else 0.0) + level / max(speed, 1e-9)
-    return (terms.friction + level) / slope
-
-
-def _drag(power: int) -> Callable[[JointTerms, Any], str]:
-    def write(terms: JointTerms, p: Any) -> str:
-        if not reads_polynomials():
-            return f"(drag = {p.drag:.5g}, SI) is not in the file: this MuJoCo has linear dampers"
-        terms.damping[power - 1] += p.drag
-        return ""
-
-    return write
-
-
-def _linear_spring(terms: JointTerms, p: Any) -> str:
-    terms.add_spring(p.stiffness, 0.0, p.rest)
-    return ""
-
-
-def _cubic_spring(terms: JointTerms, p: Any) -> str:
-    if not reads_polynomials():
-        return f"(hardening = {p.hardening:.5g}) is not in the file: this MuJoCo has linear springs"
-    terms.add_spring(0.0, p.hardening, p.rest)
-    return ""
-
-
-def _constant(terms: JointTerms, p: Any) -> str:
-    terms.spring[0] -= p.level
-    return ""
-
-
-def _bristled(terms: JointTerms, bristle: Bristle, words: str) -> str:
-    """LuGre friction; a frictionloss if this MuJoCo has no bristles."""
-    if reads("actuator/dcmotor", "lugre"):
-        terms.bristles.append(bristle)
-        return words
-    terms.friction += bristle.sliding
-    return "is written as a frictionloss of its sliding level: this MuJoCo has no LuGre friction"
-
-
-def _lugre(terms: JointTerms, p: Any) -> str:
-    k = p.level / p.give
-    sliding, static = p.level, p.level * p.breakaway
-    return _bristled(terms, Bristle(k, p.settling * k, sliding, static, p.speed), "")
-
-
-def _stribeck(terms: JointTerms, p: Any) -> str:
-    static = p.level * p.breakaway
-    return _bristled(terms, Bristle(p.level / p.give, 0.0, p.level, static, p.speed), "")
-
-
-def _dahl(terms: JointTerms, p: Any) -> str:
-    return _bristled(terms, Bristle(p.level / p.reach, 0.0, p.level, p.level, 1.0), "")
-
-
 def _hysteresis(share: float) -> Callable[[JointTerms, Any], str]:
     """Bristles of the same level that deflect by a share of the reach."""
-
-    def write(terms: JointTerms, p: Any) -> str:
-        words = "is written as bristle friction (lugre) of its level and reach"
-        k = p.level / (share * p.reach)
-        return _bristled(terms, Bristle(k, 0.0, p.level, p.level, 1.0), words)
-
-    return write
-
-
-def _cogging(terms: JointTerms, p: Any) -> str:
-    return _wave(terms, p, 2.0 * math.pi / p.period)
-
-
-def _gravity(terms: JointTerms, p: Any) -> str:
-    return _wave(terms, SimpleNamespace(sine=-p.sine, cosine=-p.cosine), 1.0)
-
-
-def _wave(terms: JointTerms, p: Any, poles: float) -> str:
-    if not reads("actuator/dcmotor", "cogging"):
-        return f"(sine = {p.sine:.5g}, cosine = {p.cosine:.5g}) is not in the file: {CALLBACK}"
-    wave = Wave(math.hypot(p.sine, p.cosine), poles, math.atan2(p.cosine, p.sine))
-    terms.waves.append(wave)
-    return ""
-
-
-def _end_stop(terms: JointTerms, p: Any) -> str:
-    return _one_sided_stop(
-        terms, SimpleNamespace(stiffness=p.stiffness, lower=-p.limit, upper=p.limit, speed=p.speed)
-    )
-
-
-def _one_sided_stop(terms: JointTerms, p: Any) -> str:
-    # the effect's damping grows with the depth; its value at a twentieth of the way stands for it
-    damping = p.stiffness * 0.05 * min(abs(p.lower), abs(p.upper)) / p.speed
-    terms.stop = Stop(p.lower, p.upper, p.stiffness, damping)
-    return ""
-
-
-def _two_mass(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, FlexibleLoad(0.0, p.frequency, p.damping, p.share))
-
-
-def _backlash(terms: JointTerms, p: Any) -> str:
-    return _load_behind(terms, FlexibleLoad(p.half_gap, p.frequency, p.damping, p.share))
-
-
-def _load_behind(terms: JointTerms, behind: FlexibleLoad) -> str:
-    if terms.behind is not None:
-        return "is not in the file: another effect lies between this joint and its link"
-    terms.behind = behind
-    return ""
-
-
-_AT_JOINTS: dict[str, Callable[[Any, Any], str]] = {
-    "coulomb-friction": _dry,
-    "viscous-friction": _viscous,
-    "directional-damping": _directional_damping,
-    "directional-friction": _directional_friction,
-    "yielding-friction": _yielding,
-    "quadratic-drag": _drag(2),
-    "cubic-drag": _drag(3),
-    "linear-stiffness": _linear_spring,
-    "cubic-stiffness": _cubic_spring,
-    "constant-offset": _constant,
-    "lugre-friction": _lugre,
-    "stribeck-friction": _stribeck,
-    "dahl-friction": _dahl,
-    "bouc-wen-hysteresis": _hysteresis(1.0),
-    "maxwell-slip-hysteresis": _hysteresis(MAXWELL_SHARE),
-    "hardening-hysteresis": _hysteresis(1.0),
-    "cogging": _cogging,
-    "gravity": _gravity,
-    "end-stop": _end_stop,
-    "one-sided-end-stop": _one_sided_stop,
-    "two-mass": _two_mass,
-    "backlash": _backlash,
-}
-
-
-# ---- at commands and readings --------------------------------------------------------------------
-
-
-def _dead_time(terms: CommandTerms | ReadingTerms, p: Any) -> str:
-    if not reads("actuator/motor", "delay"):
-        return f"(delay = {p.delay:.5g} s) is not in the file: this MuJoCo has no delays"
-    terms.delay += p.delay
-    return ""
-
-
-def _lag(terms: CommandTerms, p: Any) -> str:
-    terms.lag += p.time_constant
-    return ""
-
-
-def _gain(terms: CommandTerms, p: Any) -> str:
-    terms.gain *= 1.0 + p.gain
-    terms.offset *= 1.0 + p.gain
-    return ""
-
-
-def _offset(terms: CommandTerms, p: Any) -> str:
-    terms.offset += p.level
-    return ""
-
-
-def _saturation(terms: CommandTerms | ReadingTerms, p: Any) -> str:
-    if isinstance(terms, ReadingTerms):
-        terms.cutoff = min(terms.cutoff, p.limit)
-        return "" if p.share > HARD else _SOFT_LIMIT
-    return _asymmetric_saturation(
-        terms, SimpleNamespace(lower=-p.limit, upper=p.limit, share=p.share)
-    )
-
-
-def _asymmetric_saturation(terms: CommandTerms, p: Any) -> str:
-    # a limit acts on the command after the effects before it
-    terms.low = max(terms.low, (p.lower - terms.offset) / terms.gain)
-    terms.high = min(terms.high, (p.upper - terms.offset) / terms.gain)
-    return "" if p.share > HARD else _SOFT_LIMIT
+    note = "is written as bristle friction (lugre) of its level and reach"
+    return lambda t, p: t.add_bristles(p.level / (share * p.reach), p.level, note=note)
 
 
 HARD = 0.98  # a limit that removes this share of the excess counts as a hard one
 _SOFT_LIMIT = "is written as a hard limit"
 
-_AT_COMMANDS: dict[str, Callable[[Any, Any], str]] = {
-    "dead-time": _dead_time,
-    "first-order-lag": _lag,
-    "gain-error": _gain,
-    "offset": _offset,
-    "saturation": _saturation,
-    "asymmetric-saturation": _asymmetric_saturation,
+#: effect -> its form in MuJoCo, by the kind of its port; p: its parameters
+_AT_JOINTS: dict[str, Callable[[JointTerms, Any], str]] = {
+    "coulomb-friction": lambda t, p: t.add(friction=p.level),
+    "viscous-friction": lambda t, p: t.add(damping=p.damping),
+    "directional-damping": lambda t, p: t.add(
+        damping=0.5 * (p.forward + p.backward),
+        note="is written as the mean damping of both directions",
+    ),
+    "directional-friction": lambda t, p: t.add(
+        friction=0.5 * (p.forward + p.backward),
+        constant=0.5 * (p.backward - p.forward),
+        note="is written as the mean frictionloss of both directions and a constant force",
+    ),
+    "yielding-friction": lambda t, p: t.add_yielding(p.level, p.speed),
+    "quadratic-drag": lambda t, p: t.add(quadratic=p.drag),
+    "cubic-drag": lambda t, p: t.add(cubic=p.drag),
+    "linear-stiffness": lambda t, p: t.add_spring(p.stiffness, 0.0, p.rest),
+    "cubic-stiffness": lambda t, p: t.add_spring(0.0, p.hardening, p.rest),
+    "constant-offset": lambda t, p: t.add(constant=p.level),
+    "lugre-friction": lambda t, p: t.add_bristles(
+        p.level / p.give,
+        p.level,
+        damping=p.settling * (p.level / p.give),
+        breakaway=p.breakaway,
+        velocity=p.speed,
+    ),
+    "stribeck-friction": lambda t, p: t.add_bristles(
+        p.level / p.give, p.level, breakaway=p.breakaway, velocity=p.speed
+    ),
+    "dahl-friction": lambda t, p: t.add_bristles(p.level / p.reach, p.level),
+    "bouc-wen-hysteresis": _hysteresis(1.0),
+    "maxwell-slip-hysteresis": _hysteresis(MAXWELL_SHARE),
+    "hardening-hysteresis": _hysteresis(1.0),
+    "cogging": lambda t, p: t.add_wave(p.sine, p.cosine, 2.0 * math.pi / p.period),
+    "gravity": lambda t, p: t.add_wave(-p.sine, -p.cosine, 1.0),
+    "end-stop": lambda t, p: t.add_stop(-p.limit, p.limit, p.stiffness, p.speed),
+    "one-sided-end-stop": lambda t, p: t.add_stop(p.lower, p.upper, p.stiffness, p.speed),
+    "two-mass": lambda t, p: t.add_load_behind(p),
+    "backlash": lambda t, p: t.add_load_behind(p, p.half_gap),
 }
-_AT_READINGS: dict[str, Callable[[Any, Any], str]] = {
-    "dead-time": _dead_time,
-    "saturation": _saturation,
+_AT_COMMANDS: dict[str, Callable[[CommandTerms, Any], str]] = {
+    "dead-time": lambda t, p: t.add_law(delay=p.delay),
+    "first-order-lag": lambda t, p: t.add_law(lag=p.time_constant),
+    "gain-error": lambda t, p: t.add_law(gain=p.gain),
+    "offset": lambda t, p: t.add_law(offset=p.level),
+    "saturation": lambda t, p: t.add_limits(-p.limit, p.limit, p.share),
+    "asymmetric-saturation": lambda t, p: t.add_limits(p.lower, p.upper, p.share),
+}
+_AT_READINGS: dict[str, Callable[[ReadingTerms, Any], str]] = {
+    "dead-time": lambda t, p: t.add_delay(p.delay),
+    "saturation": lambda t, p: t.add_limit(p.limit, p.share),
 }

@@ -204,9 +204,9 @@ def _joints(file: MujocoFile, names: _Names) -> tuple[MechanismJoint, ...]:
                 file.line("joint", i),
                 int(q),
                 int(v),
-                _powers(m, "dof_dampingpoly", v),
-                _powers(m, "jnt_stiffnesspoly", i),
-                float(m.jnt_springyield[i]) if hasattr(m, "jnt_springyield") else 0.0,
+                _vector(m.dof_dampingpoly[v]),
+                _vector(m.jnt_stiffnesspoly[i]),
+                float(m.jnt_springyield[i]),
                 bool(m.jnt_actgravcomp[i]),
                 file.name("joint", i) in file.free.floating,
             )
@@ -235,17 +235,11 @@ def _tendons(
                 float(m.tendon_frictionloss[i]),
                 (float(m.tendon_lengthspring[i, 0]), float(m.tendon_lengthspring[i, 1])),
                 file.line("tendon", i),
-                _powers(m, "tendon_dampingpoly", i),
-                _powers(m, "tendon_stiffnesspoly", i),
+                _vector(m.tendon_dampingpoly[i]),
+                _vector(m.tendon_stiffnesspoly[i]),
             )
         )
     return tuple(tendons)
-
-
-def _powers(model: Any, array: str, row: Any) -> Vector:
-    """Coefficients of the second and third power; zero in an earlier MuJoCo, which has none."""
-    stated = getattr(model, array, None)
-    return (0.0, 0.0) if stated is None else _vector(stated[row])
 
 
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
@@ -326,7 +320,7 @@ def _actuators(
         unit = quotient(unit, "s") if unit and how == "integrator" else unit
         column = with_unit(f"{name}_command", unit) if m.actuator_ctrlnum[i] else ""
         states: tuple[tuple[str, str], ...] = ()
-        motor = _motor(m, i) if law == "dcmotor" else None
+        motor = winding_motor(m, i) if law == "dcmotor" else None
         if motor is not None:
             states = tuple(_motor_states(m, i, name, units[0]))
         elif how != "none":
@@ -358,7 +352,7 @@ def _actuators(
                 float(m.actuator_delay[i]),
                 file.line("actuator", i),
                 commanded,
-                _powers(m, "actuator_dampingpoly", i),
+                _vector(m.actuator_dampingpoly[i]),
                 motor,
                 mount,
                 wrench if mount is not None else (),
@@ -369,7 +363,7 @@ def _actuators(
     return (*actuators, *bare)
 
 
-def _motor(model: Any, i: int) -> WindingMotor:
+def winding_motor(model: Any, i: int) -> WindingMotor:
     """Winding motor from MuJoCo's arrays, with the indices of mjs_setToDCMotor."""
     gain, dynamics, bias = (
         _vector(array[i])
@@ -460,82 +454,49 @@ def _sensors(
     floating base.
     """
     m, sensors = file.model, list[MechanismSensor]()
+
+    def add(name: str, kind: str, of: int, unit: str, stem: str, **more: Any) -> None:
+        column = with_unit(stem, unit) if unit else stem
+        while column in used_names:
+            column = f"read_{column}"
+        used_names.add(column)
+        sensors.append(MechanismSensor(name, kind, of, unit, column, **more))
+
     for i in range(m.nsensor):
         name, kind = names.of("sensor", i), file.word("mjtSensor", m.sensor_type[i])
-        of = int(m.sensor_objid[i])
+        of, adr = int(m.sensor_objid[i]), int(m.sensor_adr[i])
+        more: dict[str, Any] = {"noise": float(m.sensor_noise[i]), "line": file.line("sensor", i)}
+        cutoff = float(m.sensor_cutoff[i])
         if kind in FRAMES and reads_frame(file, i):
-            sensors += _frame_sensors(file, i, name, kind, used_names)
-            continue
-        if kind not in SENSORS or _is_quaternion(kind, of, joints):
-            continue
-        element, place = SENSORS[kind]
-        if element == "actuator":
-            at = (actuators[of].joint, actuators[of].tendon)
-        elif element == "joint":
-            at = (of, -1)
-        else:
-            at = (-1, of)
-        unit = _units_of(joints, tendons, *at)[place]
-        column = _fresh(with_unit(_stem(name, unit), unit), used_names)
-        sensors.append(
-            MechanismSensor(
-                name,
-                kind,
-                of,
-                unit,
-                column,
-                float(m.sensor_cutoff[i]),
-                float(m.sensor_noise[i]),
-                int(m.sensor_adr[i]),
-                file.line("sensor", i),
-            )
-        )
+            unit, words = FRAMES[kind]
+            more["mount"] = _mount(file, int(m.sensor_objtype[i]), of)
+            more["cutoff"] = cutoff if unit else 0.0  # MuJoCo limits no quaternions
+            for k, word in enumerate(words):
+                stem = f"{_stem(name, unit)}_{word}"
+                add(f"{name}_{word}", kind, of, unit, stem, adr=adr + k, component=k, **more)
+        elif kind in SENSORS and not _is_quaternion(kind, of, joints):
+            element, place = SENSORS[kind]
+            at = {"joint": (of, -1), "tendon": (-1, of)}.get(element, (-1, -1))
+            if element == "actuator":
+                at = actuators[of].joint, actuators[of].tendon
+            unit = _units_of(joints, tendons, *at)[place]
+            add(name, kind, of, unit, _stem(name, unit), adr=adr, cutoff=cutoff, **more)
     if sensors:
         return tuple(sensors)
     for i, joint in enumerate(joints):
-        if joint.kind not in ("hinge", "slide"):
-            continue
-        for kind, word, unit in (
-            ("jointpos", "position", joint.unit),
-            ("jointvel", "velocity", f"{joint.unit}/s"),
-        ):
-            name = f"{joint.name}_{word}"
-            sensors.append(
-                MechanismSensor(name, kind, i, unit, _fresh(with_unit(name, unit), used_names))
-            )
+        if joint.kind in ("hinge", "slide"):
+            for kind, word, unit in (
+                ("jointpos", "position", joint.unit),
+                ("jointvel", "velocity", f"{joint.unit}/s"),
+            ):
+                add(f"{joint.name}_{word}", kind, i, unit, f"{joint.name}_{word}")
     for joint in joints:
         if joint.is_base and joint.name.endswith("_x"):
-            base = joint.name.removesuffix("_x")
+            base, mount = joint.name.removesuffix("_x"), Mount(joint.body)
             for k, word in enumerate(FRAMES["framequat"][1]):
-                name, mount = f"{base}_{word}", Mount(joint.body)
-                column = _fresh(name, used_names)
-                sensors.append(
-                    MechanismSensor(
-                        name, "framequat", joint.body, "", column, mount=mount, component=k
-                    )
-                )
+                stem = f"{base}_{word}"
+                add(stem, "framequat", joint.body, "", stem, mount=mount, component=k)
     return tuple(sensors)
-
-
-def _frame_sensors(
-    file: MujocoFile, i: int, name: str, kind: str, used_names: set[str]
-) -> Iterator[MechanismSensor]:
-    """Values of a sensor on a frame, one by one."""
-    m, (unit, words) = file.model, FRAMES[kind]
-    for k, word in enumerate(words):
-        yield MechanismSensor(
-            f"{name}_{word}",
-            kind,
-            int(m.sensor_objid[i]),
-            unit,
-            _fresh(with_unit(f"{_stem(name, unit)}_{word}", unit), used_names),
-            float(m.sensor_cutoff[i]) if unit else 0.0,  # MuJoCo limits no quaternions
-            float(m.sensor_noise[i]),
-            int(m.sensor_adr[i]) + k,
-            file.line("sensor", i),
-            _mount(file, int(m.sensor_objtype[i]), int(m.sensor_objid[i])),
-            k,
-        )
 
 
 def _mount(file: MujocoFile, kind: int, number: int) -> Mount:
@@ -557,10 +518,3 @@ def _stem(name: str, unit: str) -> str:
 
 def _is_quaternion(kind: str, of: int, joints: tuple[MechanismJoint, ...]) -> bool:
     return kind.startswith("joint") and joints[of].kind not in ("hinge", "slide")
-
-
-def _fresh(column: str, used_names: set[str]) -> str:
-    while column in used_names:
-        column = f"read_{column}"
-    used_names.add(column)
-    return column

@@ -19,7 +19,6 @@ from pamid.simulators.mechanism import (
     MechanismJoint,
     MechanismTendon,
     ModelParameter,
-    Vector,
     WindingMotor,
     Write,
 )
@@ -107,9 +106,9 @@ def _number(
     number: int,
     attribute: str,
     value: float,
-    typical: float,
     unit: str,
     *writes: Write,
+    typical: float = 1.0,
 ) -> ModelParameter:
     name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
     released = attribute in RELEASED
@@ -122,10 +121,8 @@ def _number(
 def _mass(i: int, body: Body) -> ModelParameter:
     """Mass of a body. The inertia scales with it: the same shape, of another density."""
     inertia = (Write("body_inertia", i, k, body.inertia[k] / body.mass_kg) for k in range(3))
-    return _number(
-        "body", body.name, i, "mass", body.mass_kg, 1.0, "kg", Write("body_mass", i, -1, 1.0),
-        *inertia,
-    )  # fmt: skip
+    mass = Write("body_mass", i, -1, 1.0)
+    return _number("body", body.name, i, "mass", body.mass_kg, "kg", mass, *inertia)
 
 
 def _strength(joint: int, actuators: tuple[Actuator, ...]) -> float:
@@ -143,31 +140,28 @@ def _limits(a: Actuator) -> tuple[float, ...]:
 def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParameter]:
     # inertia for the actuator: that of its largest load
     inertia = max(joint.typical_inertia, strength / TYPICAL_ACCELERATION, 1e-9)
-    force, velocity = joint.force_unit, f"{joint.unit}/s"
-
-    def of(attribute: str, value: float, typical: float, unit: str, array: str, row: int):  # type: ignore[no-untyped-def]
-        return _number(
-            "joint", joint.name, i, attribute, value, typical, unit, Write(array, row, -1, 1.0)
-        )
-
-    parameters = [
-        of("damping", joint.damping, inertia * TYPICAL_RATE, quotient(force, velocity),
-           "dof_damping", joint.dof),
-        of("frictionloss", joint.friction_loss, inertia * TYPICAL_ACCELERATION, force,
-           "dof_frictionloss", joint.dof),
-        of("armature", joint.armature, inertia, "kg m2" if joint.kind == "hinge" else "kg",
-           "dof_armature", joint.dof),
-        of("stiffness", joint.stiffness, inertia * TYPICAL_RATE**2, quotient(force, joint.unit),
-           "jnt_stiffness", i),
+    force, length, dof = joint.force_unit, joint.unit, joint.dof
+    damping, stiffness = quotient(force, f"{length}/s"), quotient(force, length)
+    mass = "kg m2" if joint.kind == "hinge" else "kg"
+    weak = inertia * TYPICAL_RATE
+    rows = [
+        ("damping", joint.damping, damping, "dof_damping", dof, weak),
+        ("frictionloss", joint.friction_loss, force, "dof_frictionloss", dof,
+         inertia * TYPICAL_ACCELERATION),
+        ("armature", joint.armature, mass, "dof_armature", dof, inertia),
+        ("stiffness", joint.stiffness, stiffness, "jnt_stiffness", i, weak * TYPICAL_RATE),
     ]  # fmt: skip
-    parameters += _powers(
-        "joint", joint.name, i, force, joint.unit, joint.damping_powers, joint.stiffness_powers,
-        ("dof_dampingpoly", joint.dof), ("jnt_stiffnesspoly", i),
-    )  # fmt: skip
+
+    def of(
+        word: str, value: float, unit: str, array: str, row: int, typical: float
+    ) -> ModelParameter:
+        write = Write(array, row, -1, 1.0)
+        return _number("joint", joint.name, i, word, value, unit, write, typical=typical)
+
+    parameters = [of(*row) for row in rows]
+    parameters += _powers("joint", joint.name, i, joint, (force, length), ("dof", dof), ("jnt", i))
     if joint.spring_yield:
-        parameters.append(
-            of("springyield", joint.spring_yield, 1.0, joint.unit, "jnt_springyield", i)
-        )
+        parameters.append(of("springyield", joint.spring_yield, length, "jnt_springyield", i, 1.0))
     return parameters
 
 
@@ -175,26 +169,26 @@ def _powers(
     element: str,
     of: str,
     number: int,
-    force: str,
-    length: str,
-    damping: Vector,
-    stiffness: Vector,
-    damping_place: tuple[str, int],
-    stiffness_place: tuple[str, int],
+    owner: MechanismJoint | MechanismTendon,
+    units: tuple[str, str],
+    damping: tuple[str, int],
+    stiffness: tuple[str, int],
 ) -> list[ModelParameter]:
-    """Coefficients of the second and third power in the file."""
+    """Coefficients of the second and third power in the file.
+
+    units: of force and length; damping, stiffness: prefix of their array, and row in it.
+    """
+    force, length = units
     parameters = []
-    for word, stated, (array, row), x in (
-        ("damping", damping, damping_place, f"{length}/s"),
-        ("stiffness", stiffness, stiffness_place, length),
+    for word, stated, (prefix, row), x in (
+        ("damping", owner.damping_powers, damping, f"{length}/s"),
+        ("stiffness", owner.stiffness_powers, stiffness, length),
     ):
         for k, power in enumerate(("quadratic", "cubic")):
             if stated[k]:
-                unit = quotient(force, *([x] * (k + 2)))
-                parameters.append(
-                    _number(element, of, number, f"{word}_{power}", stated[k], 1.0, unit,
-                            Write(array, row, k, 1.0))
-                )  # fmt: skip
+                unit, name = quotient(force, *([x] * (k + 2))), f"{word}_{power}"
+                write = Write(f"{prefix}_{word}poly", row, k, 1.0)
+                parameters.append(_number(element, of, number, name, stated[k], unit, write))
     return parameters
 
 
@@ -210,15 +204,12 @@ def _of_tendon(
         ("stiffness", tendon.stiffness, quotient(force, length)),
     )
     parameters = [
-        _number("tendon", tendon.name, i, attribute, value, 1.0, unit,
-                Write(f"tendon_{attribute}", i, -1, 1.0))
-        for attribute, value, unit in rows
+        _number("tendon", tendon.name, i, word, value, unit, Write(f"tendon_{word}", i, -1, 1.0))
+        for word, value, unit in rows
         if value and tendon.joints
-    ]  # fmt: skip
-    return parameters + _powers(
-        "tendon", tendon.name, i, force, length, tendon.damping_powers, tendon.stiffness_powers,
-        ("tendon_dampingpoly", i), ("tendon_stiffnesspoly", i),
-    )  # fmt: skip
+    ]
+    places = ("tendon", i), ("tendon", i)
+    return parameters + _powers("tendon", tendon.name, i, tendon, (force, length), *places)
 
 
 def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
@@ -227,53 +218,44 @@ def _of_actuator(i: int, actuator: Actuator) -> list[ModelParameter]:
     A motor's gain is fixed. A free gain would allow a common factor on every mass, damping and gain
     that no reading reveals.
     """
-    name, parameters = actuator.name, []
+    parameters: list[ModelParameter] = []
 
-    def of(attribute: str, parameter: Parameter, *writes: Write) -> ModelParameter:
-        return ModelParameter(parameter, "actuator", name, i, attribute, writes)
+    def add(word: str, value: float, unit: str, *writes: Write, fitted: bool = True) -> None:
+        parameter = stated_parameter(f"{actuator.name}_{word}", value, unit, fitted=fitted)
+        parameters.append(ModelParameter(parameter, "actuator", actuator.name, i, word, writes))
 
-    # the unit of a gain follows from those of command and force
-    per_command = quotient(actuator.force_unit, actuator.command_unit or "1")
+    def place(array: str, column: int, factor: float = 1.0) -> Write:
+        return Write(f"actuator_{array}", i, column, factor)
+
     gain, bias = actuator.gain, actuator.bias
-    if actuator.kind in ("position", "velocity"):
-        place = 1 if actuator.kind == "position" else 2
-        word = "kp" if actuator.kind == "position" else "kv"
-        parameters.append(
-            of(
-                word,
-                stated_parameter(f"{name}_{word}", gain[0], _gain_unit(actuator, word)),
-                Write("actuator_gainprm", i, 0, 1.0),
-                Write("actuator_biasprm", i, place, -1.0),
-            )
-        )
-        if actuator.kind == "position" and bias[2]:
-            parameters.append(
-                of(
-                    "kv",
-                    stated_parameter(f"{name}_kv", -bias[2], _gain_unit(actuator, "kv")),
-                    Write("actuator_biasprm", i, 2, -1.0),
-                )
-            )
+    if actuator.kind == "position":
+        kp = place("gainprm", 0), place("biasprm", 1, -1.0)
+        add("kp", gain[0], _gain_unit(actuator, "kp"), *kp)
+        if bias[2]:
+            add("kv", -bias[2], _gain_unit(actuator, "kv"), place("biasprm", 2, -1.0))
+    elif actuator.kind == "velocity":
+        kv = place("gainprm", 0), place("biasprm", 2, -1.0)
+        add("kv", gain[0], _gain_unit(actuator, "kv"), *kv)
     elif actuator.motor is not None:
-        parameters += _of_motor(i, actuator, actuator.motor)
+        for word, value, unit, fitted, array, column in _motor_rows(actuator, actuator.motor):
+            if value:
+                add(word, value, unit, place(array, column), fitted=fitted)
     elif gain[0]:
-        held = stated_parameter(
-            f"{name}_gain", gain[0], per_command, fitted=actuator.kind == "general"
-        )
-        parameters.append(of("gain", held, Write("actuator_gainprm", i, 0, 1.0)))
+        # the unit of a gain follows from those of command and force
+        unit, general = quotient(actuator.force_unit, actuator.command_unit or "1"), "general"
+        add("gain", gain[0], unit, place("gainprm", 0), fitted=actuator.kind == general)
     if actuator.time_constant_s > 0.0:
-        constant = stated_parameter(f"{name}_time_constant", actuator.time_constant_s, "s")
-        parameters.append(of("time_constant", constant, Write("actuator_dynprm", i, 0, 1.0)))
+        add("time_constant", actuator.time_constant_s, "s", place("dynprm", 0))
     if math.isfinite(actuator.gear) and actuator.gear and actuator.mount is None:
-        held = stated_parameter(f"{name}_gear", actuator.gear, "", fitted=False)
-        parameters.append(of("gear", held, Write("actuator_gear", i, 0, 1.0)))
+        add("gear", actuator.gear, "", place("gear", 0), fitted=False)
     if actuator.delay_s > 0.0:
-        delay = stated_parameter(f"{name}_delay", actuator.delay_s, "s")
-        parameters.append(of("delay", delay, Write("actuator_delay", i, -1, 1.0)))
+        add("delay", actuator.delay_s, "s", place("delay", -1))
     return parameters
 
 
-def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelParameter]:
+def _motor_rows(
+    actuator: Actuator, motor: WindingMotor
+) -> list[tuple[str, float, str, bool, str, int]]:
     """Parameters of a winding, its controller, its cogging and its bristles.
 
     The resistance is fixed, because a motor of twice the resistance drives half of all masses,
@@ -281,39 +263,26 @@ def _of_motor(i: int, actuator: Actuator, motor: WindingMotor) -> list[ModelPara
     winding does not show in it.
     """
     force, length = actuator.force_unit, "rad" if actuator.force_unit == "N m" else "m"
-    rate, parameters = f"{length}/s", []
+    rate = f"{length}/s"
     shows = motor.input in ("voltage", "none")
     kp, ki, kd = motor.controller
-    stiffness, damping, sliding, static, speed = motor.bristles
-    rows = [
+    resistance, capacitance = motor.heating[:2] if motor.heating[0] else (0.0, 0.0)
+    stiffness, damping, sliding, static, speed = motor.bristles if motor.bristles[0] else [0.0] * 5
+    return [
         ("resistance", motor.constant and motor.resistance, "Ohm", False, "gainprm", 0),
         ("motorconst", motor.constant, quotient(force, "A"), shows, "gainprm", 1),
         ("kp", kp, quotient(force, length), True, "gainprm", 4),
         ("ki", ki, quotient(force, length, "s"), True, "gainprm", 5),
         ("kd", kd, quotient(force, rate), True, "gainprm", 6),
         ("cogging", motor.cogging[0], force, True, "biasprm", 0),
+        ("thermal_resistance", resistance, "K/W", False, "dynprm", 2),
+        ("thermal_capacitance", capacitance, "J/K", False, "dynprm", 3),
+        ("lugre_stiffness", stiffness, quotient(force, length), True, "dynprm", 5),
+        ("lugre_damping", damping, quotient(force, rate), True, "dynprm", 6),
+        ("lugre_coulomb", sliding, force, True, "biasprm", 3),
+        ("lugre_static", static, force, True, "biasprm", 4),
+        ("lugre_stribeck", speed, rate, True, "biasprm", 5),
     ]
-    if motor.heating[0]:
-        rows += [
-            ("thermal_resistance", motor.heating[0], "K/W", False, "dynprm", 2),
-            ("thermal_capacitance", motor.heating[1], "J/K", False, "dynprm", 3),
-        ]
-    if stiffness:
-        rows += [
-            ("lugre_stiffness", stiffness, quotient(force, length), True, "dynprm", 5),
-            ("lugre_damping", damping, quotient(force, rate), True, "dynprm", 6),
-            ("lugre_coulomb", sliding, force, True, "biasprm", 3),
-            ("lugre_static", static, force, True, "biasprm", 4),
-            ("lugre_stribeck", speed, rate, True, "biasprm", 5),
-        ]
-    for word, value, unit, fitted, array, place in rows:
-        if value:
-            parameter = stated_parameter(f"{actuator.name}_{word}", value, unit, fitted=fitted)
-            write = Write(f"actuator_{array}", i, place, 1.0)
-            parameters.append(
-                ModelParameter(parameter, "actuator", actuator.name, i, word, (write,))
-            )
-    return parameters
 
 
 def _gain_unit(actuator: Actuator, word: str) -> str:

@@ -93,10 +93,10 @@ def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
     ]
 
 
-def numbered(name: str, used_names: set[str]) -> str:
-    """Name with a number behind it if it is in use; the result is then in use."""
+def numbered(name: str, used_names: set[str], mark: str = "_") -> str:
+    """Name with a mark and a number behind it if it is in use; the result is then in use."""
     stem, count = name, 2
     while name in used_names:
-        name, count = f"{stem}_{count}", count + 1
+        name, count = f"{stem}{mark}{count}", count + 1
     used_names.add(name)
     return name

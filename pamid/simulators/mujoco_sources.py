@@ -8,6 +8,7 @@ one is missing and the motion does not depend on it, it is left out.
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
@@ -18,7 +19,7 @@ from pamid.base.errors import FileError
 from pamid.base.files import open_data
 from pamid.simulators.foreign_limits import foreign_limits
 from pamid.simulators.model_packages import ModelPackages, package_of, places_of
-from pamid.simulators.xml_text import Tag, tags_of
+from pamid.simulators.xml_text import Edits, Tag, tags_of
 
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # of <compiler>
 _TEXTS = ("include", "model", "attach")  # elements whose file is a model itself
@@ -119,6 +120,57 @@ def root_link_with_mass(path: Path) -> tuple[str, int] | None:
     return None
 
 
+def relocated_text(text: bytes, path: Path, folder: Path) -> tuple[bytes, str]:
+    """Text of a model file whose relative paths lead from another folder to the same files.
+
+    Folders of meshes and textures in <compiler>, included files, and the meshes of a URDF are
+    rewritten. Absolute paths and those of packages stay. Also a note on included files that state
+    such folders themselves, "" if there are none.
+    """
+    tags, edits = tags_of(text), Edits(text)
+    if folder.absolute() == path.parent.absolute():
+        return text, ""
+    is_urdf, has_files = tags[0].name == "robot", False
+    lacking = {"meshdir", "texturedir"}  # folders that are those of the model by default
+    compilers = [tag for tag in tags if tag.name == "compiler"]
+    for tag in compilers:
+        for key in (key for key in _FOLDERS if key in tag.attributes):
+            edits.set(tag, key, _moved(tag.attributes[key], path, folder))
+            lacking -= {"meshdir", "texturedir"} if key == "assetdir" else {key}
+    for tag in tags:
+        for key in (key for key in tag.attributes if key.startswith("file")):
+            name = tag.attributes[key]
+            if is_urdf and (path.parent / name).is_file() or tag.name in _TEXTS:
+                edits.set(tag, key, _moved(name, path, folder))
+            has_files = has_files or _moved(name, path, folder) != name
+    if has_files and lacking and not is_urdf:
+        values = {key: _moved(".", path, folder) for key in sorted(lacking)}
+        for key, value in values.items() if compilers else ():
+            edits.set(compilers[0], key, value)
+        if not compilers:
+            words = " ".join(f'{key}="{value}"' for key, value in values.items())
+            edits.add_inside(tags[0], f"<compiler {words}/>")
+    included = [tag.attributes.get("file", "") for tag in tags if tag.name == "include"]
+    stating = [
+        name
+        for name in included
+        for tag in _tags(path.parent / name)
+        if tag.name == "compiler" and any(key in tag.attributes for key in _FOLDERS)
+    ]
+    note = (
+        f"{', '.join(dict.fromkeys(stating))} states the folder of its meshes relative to "
+        f"{path.parent}, which does not lead there from {folder}"
+    )
+    return edits.made(tags), note if stating else ""
+
+
+def _moved(name: str, path: Path, folder: Path) -> str:
+    """Name of a file or folder relative to another folder than that of the model."""
+    if not name or "://" in name or Path(name).is_absolute():
+        return name
+    return Path(os.path.relpath((path.parent / name).absolute(), folder.absolute())).as_posix()
+
+
 # ---- meshes and textures -------------------------------------------------------------------------
 
 
@@ -139,8 +191,11 @@ class ModelAssets:
         path: Path,
         folders: tuple[Path, ...],
         packages: ModelPackages,
+        *,
+        visual: bool = True,
     ) -> None:
         self.mujoco, self.path, self.folders, self.packages = mujoco, path, folders, packages
+        self.visual = visual  # False: without what only a picture needs
         self.absent: dict[str, AbsentFile] = {}  # meshes by their name
         self.textures: dict[str, AbsentFile] = {}
         self.bodies: dict[str, None] = {}  # bodies without some of their collision shapes
@@ -182,6 +237,7 @@ class ModelAssets:
             # a diagonal mass matrix that MuJoCo stores as such could not follow a moved centre
             body.simple = 0
         stripped, self.present = spec.strippath, {}
+        spec.compiler.discardvisual = spec.compiler.discardvisual or not self.visual
         for mesh in spec.meshes:
             name = _mesh_name(mesh)
             if not mesh.file or name in self.absent:

@@ -204,7 +204,7 @@ class PlainModel:
         """Full state of MuJoCo, in which delays contain the previous commands and readings."""
         m, d, mujoco = self.model, self.data, self.mujoco
         mujoco.mj_resetData(m, d)
-        if getattr(m, "nhistory", 0):
+        if m.nhistory:
             self._fill_history(stretch)
         state = np.zeros(mujoco.mj_stateSize(m, self.full))
         mujoco.mj_getState(m, d, state, self.full)

@@ -67,10 +67,11 @@ class SoftCoupling:
 
     def force(self, qdd: Sequence[Expr]) -> Expr:
         """Force along the coupling at these accelerations."""
-        moved = ZERO
-        for j, slope in self.slopes.items():
-            moved = moved + slope * qdd[j]
-        return (self.aim - moved) / self.softness
+        return (self.aim - self.along(qdd)) / self.softness
+
+    def along(self, of: Sequence[Expr], more: Expr = ZERO) -> Expr:
+        """J times values of the joints, and more."""
+        return sum((slope * of[j] for j, slope in self.slopes.items()), more)
 
 
 def impedance(shape: Sequence[float], error: Expr) -> Expr:
@@ -110,9 +111,6 @@ class CoupledSystem:
         self.tree, self.couplings = tree, couplings
         self.factors: Factors = tree.factors if added is None else tree.factored(added)
 
-    def with_added(self, added: Sequence[Expr]) -> CoupledSystem:
-        return CoupledSystem(self.tree, self.couplings, added)
-
     def solve(self, force: Sequence[Expr]) -> list[Expr]:
         """q'' for couplings with zero aim: (M + J' J / softness)^-1 force."""
         return self._coupled(self.tree.solve(self.factors, force), aimed=False)
@@ -128,12 +126,7 @@ class CoupledSystem:
     def _coupled(self, free: list[Expr], *, aimed: bool) -> list[Expr]:
         if not self.couplings:
             return free
-        right = []
-        for c in self.couplings:
-            moved = ZERO
-            for j, slope in c.slopes.items():
-                moved = moved + slope * free[j]
-            right.append((c.aim if aimed else ZERO) - moved)
+        right = [(c.aim if aimed else ZERO) - c.along(free) for c in self.couplings]
         force = _solved_dense(self._reduced, right)
         accelerations = list(free)
         for f, reach in zip(force, self._reach, strict=True):
@@ -152,16 +145,10 @@ class CoupledSystem:
     @cached_property
     def _reduced(self) -> list[list[Expr]]:
         """J M^-1 J' + softness."""
-        rows = []
-        for k, c in enumerate(self.couplings):
-            row = []
-            for i, reach in enumerate(self._reach):
-                total = c.softness if i == k else ZERO
-                for j, slope in c.slopes.items():
-                    total = total + slope * reach[j]
-                row.append(total)
-            rows.append(row)
-        return rows
+        return [
+            [c.along(reach, c.softness if i == k else ZERO) for i, reach in enumerate(self._reach)]
+            for k, c in enumerate(self.couplings)
+        ]
 
 
 def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> list[Expr]:
@@ -264,6 +251,6 @@ def _solved(
         slides = where(aims[i] > 0.0, -f.loss, f.loss)
         added[i] = where(creeps, 1.0 / f.softness, 0.0)
         more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
-    loaded = system.with_added(added)
+    loaded = CoupledSystem(system.tree, system.couplings, added)
     value = loaded.accelerations([r + m for r, m in zip(reaching, more, strict=True)])
     return FrictionSolution(value, added, more, loaded)

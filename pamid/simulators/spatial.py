@@ -8,7 +8,7 @@ origin). Featherstone (2008), Rigid Body Dynamics Algorithms, ch. 2.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,56 +16,30 @@ from numpy.typing import NDArray
 from pamid.symbolic.vocabulary import ZERO, Expr, Number, expression
 
 Array = NDArray[np.float64]
-Vec = tuple[Expr, Expr, Expr]
-Mat = tuple[Vec, Vec, Vec]  # rows
-NOUGHT: Vec = (ZERO, ZERO, ZERO)
-IDENTITY: Mat = tuple(  # type: ignore[assignment]
-    tuple(expression(1.0 if i == k else 0.0) for k in range(3)) for i in range(3)
-)
+Vec = NDArray[np.object_]  # (3,) of expressions
+Mat = NDArray[np.object_]  # (3, 3)
+
+#: every number of an array as an expression
+_expressions: Callable[[Any], NDArray[np.object_]] = np.frompyfunc(expression, 1, 1)
 
 
 def vec(values: Sequence[Number]) -> Vec:
-    a, b, c = values
-    return expression(a), expression(b), expression(c)
+    """Numbers or expressions as a vector, rows of them as a matrix."""
+    return _expressions(np.array(values, object))
 
 
-def plus(a: Vec, b: Vec) -> Vec:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+NOUGHT: Vec = vec([0.0, 0.0, 0.0])
+IDENTITY: Mat = _expressions(np.eye(3))
 
 
-def minus(a: Vec, b: Vec) -> Vec:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def times(s: Number, a: Vec) -> Vec:
-    return s * a[0], s * a[1], s * a[2]
-
-
-def dot(a: Vec, b: Vec) -> Expr:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def times(s: Any, a: NDArray[np.object_]) -> NDArray[np.object_]:
+    """s a; the operator of an array would be left to the expression, which knows no arrays."""
+    return np.asarray(np.multiply(s, a))
 
 
 def cross(a: Vec, b: Vec) -> Vec:
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-def through(m: Mat, a: Vec) -> Vec:
-    """m a"""
-    return dot(m[0], a), dot(m[1], a), dot(m[2], a)
-
-
-def transposed(m: Mat) -> Mat:
-    return tuple(zip(*m, strict=True))  # type: ignore[return-value]
-
-
-def product(m: Mat, n: Mat) -> Mat:
-    columns = list(zip(*n, strict=True))
-    rows = [tuple(dot(row, c) for c in columns) for row in m]  # type: ignore[arg-type]
-    return rows[0], rows[1], rows[2]  # type: ignore[return-value]
+    (ax, ay, az), (bx, by, bz) = a, b
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def rotation(quaternion: Sequence[float]) -> Array:
@@ -80,11 +54,15 @@ def rotation(quaternion: Sequence[float]) -> Array:
     )
 
 
-def constant(m: Array) -> Mat:
-    """Matrix of numbers; entries that are zero or one up to rounding are exact."""
-    near = np.round(m)
-    clean = np.where(np.abs(m - near) < 1e-15, near, m)
-    return vec(clean[0]), vec(clean[1]), vec(clean[2])
+def constant(m: Array) -> NDArray[np.object_]:
+    """Numbers as expressions; those that are zero or one up to rounding are exact."""
+    return _expressions(clean(m))
+
+
+def clean(values: Array) -> Array:
+    """Numbers without the rounding errors of integers."""
+    near = np.round(values)
+    return np.where(np.abs(values - near) < 1e-15, near, values)
 
 
 class Spatial(NamedTuple):
@@ -94,76 +72,69 @@ class Spatial(NamedTuple):
     b: Vec
 
     def __add__(self, other: Spatial) -> Spatial:  # type: ignore[override]
-        return Spatial(plus(self.a, other.a), plus(self.b, other.b))
+        return Spatial(self.a + other.a, self.b + other.b)
 
     def by(self, s: Number) -> Spatial:
         return Spatial(times(s, self.a), times(s, self.b))
 
     def dot(self, other: Spatial) -> Expr:
         """Power of a force along a motion."""
-        return dot(self.a, other.a) + dot(self.b, other.b)
+        power: Expr = self.a @ other.a + self.b @ other.b
+        return power
 
     def cross(self, other: Spatial) -> Spatial:
         """Motion x motion."""
-        return Spatial(cross(self.a, other.a), plus(cross(self.a, other.b), cross(self.b, other.a)))
+        return Spatial(cross(self.a, other.a), cross(self.a, other.b) + cross(self.b, other.a))
 
     def cross_force(self, force: Spatial) -> Spatial:
         """Motion x* force."""
-        return Spatial(plus(cross(self.a, force.a), cross(self.b, force.b)), cross(self.a, force.b))
+        return Spatial(cross(self.a, force.a) + cross(self.b, force.b), cross(self.a, force.b))
+
+    def mapped(self, way: Callable[[Expr], Expr]) -> Spatial:
+        """Apply a function to every component."""
+        return Spatial(*(np.array([way(x) for x in part]) for part in self))
 
 
 AT_REST = Spatial(NOUGHT, NOUGHT)
 
 
 class Inertia(NamedTuple):
-    """mass, first moment, and second moment (xx, yy, zz, xy, xz, yz), about the origin."""
+    """mass, first moment, and second moment, about the origin."""
 
     mass: Expr
     first: Vec
-    second: tuple[Expr, Expr, Expr, Expr, Expr, Expr]
+    second: Mat
 
     def __add__(self, other: Inertia) -> Inertia:  # type: ignore[override]
-        second = tuple(a + b for a, b in zip(self.second, other.second, strict=True))
-        return Inertia(self.mass + other.mass, plus(self.first, other.first), second)  # type: ignore[arg-type]
+        return Inertia(self.mass + other.mass, self.first + other.first, self.second + other.second)
 
     def by(self, s: Number) -> Inertia:
-        second = tuple(s * a for a in self.second)
-        return Inertia(s * self.mass, times(s, self.first), second)  # type: ignore[arg-type]
-
-    def matrix(self) -> Mat:
-        """The second moment."""
-        xx, yy, zz, xy, xz, yz = self.second
-        return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+        return Inertia(s * self.mass, times(s, self.first), times(s, self.second))
 
     def momentum(self, v: Spatial) -> Spatial:
         """Inertia times motion."""
         return Spatial(
-            plus(through(self.matrix(), v.a), cross(self.first, v.b)),
-            plus(times(self.mass, v.b), cross(v.a, self.first)),
+            self.second @ v.a + cross(self.first, v.b),
+            times(self.mass, v.b) + cross(v.a, self.first),
         )
 
     def moved(self, turn: Mat, to: Vec) -> Inertia:
         """Inertia in a frame in which its frame is rotated and lies at `to`."""
-        m, first = self.matrix(), through(turn, self.first)
-        half = product(turn, m)
-        turned = [
-            dot(half[i], turn[k]) for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-        ]
-        whole = plus(first, times(self.mass, to))
+        half, first = turn @ self.second, turn @ self.first
+        whole = first + times(self.mass, to)
         # about the new origin: + (first . to + to . whole) 1 - to first' - whole to'
-        trace = [first[i] * to[i] + to[i] * whole[i] for i in range(3)]
-        second = (
-            turned[0] + (trace[1] + trace[2]),
-            turned[1] + (trace[0] + trace[2]),
-            turned[2] + (trace[0] + trace[1]),
-            turned[3] - (to[0] * first[1] + whole[0] * to[1]),
-            turned[4] - (to[0] * first[2] + whole[0] * to[2]),
-            turned[5] - (to[1] * first[2] + whole[1] * to[2]),
-        )
+        trace = first * to + to * whole
+        second = np.empty((3, 3), object)
+        for i in range(3):
+            j, k = (m for m in range(3) if m != i)
+            second[i, i] = half[i] @ turn[i] + (trace[j] + trace[k])
+            for k in range(i + 1, 3):
+                moved = to[i] * first[k] + whole[i] * to[k]
+                second[i, k] = second[k, i] = half[i] @ turn[k] - moved
         return Inertia(self.mass, whole, second)
 
 
-MASSLESS = Inertia(ZERO, NOUGHT, (ZERO,) * 6)
+MASSLESS = Inertia(ZERO, NOUGHT, _expressions(np.zeros((3, 3))))
 
 
 class Coriolis(NamedTuple):
@@ -183,45 +154,31 @@ class Coriolis(NamedTuple):
     force: Vec  # the body's linear momentum
 
     def __add__(self, other: Coriolis) -> Coriolis:  # type: ignore[override]
-        rows = [plus(a, b) for a, b in zip(self.square, other.square, strict=True)]
-        return Coriolis((rows[0], rows[1], rows[2]), plus(self.force, other.force))
+        return Coriolis(self.square + other.square, self.force + other.force)
 
     def along(self, motion: Spatial) -> Spatial:
         """2 B motion"""
-        return Spatial(through(self.square, motion.a), times(-2.0, cross(self.force, motion.a)))
+        return Spatial(self.square @ motion.a, times(-2.0, cross(self.force, motion.a)))
 
     def against(self, motion: Spatial) -> Vec:
         """motion' 2 B, whose linear part is zero"""
-        columns = tuple(zip(*self.square, strict=True))
-        return minus(
-            through(columns, motion.a),  # type: ignore[arg-type]
-            times(2.0, cross(motion.b, self.force)),
-        )
+        return self.square.T @ motion.a - times(2.0, cross(motion.b, self.force))
 
 
-UNMOVED = Coriolis((NOUGHT, NOUGHT, NOUGHT), NOUGHT)
+UNMOVED = Coriolis(MASSLESS.second, NOUGHT)
 
 
 def coriolis(inertia: Inertia, v: Spatial, momentum: Spatial) -> Coriolis:
     """2 B of a body of this inertia and momentum that moves with v."""
-    second = inertia.matrix()
-    trace = second[0][0] + second[1][1] + second[2][2]
-    w = v.a
-    over = dot(v.b, inertia.first)
-    rows = []
+    s, w = inertia.second, v.a
+    trace, over = s[0, 0] + s[1, 1] + s[2, 2], v.b @ inertia.first
+    square = np.empty((3, 3), object)
     for i in range(3):
-        a, b = w[(i + 1) % 3], w[(i + 2) % 3]
-        turning = minus(times(a, second[(i + 2) % 3]), times(b, second[(i + 1) % 3]))
-        row = [2.0 * (turning[k] - v.b[i] * inertia.first[k]) for k in range(3)]
-        row[i] = row[i] + 2.0 * over
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turning = times(w[j], s[k]) - times(w[k], s[j])
+        square[i] = times(2.0, turning - times(v.b[i], inertia.first))
+        square[i, i] = square[i, i] + 2.0 * over
         # - tr(S) w x
-        row[(i + 1) % 3] = row[(i + 1) % 3] + trace * b
-        row[(i + 2) % 3] = row[(i + 2) % 3] - trace * a
-        rows.append((row[0], row[1], row[2]))
-    return Coriolis((rows[0], rows[1], rows[2]), momentum.b)
-
-
-def mapped(way: Callable[[Expr], Expr], value: Spatial) -> Spatial:
-    """Apply a function to every component."""
-    a, b = (tuple(way(x) for x in part) for part in value)
-    return Spatial(a, b)  # type: ignore[arg-type]
+        square[i, j] = square[i, j] + trace * w[k]
+        square[i, k] = square[i, k] - trace * w[j]
+    return Coriolis(square, momentum.b)

@@ -3,15 +3,14 @@
 Such parts are contacts, closed loops and tendons over sites. The inputs are the commands, through
 their ports, and at every joint the force that effects add (qfrc_applied). The model states the
 force on the joint in part (`pamid.simulators.compiled_rig`). Effects get this part as their value,
-and return a difference. Parameters are written into copies of the model. Copies for differences are
-stepped in one call (mujoco.rollout), from a cold start of the solver, so that the same arguments
-lead to the same states.
+and return a difference. Parameters are written into copies of the model. A step begins with a cold
+start of the solver, so that the same arguments lead to the same states.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -22,15 +21,15 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
-from pamid.engine.simulator_warnings import add_warnings, warnings_count
+from pamid.engine.simulator_warnings import add_warnings
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
 from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
-from pamid.simulators.mechanism import Actuator, Mechanism
+from pamid.simulators.mechanism import Mechanism, write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_findings import NOT_ENFORCED
-from pamid.symbolic.vocabulary import ZERO, Expr, Number, clip
+from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
@@ -100,38 +99,19 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         into: dict[str, Number] = {
             f"{m.actuators[i].name}_command": equations.command(i) for i in dynamic
         }
-        # what pamid puts in the place of actuators, where the file has none, goes in from outside
-        inside = self._known_forces(
-            equations, p, [i for i, a in enumerate(m.actuators) if not a.is_bare]
-        )
-        for j, force in enumerate(self._known_forces(equations, p, range(len(m.actuators)))):
+        # actuators with a law in the description; those that pamid puts in the place of actuators,
+        # where the file has none, go in from outside
+        known = [
+            i
+            for i, a in enumerate(m.actuators)
+            if (a.joint >= 0 or a.tendon >= 0) and not self._is_other(i)
+        ]
+        inside = equations.known_forces(i for i in known if not m.actuators[i].is_bare)
+        for j, force in enumerate(equations.known_forces(known)):
             name = self.port_of("joint", j, "motion")
             passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
             into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
-
-    def _known_forces(
-        self, equations: MechanismEquations, p: Any, actuators: Iterable[int]
-    ) -> list[Expr]:
-        """Known forces of joints, tendons and these actuators at every joint."""
-        m = self.mechanism
-        forces = [ZERO] * len(m.joints)
-        for i in actuators:
-            a = m.actuators[i]
-            if _is_plain(a) and not self._is_other(i):
-                force = self.value(p, "actuator", i, "gear", a.gear) * equations.actuator_force(i)
-                for j, share in _ends(m, a):
-                    forces[j] = forces[j] + share * force
-        forces = [
-            f if j.force_range is None else clip(f, *j.force_range)
-            for f, j in zip(forces, m.joints, strict=True)
-        ]
-        forces = [f + equations.passive(j) for j, f in enumerate(forces)]
-        for i, tendon in enumerate(m.tendons):
-            pull = equations.tendon_force(i)
-            for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
-                forces[j] = forces[j] + share * pull
-        return forces
 
     def _is_other(self, actuator: int) -> bool:
         """True if the description has no law for this actuator."""
@@ -164,27 +144,14 @@ def _refuse_quaternions(m: Mechanism) -> None:
             )
 
 
-def _is_plain(a: Actuator) -> bool:
-    return a.joint >= 0 or a.tendon >= 0
-
-
-def _ends(m: Mechanism, a: Actuator) -> list[tuple[int, float]]:
-    """Joints that an actuator moves, with its length per unit of each."""
-    if a.tendon < 0:
-        return [(a.joint, 1.0)]
-    t = m.tendons[a.tendon]
-    return list(zip(t.joints, t.coefficients, strict=True))
-
-
 class _Stepper:
     """MuJoCo with parameters written into its models, and states in pamid's order."""
 
     def __init__(
         self, mechanism: Mechanism, shapes: Sequence[BodyShape], names: Sequence[str]
     ) -> None:
-        file = open_mujoco(mechanism.path)
-        from mujoco import rollout
-
+        # many copies of the model are stored, and meshes may take megabytes in each
+        file = open_mujoco(mechanism.path, visual=False)
         self.mujoco, self.model, self.m = file.mujoco, file.model, mechanism
         model = self.model
         model.opt.tolerance = min(model.opt.tolerance, SOLVER_TOLERANCE)
@@ -196,11 +163,10 @@ class _Stepper:
         if model.ntree == 1:  # one island: looking for others takes a tenth of a step
             model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.actuator_names = [file.name("actuator", i) for i in range(model.nactuator)]
-        self.rollout = rollout.Rollout(nthread=0)
         self.data = self.mujoco.MjData(model)
         kinds = self.mujoco.mjtState
-        self.spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_QFRC_APPLIED)
-        self.size = self.mujoco.mj_stateSize(model, kinds.mjSTATE_FULLPHYSICS)
+        self.full = kinds.mjSTATE_FULLPHYSICS
+        self.size = self.mujoco.mj_stateSize(model, self.full)
         self.model_of_values: dict[bytes, Any] = {}
         described = [i for i, a in enumerate(mechanism.actuators) if a.states]
         further = [i for i in range(model.nactuator) if i not in described]
@@ -208,8 +174,11 @@ class _Stepper:
             [model.actuator_actadr[i] + k for i in of for k in range(model.actuator_actnum[i])]
             for of in (described, further)
         ]
+        # relaxed positions of yielding springs; states stand in the order of their bits
+        before = int(self.full) & (int(kinds.mjSTATE_PLASTIC) - 1)
+        first = self.mujoco.mj_stateSize(model, before)
         plastic = [
-            self._plastic + model.jnt_plasticadr[j]
+            first + model.jnt_plasticadr[j]
             for j, joint in enumerate(mechanism.joints)
             if joint.spring_state
         ]
@@ -225,66 +194,35 @@ class _Stepper:
             ]
         )
         self.forces = np.array([*range(model.nu), *(model.nu + d for d in dof)])
-        start = np.zeros(self.size)
-        self.mujoco.mj_getState(model, self.data, start, kinds.mjSTATE_FULLPHYSICS)
-        self.start = start
-        self.values = [w for q in mechanism.parameters for w in q.writes]
+        self.start = np.zeros(self.size)
+        self.mujoco.mj_getState(model, self.data, self.start, self.full)
         self.shapes, self.names = shapes, names
         for shape in shapes:  # MuJoCo leaves out the centre of a body whose frame is at the centre
             model.body_sameframe[shape.number] = self.mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-        self.of = [k for k, q in enumerate(mechanism.parameters) for _ in q.writes]
-
-    @property
-    def _plastic(self) -> int:
-        """Index in a state of the relaxed positions of yielding springs.
-
-        States stand in the order of their bits.
-        """
-        kinds = self.mujoco.mjtState
-        bit = int(getattr(kinds, "mjSTATE_PLASTIC", 0))
-        return int(self.mujoco.mj_stateSize(self.model, int(kinds.mjSTATE_FULLPHYSICS) & (bit - 1)))
 
     def steps(self, x: Array, f: Array, p: Array, h: float) -> Array:
         """States (n, states) h seconds after x under f, with parameters p (all of n rows)."""
-        n, count = len(x), max(1, int(np.ceil(h / self.m.timestep_s - 1e-9)))
-        states = np.tile(self.start, (n, 1))
-        states[:, self.places] = x
-        control = np.zeros((n, 1, self.model.nu + self.model.nv))
-        control[:, 0, self.forces] = f
-        models = [self.with_values(row, h / count) for row in p]
-        control = np.repeat(control, count, axis=1) if count > 1 else control
-        if not warnings_count():
-            after, _ = self.rollout.rollout(
-                models, self.data, states, control, control_spec=self.spec
-            )
-            states = after[:, -1].copy()
-        # a rollout ends at the first warning and repeats the state that it has reached
-        for i in np.flatnonzero(np.rint(states[:, 0] * count / h) < count):
-            states[i] = self._run_steps(models[i], states[i], control[i])
-        return np.ascontiguousarray(states[:, self.places])
-
-    def _run_steps(self, model: Any, state: Array, control: Array) -> Array:
-        """Full state after all steps of a control (steps, values), despite MuJoCo's warnings.
-
-        The given state has some of these steps behind it.
-        """
-        step = float(model.opt.timestep)
-        done = round(state[0] / step)
-        while done < len(control):
-            after, _ = self.rollout.rollout(
-                [model], self.data, state[None], control[None, done:], control_spec=self.spec
-            )
-            state = after[0, -1]
-            before, done = done, max(round(state[0] / step), done + 1)
-            self._add_warnings(done - before)
-        return state
+        count, after = max(1, int(np.ceil(h / self.m.timestep_s - 1e-9))), np.empty_like(x)
+        mujoco, data, full = self.mujoco, self.data, self.full
+        state, control = self.start.copy(), np.zeros(self.model.nu + self.model.nv)
+        mujoco.mj_resetData(self.model, data)
+        for k, row in enumerate(p):
+            model = self.with_values(row, h / count)
+            state[self.places], control[self.forces] = x[k], f[k]
+            mujoco.mj_setState(model, data, state, full)
+            data.ctrl[:], data.qfrc_applied[:] = np.split(control, [self.model.nu])
+            data.qacc_warmstart[:] = 0.0
+            mujoco.mj_step(model, data, count)
+            mujoco.mj_getState(model, data, state, full)
+            after[k], state = state[self.places], self.start.copy()
+        self._add_warnings(count * len(x))
+        return after
 
     def _add_warnings(self, steps: int) -> None:
         """Count MuJoCo's warnings since the reset of its data, over this number of steps."""
         warned = {
-            words: int(self.data.warning[int(kind)].number)
+            words: int(self.data.warning[int(getattr(self.mujoco.mjtWarning, name))].number)
             for name, words in WARNINGS.items()
-            if (kind := getattr(self.mujoco.mjtWarning, name, None)) is not None
         }
         add_warnings("MuJoCo", steps, warned, WARNING_CURES)
 
@@ -310,7 +248,6 @@ class _Stepper:
                 *self.addresses,
                 np.zeros(0, np.int64),
                 0,
-                keep_alive=(models, self.data),
             )
         self._add_warnings(round(self.data.time * count / h))
 
@@ -378,21 +315,15 @@ class _Stepper:
                 model = self.mujoco.MjModel.__copy__(self.model)
             else:
                 model = self.model_of_values.pop(next(iter(self.model_of_values)))
-            for write, k in zip(self.values, self.of, strict=True):
-                array = getattr(model, write.array)
-                at = (write.row,) if write.column < 0 else (write.row, write.column)
-                array[at] = 0.0 if write.array == "actuator_delay" else write.factor * row[k]
-            self._deform(model, row)
+            values = dict(zip(self.names, row.tolist(), strict=True))
+            write_values(model, self.m, values)
+            model.actuator_delay[:] = 0.0  # delays are pamid's
+            for shape in self.shapes:
+                i = shape.number
+                body = shape.deformed(values, float(model.body_mass[i]))
+                model.body_ipos[i], model.body_iquat[i] = body.centre, body.inertia_quaternion
+                model.body_inertia[i] = body.inertia
             self.mujoco.mj_setConst(model, self.data)
         self.model_of_values[key] = model
         model.opt.timestep = timestep_s
         return model
-
-    def _deform(self, model: Any, row: Array) -> None:
-        """Write the shapes of bodies whose shape is a parameter."""
-        values = dict(zip(self.names, row.tolist(), strict=True))
-        for shape in self.shapes:
-            i = shape.number
-            body = shape.deformed(values, float(model.body_mass[i]))
-            model.body_ipos[i], model.body_iquat[i] = body.centre, body.inertia_quaternion
-            model.body_inertia[i] = body.inertia

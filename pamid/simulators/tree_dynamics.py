@@ -26,19 +26,12 @@ from pamid.simulators.spatial import (
     Mat,
     Spatial,
     Vec,
+    clean,
     constant,
     coriolis,
     cross,
-    dot,
-    mapped,
-    minus,
-    plus,
-    product,
     rotation,
-    through,
     times,
-    transposed,
-    vec,
 )
 from pamid.symbolic.vocabulary import (
     ZERO,
@@ -64,14 +57,13 @@ class _Frame:
 
     def local(self, vector: Vec) -> Vec:
         """Vector along the axes of the frame."""
-        turned = through(tuple(zip(*self.turn, strict=True)), vector)  # type: ignore[arg-type]
-        return through(constant(self.fixed.T), turned)
+        return constant(self.fixed.T) @ (self.turn.T @ vector)
 
     def vector(self, local_vector: Array) -> Vec:
-        return through(self.turn, vec(list(_clean(self.fixed @ local_vector))))
+        return self.turn @ constant(self.fixed @ local_vector)
 
     def point(self, local_point: Array) -> Vec:
-        return plus(self.place, self.vector(local_point))
+        return self.place + self.vector(local_point)
 
 
 @dataclass(frozen=True)
@@ -93,9 +85,8 @@ class _Mass:
 
     def at_rest(self) -> Inertia:
         """Inertia in the world, which only changes with the body's mass and shape."""
-        turn: Mat = tuple(tuple(map(held, row)) for row in self.frame.turn)  # type: ignore[assignment]
-        x, y, z = map(held, self.frame.place)
-        return self.local.by(self.mass).moved(turn, (x, y, z))
+        frame = self.frame
+        return self.local.by(self.mass).moved(_held(frame.turn), _held(frame.place))
 
 
 #: (w, x, y, z)
@@ -124,7 +115,7 @@ class Tree:
         self.q, self.qd, self.masses, self.armature = q, qd, masses, armature
         self.shapes = shapes or {}
         self.n = len(mechanism.joints)
-        self.gravity = Spatial(NOUGHT, vec([-g for g in mechanism.gravity]))
+        self.gravity = Spatial(NOUGHT, constant(-np.array(mechanism.gravity)))
         self.lifted = [body.gravity_compensation for body in mechanism.bodies]
         self.up: list[int] = []
         self.axis: list[Spatial] = []
@@ -169,16 +160,15 @@ class Tree:
         if joint.kind == "slide":
             along = frame.vector(axis)
             self.axis.append(Spatial(NOUGHT, along))
-            return _Frame(frame.turn, frame.fixed, plus(frame.place, times(moved, along)))
-        aligned = _aligned(_clean(frame.fixed @ axis))
-        base = product(frame.turn, constant(aligned))
+            return _Frame(frame.turn, frame.fixed, frame.place + times(moved, along))
+        aligned = _aligned(clean(frame.fixed @ axis))
+        x, y, along = (frame.turn @ constant(aligned)).T
         point = frame.point(anchor)
         c, s = cos(moved), sin(moved)
-        rows = [(c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]) for r in base]
-        along = (base[0][2], base[1][2], base[2][2])
+        turn = np.stack([times(c, x) + times(s, y), times(c, y) - times(s, x), along], axis=1)
         self.axis.append(Spatial(along, cross(point, along)))
-        behind = _Frame((rows[0], rows[1], rows[2]), aligned.T @ frame.fixed, NOUGHT)
-        return _Frame(behind.turn, behind.fixed, minus(point, behind.vector(anchor)))
+        behind = _Frame(turn, aligned.T @ frame.fixed, NOUGHT)
+        return _Frame(behind.turn, behind.fixed, point - behind.vector(anchor))
 
     # ---- frames on bodies -----------------------------------------------------------------------
 
@@ -207,13 +197,13 @@ class Tree:
         """Angular velocity of the frame and velocity of its origin, along the world's axes."""
         link = self.links[mount.body]
         moved = self.velocity[link] if link >= 0 else AT_REST
-        return Spatial(moved.a, plus(moved.b, cross(moved.a, self.mounted(mount).place)))
+        return Spatial(moved.a, moved.b + cross(moved.a, self.mounted(mount).place))
 
     def moments(self, mount: Mount, wrench: Sequence[float]) -> dict[int, Expr]:
         """Joint forces of a (force, torque) along the axes of a frame, at its origin."""
         frame = self.mounted(mount)
         force, torque = frame.vector(np.array(wrench[:3])), frame.vector(np.array(wrench[3:]))
-        whole = Spatial(plus(torque, cross(frame.place, force)), force)
+        whole = Spatial(torque + cross(frame.place, force), force)
         return {j: self.axis[j].dot(whole) for j in self.path(self.links[mount.body])}
 
     # ---- inertia and motion ----------------------------------------------------------------------
@@ -384,9 +374,9 @@ class Tree:
             dragged = b[i].along(s) + composite.momentum(turning.by(2.0))
             for j in self.path(i):
                 sj, tj = self.axis[j], self.turning[j]
-                along = dot(drag, tj.a) + self._second(j, acceleration).dot(self.reach[i])
+                along = drag @ tj.a + self._second(j, acceleration).dot(self.reach[i])
                 by(i, along, self.q[j])
-                by(i, dot(drag, sj.a) + 2.0 * tj.dot(self.reach[i]), self.qd[j])
+                by(i, drag @ sj.a + 2.0 * tj.dot(self.reach[i]), self.qd[j])
                 if j != i:
                     by(j, sj.dot(pushed), self.q[i])
                     by(j, sj.dot(dragged), self.qd[i])
@@ -395,12 +385,12 @@ class Tree:
                     by(j, self.axis[j].dot(force), mass)
             for force in self._forces_of_deformed(i, acceleration):
                 for j in self.path(i):
-                    change[j] = change[j] + mapped(held, self.axis[j]).dot(force)
+                    change[j] = change[j] + self.axis[j].mapped(held).dot(force)
         return change
 
     def _forces_of_deformed(self, i: int, acceleration: list[Spatial]) -> Iterator[Spatial]:
         """Forces on the deformed bodies of a link, which only change with their inertia."""
-        a, v = mapped(held, acceleration[i]), mapped(held, self.velocity[i])
+        a, v = acceleration[i].mapped(held), self.velocity[i].mapped(held)
         for body in self.bodies[i]:
             if body.is_deformed:
                 inertia = body.at_rest()
@@ -477,9 +467,9 @@ def _turned(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-def _clean(values: Array) -> Array:
-    near = np.round(values)
-    return np.where(np.abs(values - near) < 1e-15, near, values)
+def _held(values: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Expressions without their derivatives."""
+    return np.array([held(v) for v in values.ravel().tolist()]).reshape(values.shape)
 
 
 def _aligned(axis: Array) -> Array:
@@ -498,19 +488,18 @@ def _of_file(body: Body, frame: _Frame) -> Inertia:
     centre = frame.fixed @ np.array(body.centre)
     about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
     about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
-    return _per_mass(vec(list(_clean(centre))), constant(about))
+    return _per_mass(constant(centre), constant(about))
 
 
 def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
     """Inertia of a body with this centre and these second moments about it, in the body's frame."""
     turn = constant(frame.fixed)
-    centre = through(turn, centre)
-    second = product(product(turn, second), transposed(turn))
-    outer = [times(c, centre) for c in centre]
-    about = [plus(row, more) for row, more in zip(second, outer, strict=True)]
-    return _per_mass(centre, inertia_per_mass((about[0], about[1], about[2])))
+    centre = turn @ centre
+    second = turn @ second @ turn.T
+    outer = np.stack([times(c, centre) for c in centre])
+    return _per_mass(centre, inertia_per_mass(second + outer))
 
 
 def _per_mass(first: Vec, s: Mat) -> Inertia:
-    second = (s[0][0], s[1][1], s[2][2], s[0][1], s[0][2], s[1][2])
-    return Inertia(expression(1.0), first, second)
+    # the lower half is the upper one, up to rounding
+    return Inertia(expression(1.0), first, np.where(np.tri(3, k=-1) > 0, s.T, s))

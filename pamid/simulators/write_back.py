@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import FileError
 from pamid.simulators.body_inertia import AXES, PAIRS, BodyShape, full_inertia, shapes_of
-from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelParameter
+from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, ModelParameter, write_values
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.simulators.mujoco_findings import mujoco_copy
 from pamid.simulators.mujoco_forms import (
     TINY_SPRING,
     CommandTerms,
@@ -33,7 +34,8 @@ from pamid.simulators.mujoco_forms import (
     ReadingTerms,
     forms_of,
 )
-from pamid.simulators.mujoco_mechanism import mechanism_of
+from pamid.simulators.mujoco_mechanism import mechanism_of, winding_motor
+from pamid.simulators.mujoco_ports import numbered
 from pamid.simulators.xml_text import Edits, Tag, tags_of
 
 Array = NDArray[np.float64]
@@ -172,6 +174,13 @@ def numbers(values: Sequence[float] | Array) -> str:
     return " ".join(map(number, values))
 
 
+def element_text(name: str, words: Mapping[str, str]) -> str:
+    """Element without content."""
+    return (
+        f"<{name} {' '.join(f'{key}={chr(34)}{value}{chr(34)}' for key, value in words.items())}/>"
+    )
+
+
 def _trimmed(values: Array) -> str:
     """Numbers without the zeros at the end; the first one stays."""
     last = int(np.max(np.flatnonzero(values), initial=0))
@@ -187,6 +196,9 @@ class _Writer:
     """One pass over a file's text.
 
     weights: inverse inertia at every joint of the changed model by name, empty in the first pass.
+
+    The new values stand in a copy of the compiled model, those of effects included. What differs
+    there from the file is written.
     """
 
     def __init__(
@@ -199,94 +211,93 @@ class _Writer:
         weights: Mapping[str, float],
     ) -> None:
         self.file, self.mechanism, self.text = file, mechanism, text
-        self.forms, self.values, self.weights = forms, values, weights
+        self.forms, self.weights = forms, weights
+        self.new = mujoco_copy(file)
+        write_values(self.new, mechanism, values)
         self.tags = tags_of(text)
         self.edits = Edits(text)
         self.is_urdf = self.tags[0].name == "robot"
-        self.vectors: dict[tuple[int, str], Array] = {}
         self.changed: dict[str, tuple[float, float]] = {}
+        self.done: set[str] = set()  # parameters that are in the text, or cannot be
         self.left: list[str] = []
         self.notes: list[str] = []
         self.passive: list[str] = []
         self.motors: set[str] = set()
         self.added_joints: list[tuple[int, int]] = []  # places of their position and velocity
-        self.dynamics: dict[int, dict[str, float]] = {}
+        self.with_dynamics: set[int] = set()  # joints of a URDF that have got <dynamics>
         angles = [t.attributes.get("angle") for t in self.tags if t.name == "compiler"]
         self.degrees = not self.is_urdf and "radian" not in angles
-        self.names = {
-            (p.element, p.number, p.attribute): p.parameter.name for p in mechanism.parameters
-        }
+        self.parameters = {(p.element, p.number, p.attribute): p for p in mechanism.parameters}
         self.shapes = [s for s in shapes_of(mechanism) if s.centre_names[0] in values]
-        self.bodies = list(mechanism.bodies)
-        for i, body in enumerate(mechanism.bodies):
-            self.bodies[i] = body.scaled(self._number_of("body", i, "mass", body.mass_kg))
+        self.bodies = [
+            body.scaled(float(self.new.body_mass[i])) for i, body in enumerate(mechanism.bodies)
+        ]
         for shape in self.shapes:
             mass = self.bodies[shape.number].mass_kg
             self.bodies[shape.number] = shape.deformed(values, mass)
 
     def write(self) -> bytes:
         """The changed text."""
-        special: set[str] = set()
         for j, joint_terms in self.forms.joints.items():
-            special |= self._joint(j, joint_terms)
-        reshaped = {
-            self.names[key]
-            for key in self.names
-            if key[0] == "actuator" and self._is_reshaped(key[1])
-        }
+            self._joint(j, joint_terms)
         for i, terms in self.forms.commands.items():
             self._command(i, terms)
         for s, reading in self.forms.readings.items():
             self._reading(s, reading)
         for shape in self.shapes:
-            special |= self._whole_inertia(shape, special)
-        for entry in self.mechanism.parameters:
-            if entry.parameter.name not in special | reshaped:
-                self._parameter(entry)
+            self._whole_inertia(shape)
+        for parameter in self.mechanism.parameters:
+            self._write(parameter)
         self._add_passive()
-        self._add_dynamics()
         self._extend_keyframes()
         return self.edits.made(self.tags)
 
-    def _parameter(self, entry: ModelParameter) -> None:
-        name = entry.parameter.name
-        was, now = entry.parameter.value * entry.parameter.factor, self.values[name]
-        if abs(now - was) <= UNCHANGED * max(abs(was), abs(now)):
+    def _write_all(self, j: int, word: str) -> None:
+        """Write an attribute of a joint with all its coefficients."""
+        for name in (word, f"{word}_quadratic", f"{word}_cubic"):
+            if (p := self.parameters.get(("joint", j, name))) is not None:
+                self._write(p, forced=True)
+
+    def _write(self, p: ModelParameter, *, forced: bool = False) -> None:
+        """Write a parameter that has changed, or any by force."""
+        name, was, now = p.parameter.name, p.stated, p.value_in(self.new)
+        same = not forced and abs(now - was) <= UNCHANGED * max(abs(was), abs(now))
+        if same or name in self.done:
             return
-        if why := self.put(entry, now):
+        self.done.add(name)
+        tag, why = self._tag_of(p.element, p.number, p.of)
+        why = why if tag is None else self._put(tag, p)
+        if why:
             self.left.append(f"{name} = {now:.6g}: {why}")
         else:
             self.changed[name] = (was, now)
 
-    def put(self, parameter: ModelParameter, value: float) -> str:
+    def _put(self, tag: Tag, p: ModelParameter) -> str:
         """Note a change; returns the reason why it is impossible, or ""."""
-        tag, why = self._tag_of(parameter.element, parameter.number, parameter.of)
-        if tag is None:
-            return why
-        if parameter.element == "body":
-            return self._mass(tag, parameter, value)
+        if p.element == "body":
+            return self._mass(tag, p)
         if self.is_urdf:
-            return self._urdf_joint(tag, parameter.attribute, value)
-        if parameter.element == "actuator":
-            return self._actuator(tag, parameter, value)
-        word = parameter.attribute.partition("_")[0]
-        if word in ("damping", "stiffness"):
-            self.edits.set(
-                tag, word, _trimmed(self._polynomial(parameter.element, parameter.number, word))
-            )
-        elif parameter.attribute == "springyield":
-            self.edits.set(tag, word, self._angle(self.mechanism.joints[parameter.number], value))
+            return self._urdf_joint(tag, p)
+        if p.element == "actuator":
+            self._actuator(tag, p)
+            return ""
+        word, write = p.attribute.partition("_")[0], p.writes[0]
+        values = self._polynomial(write.array.removesuffix("poly"), write.row)
+        if word == "springyield":
+            self.edits.set(tag, word, self._angle(self.mechanism.joints[p.number], values[0]))
         else:
-            self.edits.set(tag, word, number(value))
+            self.edits.set(tag, word, _trimmed(values))
         return ""
 
-    def _polynomial(self, element: str, i: int, word: str) -> Array:
-        """Coefficients of the first to third power of a spring or damper, with the new values."""
-        owner = (self.mechanism.joints if element == "joint" else self.mechanism.tendons)[i]
-        stated = (getattr(owner, word), *getattr(owner, f"{word}_powers"))
-        names = (word, f"{word}_quadratic", f"{word}_cubic")
-        pairs = zip(names, stated, strict=True)
-        return np.array([self._number_of(element, i, name, value) for name, value in pairs])
+    def _polynomial(self, array: str, row: int) -> Array:
+        """New value of the model, with the coefficients of its second and third power if it has
+        them."""
+        powers = getattr(self.new, f"{array}poly", None)
+        return np.array([getattr(self.new, array)[row], *([] if powers is None else powers[row])])
+
+    def _set_polynomial(self, array: str, row: int, values: Array) -> None:
+        getattr(self.new, array)[row] = values[0]
+        getattr(self.new, f"{array}poly")[row] = values[1:]
 
     # ---- elements of the text --------------------------------------------------------------------
 
@@ -329,75 +340,41 @@ class _Writer:
         number = self.tags.index(tag)
         return next((t for t in self.tags if t.parent == number and t.name == name), None)
 
-    def _number_of(self, element: str, i: int, attribute: str, stated: float) -> float:
-        """Value of a parameter; that of the file if it is not a parameter."""
-        name = self.names.get((element, i, attribute))
-        return stated if name is None else self.values[name]
-
     # ---- joints ----------------------------------------------------------------------------------
 
-    def _joint(self, j: int, terms: JointTerms) -> set[str]:
-        """Write the terms at a joint; returns the names of the parameters in them."""
-        joint = self.mechanism.joints[j]
-        friction = self._number_of("joint", j, "frictionloss", joint.friction_loss)
-        damping = self._number_of("joint", j, "damping", joint.damping)
-        if self.is_urdf:
-            return self._urdf_terms(j, terms, friction, damping)
+    def _joint(self, j: int, terms: JointTerms) -> None:
+        """Write the terms at a joint."""
+        joint, new = self.mechanism.joints[j], self.new
         tag, why = self._tag_of("joint", j, joint.name)
+        terms = self._in_urdf(joint, terms) if self.is_urdf else terms
         if tag is None:
             self.left.append(f"effects at {joint.name}: {why}")
-            return set()
-        written = set()
+            return
+        dry = not new.dof_frictionloss[joint.dof]
         if terms.friction:
-            written |= self._set_value(tag, j, "frictionloss", friction + terms.friction)
-            self._write_onset(tag, joint, friction, terms)
+            new.dof_frictionloss[joint.dof] += terms.friction
+            self._write_all(j, "frictionloss")
+            if dry and not self.is_urdf:
+                self._write_onset(tag, joint, terms)
         if terms.damping.any():
-            total = self._polynomial("joint", j, "damping") + terms.damping
-            written |= self._set_polynomial(tag, j, "damping", total)
+            total = self._polynomial("dof_damping", joint.dof)
+            self._set_polynomial("dof_damping", joint.dof, total + terms.damping)
+            self._write_all(j, "damping")
         if terms.spring.any():
-            written |= self._spring(tag, j, joint, terms)
+            self._spring(tag, j, joint, terms)
         if terms.stop is not None:
             self._stop(tag, joint, terms)
         if terms.behind is not None:
-            written |= self._behind(tag, j, joint, terms.behind)
-        for b in terms.bristles:
-            values = numbers([b.stiffness, b.damping, b.sliding, b.static, b.velocity])
-            self._add_motor(tag, j, "friction", f'lugre="{values}"')
-        for w in terms.waves:
-            values = numbers([w.amplitude, w.poles, w.phase])
-            self._add_motor(tag, j, "cogging", f'cogging="{values}"')
-        return written
+            self._behind(tag, j, joint, terms.behind)
+        for attribute, values in terms.motors:
+            self._add_motor(tag, j, attribute, values)
 
-    def _set_value(
-        self, tag: Tag, j: int, attribute: str, value: float, text: str = "", word: str = ""
-    ) -> set[str]:
-        name = self.names["joint", j, attribute]
-        parameter = next(p.parameter for p in self.mechanism.parameters if p.parameter.name == name)
-        self.edits.set(tag, word or attribute, text or number(value))
-        self.changed[name] = (parameter.value * parameter.factor, value)
-        return {name}
+    def _write_onset(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
+        """Write the onset of the friction of a joint without a loss in the file.
 
-    def _set_polynomial(self, tag: Tag, j: int, word: str, total: Array) -> set[str]:
-        """Write all coefficients of a joint's spring or damper."""
-        written = self._set_value(tag, j, word, float(total[0]), _trimmed(total))
-        for power, value in zip(("quadratic", "cubic"), total[1:], strict=True):
-            if ("joint", j, f"{word}_{power}") in self.names:
-                written |= self._set_value(
-                    tag, j, f"{word}_{power}", float(value), _trimmed(total), word
-                )
-        return written
-
-    def _write_onset(
-        self, tag: Tag, joint: MechanismJoint, friction: float, terms: JointTerms
-    ) -> None:
-        """Write the onset of the friction.
-
-        Friction of the file itself keeps its softness. Dry friction is as hard as the step allows.
-        One with an onset has its slope b / R at rest (documentation, Computation, Constraint model,
-        friction loss).
+        Dry friction is as hard as the step allows. One with an onset has its slope b / R at rest
+        (documentation, Computation, Constraint model, friction loss).
         """
-        if friction:
-            return
         m = self.file.model
         finest = 2.0 * float(m.opt.timestep) / (FINER_STEPS if self._is_safe() else 1)
         if not terms.onset:
@@ -427,14 +404,13 @@ class _Writer:
         turned = self.degrees and joint.kind == "hinge"
         return number(float(np.degrees(value)) if turned else value)
 
-    def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> set[str]:
+    def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> None:
         """Polynomial about one of its zeros, which is the spring's reference."""
         old = JointTerms()
-        first, square, cube = self._polynomial("joint", j, "stiffness")
+        first, square, cube = self._polynomial("jnt_stiffness", j)
         rest = joint.spring_reference
-        old.add_spring(first, 0.0, rest)
+        old.add_spring(first, cube, rest)
         old.spring += square * np.array([rest**2, -2.0 * rest, 1.0, 0.0])
-        old.add_spring(0.0, cube, rest)
         total = np.polynomial.Polynomial(old.spring + terms.spring)
         if not total.coef[1:].any():  # a constant: a weak spring, relaxed far away
             weak = TINY_SPRING * abs(float(total.coef[0]))
@@ -443,12 +419,12 @@ class _Writer:
         zeros = [z.real for z in roots if abs(z.imag) < 1e-9 * (1.0 + abs(z))]
         if not zeros:
             self.left.append(f"effects at {joint.name}: their spring has no point of rest")
-            return set()
+            return
         zero = min(zeros, key=lambda z: abs(z - joint.reference))
-        about = [float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)]
-        coefficients = np.array([about[0], about[1] / 2.0, about[2] / 6.0])
+        about = np.array([float(total.deriv(k)(zero)) if k else 0.0 for k in (1, 2, 3)])
+        self._set_polynomial("jnt_stiffness", j, about / [1.0, 2.0, 6.0])
         self.edits.set(tag, "springref", self._angle(joint, zero))
-        return self._set_polynomial(tag, j, "stiffness", coefficients)
+        self._write_all(j, "stiffness")
 
     def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """Range that both the file's limits and the buffers leave to the joint."""
@@ -466,7 +442,7 @@ class _Writer:
         for attribute, value in _as_limit(stop.stiffness, stop.damping, weight).items():
             self.edits.set(tag, attribute, value)
 
-    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: FlexibleLoad) -> set[str]:
+    def _behind(self, tag: Tag, j: int, joint: MechanismJoint, behind: FlexibleLoad) -> None:
         """A second joint on the same axis, with the motor's inertia on the first."""
         name = self.file.name("joint", j)
         load = max(joint.typical_inertia - joint.armature, 1e-12)
@@ -480,7 +456,7 @@ class _Writer:
         w = 2.0 * np.pi * behind.frequency
         stiffness = behind.share * load * w * w
         damping = 2.0 * behind.damping_ratio * w * behind.share * load
-        armature = self._number_of("joint", j, "armature", joint.armature)
+        armature = float(self.new.dof_armature[joint.dof])
         # with all other joints giving way, as the effect has it
         felt = 1.0 / max(float(self.file.model.dof_invweight0[joint.dof]), 1e-12)
         near = (1.0 - share) * max(felt - joint.armature, 1e-12)
@@ -511,16 +487,14 @@ class _Writer:
             words |= _as_limit(stiffness, damping, weight)
         else:
             words |= {"stiffness": number(stiffness), "damping": number(damping)}
-        attributes = " ".join(f'{key}="{value}"' for key, value in words.items())
         self.added_joints.append((joint.qpos + 1, joint.dof + 1))
-        written = set()
         if body is None:
-            self.edits.add_after(tag, f"<joint {attributes}/>")
+            self.edits.add_after(tag, element_text("joint", words))
         else:
-            written |= self._split_body(tag, body, joint, near, f"<joint {attributes}/>")
+            self._split_body(tag, body, joint, near, element_text("joint", words))
         if needed > armature:
-            written |= self._set_value(tag, j, "armature", needed)
-        return written
+            self.new.dof_armature[joint.dof] = needed
+            self._write_all(j, "armature")
 
     def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
         """The <body> of a joint, if it has no other joint."""
@@ -531,7 +505,7 @@ class _Writer:
 
     def _split_body(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
-    ) -> set[str]:
+    ) -> None:
         """Divide a body at a joint.
 
         The part that turns with the motor has this inertia about the joint. The rest becomes a
@@ -547,8 +521,7 @@ class _Writer:
                 "mass": number(share * body.mass_kg),
                 "diaginertia": numbers([share * v for v in body.inertia]),
             }
-            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
-            return f"<inertial {attributes}/>"
+            return element_text("inertial", words)
 
         stated = self._inside(outer, "inertial")
         if stated is not None:
@@ -558,7 +531,7 @@ class _Writer:
             tag, f'{inertial(part)}<body name="{name}">{second}{inertial(1.0 - part)}'
         )
         self.edits.add_last(outer, "</body>")
-        return {self.names["body", joint.body, "mass"]}
+        self.done.add(self.parameters["body", joint.body, "mass"].parameter.name)
 
     def _extend_keyframes(self) -> None:
         """Add positions and velocities of new joints to the keyframes: zero."""
@@ -570,21 +543,26 @@ class _Writer:
                         parts.insert(at, "0")
                     self.edits.set(key, attribute, " ".join(parts))
 
-    def _add_motor(self, tag: Tag, j: int, word: str, attribute: str) -> None:
+    def _add_motor(self, tag: Tag, j: int, attribute: str, values: Sequence[float]) -> None:
         """Add a motor without a command that only has friction or a periodic torque."""
         joint = self.file.name("joint", j)
         self.edits.set(tag, "name", joint)
-        used_names = {t.attributes.get("name") for t in self.tags} | self.motors
-        name = next(
-            name
-            for name in (f"{joint}_{word}{k}" for k in ("", *map(str, range(2, 1000))))
-            if name not in used_names
-        )
+        stem = f"{joint}_{'friction' if attribute == 'lugre' else attribute}"
+        used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
+        name = numbered(stem, used_names, "")
         self.motors.add(name)
-        self.passive.append(
-            f'<dcmotor name="{name}" joint="{joint}" input="none" gear="1" armature="0" '
-            f'damping="0" motorconst="0" resistance="1" {attribute}/>'
-        )
+        words = {
+            "name": name,
+            "joint": joint,
+            "input": "none",
+            "gear": "1",
+            "armature": "0",
+            "damping": "0",
+            "motorconst": "0",
+            "resistance": "1",
+            attribute: numbers(values),
+        }
+        self.passive.append(element_text("dcmotor", words))
 
     def _add_passive(self) -> None:
         """Add the motors without a command behind all others, so that commands keep their order."""
@@ -599,14 +577,6 @@ class _Writer:
 
     # ---- actuators and sensors -------------------------------------------------------------------
 
-    def _is_reshaped(self, i: int) -> bool:
-        """True if an actuator's law is written as one of <general>."""
-        terms, actuator = self.forms.commands.get(i, CommandTerms()), self.mechanism.actuators[i]
-        lagged = terms.lag > 0.0 and actuator.dynamics == "none"
-        if actuator.motor is not None:
-            return False
-        return terms.gain != 1.0 or terms.offset != 0.0 or lagged
-
     def _command(self, i: int, terms: CommandTerms) -> None:
         actuator = self.mechanism.actuators[i]
         tag, why = self._tag_of("actuator", i, actuator.name)
@@ -616,8 +586,8 @@ class _Writer:
             self.left.append(f"effects at the command of {actuator.name}: {why}")
             return
         if terms.delay:
-            delay = terms.delay + self._number_of("actuator", i, "delay", actuator.delay_s)
-            self._delay(tag, delay)
+            self.new.actuator_delay[i] += terms.delay
+            self._delay(tag, float(self.new.actuator_delay[i]))
         low, high = actuator.command_range or (-np.inf, np.inf)
         # the file limits what the effects make of the command
         ends = sorted((end - terms.offset) / terms.gain for end in (low, high))
@@ -627,47 +597,38 @@ class _Writer:
             self.edits.set(tag, "ctrllimited", "true")
             self.edits.set(tag, "ctrlrange", numbers(np.clip(ends, -wide, wide)))
             self.edits.set(tag, "inheritrange", None)
-        if actuator.motor is not None and (terms.gain != 1.0 or terms.offset or terms.lag):
+
+        if not (terms.gain != 1.0 or terms.offset or terms.lag):
+            return
+        if actuator.motor is not None:
             self.left.append(
                 f"effects at the command of {actuator.name}: a dcmotor has no gain, offset or lag "
                 "of its command"
             )
-        if not self._is_reshaped(i):
             return
+        self.done |= {
+            p.parameter.name
+            for p in self.mechanism.parameters
+            if (p.element, p.number) == ("actuator", i)
+        }
         if actuator.dynamics == "integrator":
             self.left.append(
                 f"effects at the command of {actuator.name}: it is integrated, and has no gain"
             )
             return
-        arrays = self._actuator_arrays(i)
-        gain, bias, dynamics = arrays["gainprm"], arrays["biasprm"], arrays["dynprm"]
-        bias[:3] += terms.offset * gain[:3]
-        gain[:3] *= terms.gain
+        new = self.new
+        new.actuator_biasprm[i, :3] += terms.offset * new.actuator_gainprm[i, :3]
+        new.actuator_gainprm[i, :3] *= terms.gain
         lag = {}
         if terms.lag and actuator.dynamics == "none":
-            dynamics[0] = terms.lag
+            new.actuator_dynprm[i, 0] = terms.lag
             lag = {"dyntype": "filterexact"}
         elif terms.lag:
-            dynamics[0] += terms.lag
+            new.actuator_dynprm[i, 0] += terms.lag
             self.notes.append(f"{actuator.name}: its lags are written as one")
-        self._as_general(tag, i, arrays, lag)
+        self._as_general(tag, i, lag)
 
-    def _actuator_arrays(self, i: int) -> dict[str, Array]:
-        """Gain, bias and dynamics of an actuator with the new values."""
-        m = self.file.model
-        arrays = {
-            word: np.array(getattr(m, f"actuator_{word}")[i])
-            for word in ("gainprm", "biasprm", "dynprm")
-        }
-        for p in self.mechanism.parameters:
-            for w in p.writes if (p.element, p.number) == ("actuator", i) else ():
-                if (word := w.array.removeprefix("actuator_")) in arrays:
-                    arrays[word][w.column] = w.factor * self.values[p.parameter.name]
-        return arrays
-
-    def _as_general(
-        self, tag: Tag, i: int, arrays: Mapping[str, Array], words: Mapping[str, str]
-    ) -> None:
+    def _as_general(self, tag: Tag, i: int, words: Mapping[str, str]) -> None:
         """Write an actuator's law as <general>, without the attributes of a shortcut."""
         m, file = self.file.model, self.file
         types = {
@@ -684,8 +645,8 @@ class _Writer:
                 self.edits.set(tag, "ctrlrange", numbers(m.actuator_ctrlrange[i]))
         for word, value in types.items():
             self.edits.set(tag, word, value)
-        for word, values in arrays.items():
-            self.edits.set(tag, word, _trimmed(values))
+        for word in ("gainprm", "biasprm", "dynprm"):
+            self.edits.set(tag, word, _trimmed(getattr(self.new, f"actuator_{word}")[i]))
 
     def _delay(self, tag: Tag, delay: float) -> None:
         """Write a delay, with room for it at a finer step.
@@ -713,7 +674,8 @@ class _Writer:
         if np.isfinite(terms.cutoff):
             self.edits.set(tags[0], "cutoff", number(terms.cutoff))
 
-    def _actuator(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
+    def _actuator(self, tag: Tag, p: ModelParameter) -> None:
+        i, value = p.number, p.value_in(self.new)
         shortcut = {
             ("position", "kp"): "kp",
             ("position", "kv"): "kv",
@@ -721,79 +683,58 @@ class _Writer:
             ("intvelocity", "kv"): "kv",
             ("velocity", "kv"): "kv",
             ("position", "time_constant"): "timeconst",
-        }.get((tag.name, parameter.attribute))
-        if parameter.attribute == "delay":
+        }.get((tag.name, p.attribute))
+        if p.attribute == "delay":
             self._delay(tag, value)
-            return ""
-        if parameter.attribute == "gear":
-            rest = list(self.file.model.actuator_gear[parameter.number])[1:]
+        elif p.attribute == "gear":
             whole = len(tag.attributes.get("gear", "").split()) > 1
-            self.edits.set(tag, "gear", numbers([value, *rest]) if whole else number(value))
-            return ""
-        if tag.name == "dcmotor":
-            self._dc_motor(tag, parameter.number, parameter.attribute)
-            return ""
-        if shortcut:
+            gears = self.new.actuator_gear[i]
+            self.edits.set(tag, "gear", numbers(gears if whole else gears[:1]))
+        elif tag.name == "dcmotor":
+            for word, text in self._dc_motor(i, p.attribute).items():
+                self.edits.set(tag, word, text)
+        elif shortcut:
             self.edits.set(tag, shortcut, number(value))
             if shortcut == "kv" and "dampratio" in tag.attributes:
                 self.edits.set(tag, "dampratio", None)
-            return ""
-        if tag.name != "general":
-            self._as_general(tag, parameter.number, self._actuator_arrays(parameter.number), {})
-            return ""
-        for write in parameter.writes:
-            word = write.array.removeprefix("actuator_")
-            vector = np.array(getattr(self.file.model, write.array)[write.row])
-            vector = self.vectors.setdefault((parameter.number, word), vector)
-            vector[write.column] = write.factor * value
-            self.edits.set(tag, word, numbers(list(np.trim_zeros(vector, "b"))))
-        return ""
-
-    def _dc_motor(self, tag: Tag, i: int, attribute: str) -> None:
-        """Write a parameter with its neighbours in the attributes of <dcmotor>."""
-        m, actuator = self.file.model, self.mechanism.actuators[i]
-        motor = actuator.motor
-        assert motor is not None
-
-        def values(*words: str, stated: Sequence[float]) -> list[float]:
-            pairs = zip(words, stated, strict=True)
-            return [self._number_of("actuator", i, word, value) for word, value in pairs]
-
-        if attribute in ("resistance", "motorconst", "time_constant"):
-            resistance, constant = values(
-                "resistance", "motorconst", stated=(motor.resistance, motor.constant)
-            )
-            self.edits.set(tag, "nominal", None)
-            self.edits.set(tag, "resistance", number(resistance))
-            self.edits.set(tag, "motorconst", number(constant))
-            if actuator.time_constant_s > 0.0:
-                lag = values("time_constant", stated=(actuator.time_constant_s,))
-                self.edits.set(tag, "inductance", numbers([0.0, *lag]))
-            if actuator.force_range is not None:
-                torque = actuator.force_range[1]
-                self.edits.set(tag, "saturation", numbers([torque, 0.0, motor.current_rate]))
-        elif attribute in ("kp", "ki", "kd"):
-            gains = values("kp", "ki", "kd", stated=motor.controller)
-            rest = [m.actuator_dynprm[i, 7], motor.integral_limit, motor.voltage_limit]
-            self.edits.set(tag, "controller", numbers([*gains, *rest]))
-        elif attribute == "cogging":
-            amplitude = values("cogging", stated=motor.cogging[:1])
-            self.edits.set(tag, "cogging", numbers([*amplitude, *motor.cogging[1:]]))
-        elif attribute.startswith("thermal"):
-            _, _, ambient, reference, coefficient = motor.heating
-            heat = values("thermal_resistance", "thermal_capacitance", stated=motor.heating[:2])
-            self.edits.set(tag, "thermal", numbers([*heat, 0.0, coefficient, reference, ambient]))
+        elif tag.name != "general":
+            self._as_general(tag, i, {})
         else:
-            words = [
-                f"lugre_{w}" for w in ("stiffness", "damping", "coulomb", "static", "stribeck")
-            ]
-            self.edits.set(tag, "lugre", numbers(values(*words, stated=motor.bristles)))
+            for write in p.writes:
+                word = write.array.removeprefix("actuator_")
+                self.edits.set(tag, word, _trimmed(getattr(self.new, write.array)[write.row]))
+
+    def _dc_motor(self, i: int, attribute: str) -> dict[str, str | None]:
+        """Attributes of <dcmotor> with a parameter and its neighbours."""
+        motor, dynamics = winding_motor(self.new, i), self.new.actuator_dynprm[i]
+        if attribute in ("resistance", "motorconst", "time_constant"):
+            words: dict[str, str | None] = {
+                "nominal": None,
+                "resistance": number(motor.resistance),
+                "motorconst": number(motor.constant),
+            }
+            if dynamics[0] > 0.0:
+                words["inductance"] = numbers([0.0, dynamics[0]])
+            if (limits := self.mechanism.actuators[i].force_range) is not None:
+                words["saturation"] = numbers([limits[1], 0.0, motor.current_rate])
+            return words
+        if attribute in ("kp", "ki", "kd"):
+            rest = dynamics[7], motor.integral_limit, motor.voltage_limit
+            return {"controller": numbers([*motor.controller, *rest])}
+        if attribute == "cogging":
+            return {"cogging": numbers(motor.cogging)}
+        if attribute.startswith("thermal"):
+            resistance, capacitance, ambient, reference, coefficient = motor.heating
+            heat = resistance, capacitance, 0.0, coefficient, reference, ambient
+            return {"thermal": numbers(heat)}
+        return {"lugre": numbers(motor.bristles)}
 
     # ---- bodies ----------------------------------------------------------------------------------
 
-    def _mass(self, tag: Tag, parameter: ModelParameter, value: float) -> str:
-        body, inertial = self.bodies[parameter.number], self._inside(tag, "inertial")
-        ratio = value / self.mechanism.bodies[parameter.number].mass_kg
+    def _mass(self, tag: Tag, p: ModelParameter) -> str:
+        body, inertial = self.bodies[p.number], self._inside(tag, "inertial")
+        value = body.mass_kg
+        ratio = value / self.mechanism.bodies[p.number].mass_kg
         if self.is_urdf:
             return self._urdf_mass(inertial, value, ratio)
         if inertial is None:
@@ -804,37 +745,31 @@ class _Writer:
                 "mass": number(value),
                 "diaginertia": numbers(body.inertia),
             }
-            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {attributes}/>")
+            self.edits.add_inside(tag, element_text("inertial", words))
             return ""
         self.edits.set(inertial, "mass", number(value))
         for attribute in ("diaginertia", "fullinertia"):
             if stated := inertial.attributes.get(attribute):
-                self.edits.set(
-                    inertial, attribute, numbers([ratio * float(v) for v in stated.split()])
-                )
+                scaled = [ratio * float(v) for v in stated.split()]
+                self.edits.set(inertial, attribute, numbers(scaled))
         return ""
 
-    def _whole_inertia(self, shape: BodyShape, written: Collection[str]) -> set[str]:
-        """Write a body's mass, centre and inertia about it along the body's axes.
-
-        Returns the name of the mass, which is written with them. written: masses that are already
-        in the text.
-        """
+    def _whole_inertia(self, shape: BodyShape) -> None:
+        """Write a body's mass, centre and inertia about it along the body's axes."""
         old, new = self.mechanism.bodies[shape.number], self.bodies[shape.number]
-        mass = self.names["body", shape.number, "mass"]
-        if mass in written:
-            return set()
+        mass = self.parameters["body", shape.number, "mass"].parameter.name
+        if mass in self.done:  # the body is divided
+            return
+        self.done.add(mass)
         tag, why = self._tag_of("body", shape.number, old.name)
         if tag is not None:
             why = (self._urdf_inertial if self.is_urdf else self._inertial)(tag, new)
         if why:
             self.left.append(f"inertia of {old.name}: {why}")
-            return {mass}
+            return
         before, now = inertia_values(shape, old), inertia_values(shape, new)
         self.changed |= {name: (before[name], now[name]) for name in now}
         self.changed[mass] = (old.mass_kg, new.mass_kg)
-        return {mass}
 
     def _inertial(self, tag: Tag, body: Body) -> str:
         words = {
@@ -844,8 +779,7 @@ class _Writer:
         }
         inertial = self._inside(tag, "inertial")
         if inertial is None:
-            attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
-            self.edits.add_inside(tag, f"<inertial {attributes}/>")
+            self.edits.add_inside(tag, element_text("inertial", words))
             return ""
         for word in (*_ORIENTATIONS, "diaginertia"):
             self.edits.set(inertial, word, None)
@@ -869,8 +803,7 @@ class _Writer:
         for name, words in parts.items():
             part = self._inside(inertial, name)
             if part is None:
-                attributes = " ".join(f'{k}="{v}"' for k, v in words.items())
-                self.edits.add_inside(inertial, f"<{name} {attributes}/>")
+                self.edits.add_inside(inertial, element_text(name, words))
                 continue
             for word, value in words.items():
                 self.edits.set(part, word, value)
@@ -886,57 +819,37 @@ class _Writer:
                 self.edits.set(about, name, number(ratio * float(key)))
         return ""
 
-    def _urdf_joint(self, tag: Tag, attribute: str, value: float) -> str:
-        word = _URDF_WORDS.get(attribute)
-        if word is None:
-            return f"URDF has no {attribute}"
-        dynamics = self._inside(tag, "dynamics")
-        if dynamics is None:
-            self.dynamics.setdefault(tag.begin, {})[word] = value
-        else:
-            self.edits.set(dynamics, word, number(value))
+    def _urdf_joint(self, tag: Tag, p: ModelParameter) -> str:
+        if p.attribute not in _URDF_WORDS:
+            return f"URDF has no {p.attribute}"
+        dof, dynamics = self.mechanism.joints[p.number].dof, self._inside(tag, "dynamics")
+        values = {
+            word: number(float(getattr(self.new, f"dof_{attribute}")[dof]))
+            for attribute, word in _URDF_WORDS.items()
+        }
+        if dynamics is not None:
+            word = _URDF_WORDS[p.attribute]
+            self.edits.set(dynamics, word, values[word])
+        elif tag.begin not in self.with_dynamics:
+            self.with_dynamics.add(tag.begin)
+            self.edits.add_inside(tag, element_text("dynamics", values))
         return ""
 
-    def _urdf_terms(self, j: int, terms: JointTerms, friction: float, damping: float) -> set[str]:
-        """Write friction and linear damping of a joint; URDF has no more."""
-        joint = self.mechanism.joints[j]
-        tag, why = self._tag_of("joint", j, joint.name)
+    def _in_urdf(self, joint: MechanismJoint, terms: JointTerms) -> JointTerms:
+        """Friction and linear damping of the terms at a joint; URDF has no more."""
         others = {
             "its drag": terms.damping[1:].any(),
             "its spring or constant force": terms.spring.any(),
-            "its periodic torque": bool(terms.waves),
+            "its periodic torque": any(word == "cogging" for word, _ in terms.motors),
             "its end stop": terms.stop is not None,
             "the load behind its motor": terms.behind is not None,
         }
         self.left += [
             f"{joint.name}: URDF has no attribute for {k}" for k, v in others.items() if v
         ]
-        if tag is None:
-            self.left.append(f"effects at {joint.name}: {why}")
-            return set()
-        sliding = sum(b.sliding for b in terms.bristles)
-        if sliding:
+        if sliding := sum(values[2] for word, values in terms.motors if word == "lugre"):
             self.notes.append(f"{joint.name}: its friction is written at its sliding level")
-        totals = {
-            "frictionloss": (terms.friction + sliding, friction),
-            "damping": (float(terms.damping[0]), damping),
-        }
-        written = set()
-        for attribute, (more, stated) in totals.items():
-            if more:
-                self._urdf_joint(tag, attribute, stated + more)
-                name = self.names["joint", j, attribute]
-                self.changed[name] = (stated, stated + more)
-                written.add(name)
-        return written
-
-    def _add_dynamics(self) -> None:
-        """Write <dynamics> of the joints without one."""
-        for tag in self.tags:
-            if dynamics := self.dynamics.get(tag.begin):
-                values = {"damping": 0.0, "friction": 0.0} | dynamics
-                attributes = " ".join(f'{word}="{number(value)}"' for word, value in values.items())
-                self.edits.add_inside(tag, f"<dynamics {attributes}/>")
+        return JointTerms(terms.friction + sliding, damping=terms.damping * [1.0, 0.0, 0.0])
 
 
 def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:

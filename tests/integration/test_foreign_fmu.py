@@ -269,9 +269,9 @@ def test_what_goes_wrong_inside_is_a_sentence(
     a = Assembly(rig)
     p = a.values()
     process = rig._process
-    process._request(b"b", np.array([list(TRUE.values())]))  # compiled before patience ends
-    if fault == "HANG":
-        process.step(np.zeros((1, 1)), PERIOD)
+    if fault == "HANG":  # compiled before patience ends
+        memory = a.program.memory(a.start(p), 0, period_s=PERIOD)
+        a.program.run(memory, U[:1], p, period_s=PERIOD)
         monkeypatch.setattr(fmu_process, "PATIENCE_S", 2.0)
     memory = a.program.memory(a.start(p), 0, period_s=PERIOD)
     with pytest.raises(PamidError, match=f"slider.fmu: the FMU failed: .*{words}"):

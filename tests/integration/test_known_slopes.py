@@ -13,9 +13,10 @@ from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
 from pamid.diagnosis.candidate_model import slopes_along
-from pamid.engine import known_slopes
+from pamid.engine import known_slopes, stepped_kernel
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
+from pamid.engine.simulator import StepScales
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.smoother import SlicedTrack, slices_of, start_trajectory
@@ -135,21 +136,27 @@ def _table() -> KnownSlopes:
 
 
 def test_what_lies_behind_a_stop_is_not_foretold() -> None:
-    none, level, known = np.zeros(0), np.ones(1), _table()
+    none, known, after = np.zeros(0), _table(), np.empty(1)
+    scales = StepScales(0.0, none, none, none, np.zeros(0, np.int64), none, np.ones(1))
 
     def step(x: float) -> Array:
         return np.array([x + 0.1 * max(x - 1.0, 0.0)])
 
-    known.keep(0, np.array([1.5]), none, none, step(1.5), np.array([[1.1]]))
-    assert known.predict_step(0, np.array([1.4]), none, none, level) is None  # nothing was checked
-    known.check(0, np.array([1.3]), none, none, step(1.3), level)
-    told = known.predict_step(0, np.array([1.2]), none, none, level)
-    assert told is not None and told == pytest.approx(step(1.2))
-    assert known.predict_step(0, np.array([0.8]), none, none, level) is None  # beyond what was
-    known.check(0, np.array([0.8]), none, none, step(0.8), level)
-    assert known.predict_step(0, np.array([1.2]), none, none, level) is None  # it was wrong there
-    same = known.predict_step(0, np.array([0.8]), none, none, level)
-    assert same is not None and np.array_equal(same, step(0.8))  # the very same step
+    def check(x: float) -> None:
+        stepped_kernel._check(scales, known, 0, np.array([x]), none, step(x))
+
+    def predicted(x: float) -> bool:
+        return bool(stepped_kernel._predict(scales, known, 0, np.array([x]), none, after))
+
+    known.slopes[0] = 1.1
+    stepped_kernel._keep(scales, known, 0, np.array([1.5]), none, step(1.5))
+    assert not predicted(1.4)  # nothing was checked
+    check(1.3)
+    assert predicted(1.2) and after == pytest.approx(step(1.2))
+    assert not predicted(0.8)  # beyond what was checked
+    check(0.8)
+    assert not predicted(1.2)  # it was wrong there
+    assert predicted(0.8) and np.array_equal(after, step(0.8))  # the very same step
 
 
 def test_a_fit_that_keeps_slopes_ends_where_one_without_does(

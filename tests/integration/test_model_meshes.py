@@ -18,6 +18,8 @@ from pamid.base.errors import FileError, UsageError
 from pamid.simulators.model_packages import PACKAGES_VARIABLE, model_packages, split_package
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.mujoco_mechanism import mechanism_of, read_mechanism
+from pamid.simulators.mujoco_sources import relocated_text
+from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 INERTIAL = (
     '<inertial><mass value="0.7"/>'
@@ -441,3 +443,73 @@ def test_sensors_that_cannot_be_read_leave_those_of_the_joints(tmp_path: Path) -
     mechanism = read_mechanism(tmp_path / "lever.xml")
     assert list(mechanism.outputs) == ["hinge_position_rad", "hinge_velocity_rad_per_s"]
     assert any("a sensor of the kind clock is left out" in f.text for f in mechanism.findings)
+
+
+# ---- a model in another folder, and its copies ---------------------------------------------------
+
+SHAPED = """<mujoco>
+  {compiler}
+  <asset><mesh name="lever" file="{mesh}"/></asset>
+  {include}
+  <worldbody><body name="lever"><joint name="hinge" axis="0 1 0"/>
+    <geom type="mesh" mesh="lever" mass="0.3"/>
+    <geom name="cover" type="mesh" mesh="lever" contype="0" conaffinity="0" mass="0.4"/>
+  </body></worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("compiler", "mesh", "place"),
+    [
+        ('<compiler angle="radian"/>', "meshes/lever.stl", "meshes/lever.stl"),
+        ("", "lever.stl", "lever.stl"),
+        ('<compiler meshdir="meshes/"/>', "lever.stl", "meshes/lever.stl"),
+        ('<compiler assetdir="../shared"/>', "lever.stl", "../shared/lever.stl"),
+    ],
+)
+def test_relative_paths_lead_from_the_folder_of_an_exported_model(
+    tmp_path: Path, compiler: str, mesh: str, place: str
+) -> None:
+    file, new = tmp_path / "robot" / "arm.xml", tmp_path / "out" / "deep" / "arm.xml"
+    tetrahedron(tmp_path / "robot" / place)
+    more = tmp_path / "robot" / "more" / "sensors.xml"
+    for folder in (file.parent, new.parent, more.parent):
+        folder.mkdir(parents=True, exist_ok=True)
+    more.write_text('<mujoco><sensor><jointpos joint="hinge"/></sensor></mujoco>')
+    include = '<include file="more/sensors.xml"/>'
+    file.write_text(SHAPED.format(compiler=compiler, mesh=mesh, include=include))
+    assert relocated_text(file.read_bytes(), file, file.parent) == (file.read_bytes(), "")
+    text, note = relocated_text(file.read_bytes(), file, new.parent)
+    new.write_bytes(text)
+    assert not note
+    model = open_mujoco(new)
+    assert model.model.nmesh == 1 and model.model.nsensor == 1 and not model.left_out
+
+
+def test_meshes_of_a_urdf_lead_from_the_folder_of_an_exported_model(tmp_path: Path) -> None:
+    tetrahedron(tmp_path / "robot" / "meshes" / "lever.stl")
+    file = urdf(tmp_path / "robot" / "lever.urdf", "meshes/lever.stl", visual="meshes/lever.stl")
+    new = tmp_path / "out" / "lever.urdf"
+    new.parent.mkdir()
+    new.write_bytes(relocated_text(file.read_bytes(), file, new.parent)[0])
+    assert open_mujoco(new).model.nmesh == 1 and not open_mujoco(new).left_out
+
+
+def test_an_included_file_that_states_folders_is_named(tmp_path: Path) -> None:
+    (tmp_path / "more.xml").write_text('<mujoco><compiler meshdir="meshes"/></mujoco>')
+    text = b'<mujoco><include file="more.xml"/></mujoco>'
+    assert "more.xml" in relocated_text(text, tmp_path / "arm.xml", tmp_path / "out")[1]
+
+
+def test_copies_of_a_stepped_model_are_without_shapes_for_pictures(tmp_path: Path) -> None:
+    """Their meshes take megabytes; the motion is the same to the last bit."""
+    tetrahedron(tmp_path / "lever.stl")
+    file = tmp_path / "arm.xml"
+    file.write_text(SHAPED.format(compiler="", mesh="lever.stl", include=""))
+    whole, plain = open_mujoco(file).model, open_mujoco(file, visual=False).model
+    assert (whole.ngeom, plain.ngeom) == (2, 1)
+    for name in ("body_mass", "body_inertia", "body_ipos", "dof_M0"):
+        assert (getattr(whole, name) == getattr(plain, name)).all()
+    rig = SteppedMechanism(read_mechanism(file))
+    assert rig._stepper.model.ngeom == 1

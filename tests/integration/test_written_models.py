@@ -24,7 +24,6 @@ from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.schemas.fit_file import Posterior
-from pamid.simulators import mujoco_forms
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
@@ -341,38 +340,6 @@ def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 # ---- what is in the text -------------------------------------------------------------------------
-
-
-def test_a_mujoco_without_bristles_delays_and_polynomials_gets_what_it_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mujoco_forms, "reads", lambda *_: False)
-    monkeypatch.setattr(mujoco_forms, "reads_polynomials", lambda: False)
-    file = written(tmp_path)
-    mechanism = read_mechanism(file)
-    ports = {(p.kind, p.number): p for p in mechanism.ports}
-    done = write_back(
-        mechanism,
-        {p.parameter.name: p.parameter.value for p in mechanism.parameters},
-        [
-            IdentifiedEffect(
-                "lugre-friction@a", "lugre-friction",
-                {"level": 0.2, "breakaway": 1.5, "speed": 0.1, "give": 0.003, "settling": 0.002},
-                (ports["motion", 0],),
-            ),
-            IdentifiedEffect(
-                "quadratic-drag@b", "quadratic-drag", {"drag": 0.1}, (ports["motion", 1],)
-            ),
-            IdentifiedEffect(
-                "dead-time@mb_command", "dead-time", {"delay": 0.02}, (ports["command", 1],)
-            ),
-        ],
-    )  # fmt: skip
-    text = done.text.decode()
-    assert 'frictionloss="0.2"' in text and "dcmotor" not in text and "delay" not in text
-    assert [note.partition(" ")[0] for note in done.notes] == [
-        "lugre-friction@a", "quadratic-drag@b", "dead-time@mb_command",
-    ]  # fmt: skip
 
 
 def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.engine.simulator import DIFFERENCE, slopes_of
+from pamid.engine.simulator import DIFFERENCE
+from pamid.engine.stepped import slopes_of
 
 Array = NDArray[np.float64]
 

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 
-from pamid.correction.identified_model import Identified
-from pamid.export.form import Form, Written
+from pamid.export.form import Form
 from pamid.export.model_text import write_model_text
 
-
-def write(model: Identified, step: None, files: tuple[Path, ...]) -> Written:
-    return write_model_text(model, "mjcf", files)
-
-
-FORM = Form(".xml", write, sampled=False)
+FORM = Form(".xml", partial(write_model_text, language="mjcf"), sampled=False)
