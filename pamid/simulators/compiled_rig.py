@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from pamid.base.units import with_unit
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
@@ -38,7 +40,6 @@ from pamid.simulators.soft_constraints import (
     SoftFriction,
     impedance,
 )
-from pamid.simulators.spatial import Mat, Vec
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import (
     ZERO,
@@ -514,10 +515,11 @@ class MechanismEquations:
         masses = [
             value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
         ]
-        shapes = [(s.number, s.centre(self.p), s.second_moment(self.p)) for s in self.rig.shapes]
-        return _shared_tree(
-            self.m, tuple(q), tuple(qd), tuple(masses), tuple(armature), tuple(shapes)
+        shapes = tuple(
+            (s.number, (*s.centre(self.p), *s.second_moment(self.p).ravel()))
+            for s in self.rig.shapes
         )
+        return _shared_tree(self.m, tuple(q), tuple(qd), tuple(masses), tuple(armature), shapes)
 
     def rates(self) -> dict[str, Number]:
         """Rates of all states."""
@@ -690,7 +692,11 @@ def _shared_tree(
     qd: tuple[Expr, ...],
     masses: tuple[Expr, ...],
     armature: tuple[Expr, ...],
-    shapes: tuple[tuple[int, Vec, Mat], ...],
+    shapes: tuple[tuple[int, tuple[Expr, ...]], ...],
 ) -> Tree:
-    """One tree for all models in which it is the same, so that each of its parts is built once."""
-    return Tree(mechanism, q, qd, masses, armature, {number: tuple(of) for number, *of in shapes})  # type: ignore[misc]
+    """One tree for all models in which it is the same, so that each of its parts is built once.
+
+    shapes: number of a body, its centre (3) and second moments (3 x 3, row by row).
+    """
+    parts = {k: (np.array(of[:3]), np.array(of[3:]).reshape(3, 3)) for k, of in shapes}
+    return Tree(mechanism, q, qd, masses, armature, parts)

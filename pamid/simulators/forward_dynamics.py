@@ -12,7 +12,6 @@ the force on that body per mass.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 from pamid.simulators.soft_constraints import (
