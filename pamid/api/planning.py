@@ -12,9 +12,9 @@ from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import ShowProgress, progress_steps
 from pamid.model.registry import RigLike, effects_with, resolved_rig, rig_named, rig_of
-from pamid.planning.detectable_effects import EffectPower, Power, experiment_power
+from pamid.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power, least_size
 from pamid.recording.recording import SIGNIFICANT_DIGITS
-from pamid.schemas import power_file as said
+from pamid.schemas.power_file import PowerFile, ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -33,78 +33,37 @@ class PowerResult:
     those that do not.
     """
 
-    rig: str
-    excitation: str
-    noise: float
-    seed: int
-    _found: Power
+    file: PowerFile
 
     @property
-    def effects(self) -> tuple[EffectPower, ...]:
-        usual = self._found.sizes.index(1.0)
-        return tuple(
-            sorted(
-                self._found.effects,
-                key=lambda e: (-(e.visible[usual] if e.visible else 0.0), e.effect),
-            )
-        )
+    def rig(self) -> str:
+        return self.file.rig
+
+    @property
+    def effects(self) -> tuple[ShownEffect, ...]:
+        return self.file.effects
 
     @property
     def showing(self) -> tuple[str, ...]:
-        return tuple(e.effect for e in self.effects if e in self._found.showing)
+        return tuple(e.effect for e in self.effects if e.visible and e.visible[USUAL] >= SEEN)
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        return tuple(e.effect for e in self.effects if e not in self._found.showing)
+        return tuple(e.effect for e in self.effects if e.effect not in self.showing)
 
     @property
     def title(self) -> str:
         """The finding in a sentence."""
         count = len(self.effects)
-        confused = sum(bool(e.confused) for e in self.effects if e in self._found.showing)
+        confused = sum(bool(e.confused) for e in self.effects if e.effect in self.showing)
         return (
-            f"This experiment of {self._found.seconds:.3g} s shows {len(self.showing)} of {count} "
+            f"This experiment of {self.file.seconds:.3g} s shows {len(self.showing)} of {count} "
             f"effects at their usual size, {confused} of them not to be told from another family"
         )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        p = self._found
-        return said.PowerFile(
-            rig=self.rig,
-            excitation=self.excitation,
-            seconds=p.seconds,
-            noise=self.noise,
-            seed=self.seed,
-            channels=p.channels,
-            sizes=p.sizes,
-            seen=p.seen,
-            effects=tuple(
-                said.ShownEffect(
-                    effect=e.effect,
-                    family=e.family,
-                    port=e.port,
-                    amount=self._amount(e),
-                    visible=e.visible,
-                    standard_errors=e.errors,
-                    by_channel=e.by_channel or {},
-                    confused=e.confused,
-                    failed=e.failed,
-                )
-                for e in self.effects
-            ),
-        ).as_json()
-
-    def _amount(self, e: EffectPower) -> said.UsualAmount | None:
-        if e.amount is None:
-            return None
-        least = self._found.least(e)
-        return said.UsualAmount(
-            parameter=e.amount.name,
-            unit=e.amount.unit,
-            usual=e.amount.usual,
-            least=None if least is None else least * e.amount.usual,
-        )
+        return self.file.as_json()
 
     def summary(self) -> str:
         """The finding and a table, as lines of text."""
@@ -116,13 +75,13 @@ class PowerResult:
         ]
         return "\n".join([f"{self.title}.", "", *lines])
 
-    def _row(self, e: EffectPower) -> tuple[str, ...]:
+    def _row(self, e: ShownEffect) -> tuple[str, ...]:
         if e.failed:
             return e.effect, "-", "-", "-", e.failed
-        least, seen = self._found.least(e), self._found.seen
+        least = least_size(e.visible)
         unit = f" {e.amount.unit}" if e.amount and e.amount.unit not in ("", "1", "-") else ""
         usual = e.amount.usual if e.amount else 1.0
-        alone = [c for c, v in (e.by_channel or {}).items() if v >= seen]
+        alone = [c for c, v in e.by_channel.items() if v >= SEEN]
         return (
             e.effect,
             "does not show" if least is None else f"{least * usual:.2g}{unit}",
@@ -146,7 +105,7 @@ class PowerResult:
     def _drawing(self) -> Drawing:
         from pamid.report.power_figure import power_drawing
 
-        return power_drawing(self._found, self.effects, self.title)
+        return power_drawing(self.file, self.title)
 
     def _repr_html_(self) -> str:
         return card(self.title, html_table((HEAD, [self._row(e) for e in self.effects])))
@@ -197,5 +156,16 @@ def power(
     split = replace(split, fit=(Span(recording, 0, len(recording)),))
     catalogue, _ = effects_with(effects_given(effects))
     with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
-        detectability = experiment_power(split, catalogue, pool=pool, progress=show)
-    return PowerResult(split.rig.name, str(source.path), noise, seed, detectability)
+        shown = experiment_power(split, catalogue, pool=pool, progress=show)
+    file = PowerFile(
+        rig=split.rig.name,
+        excitation=str(source.path),
+        seconds=len(recording) * recording.sampling_period_s,
+        noise=noise,
+        seed=seed,
+        channels=split.channels,
+        sizes=SIZES,
+        seen=SEEN,
+        effects=shown,
+    )
+    return PowerResult(file)

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from pamid.planning.detectable_effects import EffectPower, Power
 from pamid.report.style import Drawing, colour, label
+from pamid.schemas.power_file import PowerFile
 
 EFFECT_ROW_IN, HEAD_IN = 0.2, 1.2
 PLAINEST = 100.0  # error over the noise floor at which the colours end
 MARKS = (2.0, 5.0, 10.0, 20.0, 50.0, PLAINEST)
 
 
-def power_drawing(power: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
+def power_drawing(power: PowerFile, title: str) -> Drawing:
     """A row per effect (most visible first), a column per size; the colour is the error of the
     refitted model over the noise floor, and undetectable sizes are white."""
-    shown = [e for e in effects if e.visible]
+    shown = [e for e in power.effects if e.visible]
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

@@ -14,8 +14,8 @@ from pamid_cli.frame import run as run_command
 import pamid
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
-from pamid.planning.detectable_effects import EffectPower
 from pamid.recording.recording import Recording, recording_of
+from pamid.schemas.power_file import ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 
 PENDULUM = "servo-pendulum"  # its weight holds it: nothing drifts without end
@@ -35,7 +35,7 @@ def found(excitation: Recording) -> pamid.PowerResult:
     return pamid.power(excitation, PENDULUM, noise=NOISE, progress=False)
 
 
-def effect(found: pamid.PowerResult, label: str) -> EffectPower:
+def effect(found: pamid.PowerResult, label: str) -> ShownEffect:
     return next(e for e in found.effects if e.effect == label)
 
 
@@ -51,7 +51,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     """An effect of the usual size, recorded with noise, and the rig refitted without it."""
     told = effect(found, "coulomb-friction")
     assert told.amount is not None
-    planted = f"coulomb-friction:{told.amount.name}={told.amount.usual!r}"
+    planted = f"coulomb-friction:{told.amount.parameter}={told.amount.usual!r}"
     errors = []
     for effects in ((planted,), ()):
         recording = pamid.simulate(excitation, PENDULUM, effects=effects, noise=NOISE, seed=5)
