@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import Comparison, Share, families_of
+from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.selection import Selection
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
-from pamid.schemas.diagnosis_file import CAUSED
+from pamid.schemas.diagnosis_file import CAUSED, GapShare
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class NamedCause:
 
     effect: Attachment
     model: CandidateModel
-    removes: Share
+    removes: GapShare
     figures: dict[str, float]
     or_at: tuple[str, ...] = ()
     instead: tuple[str, ...] = ()

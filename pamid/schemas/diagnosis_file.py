@@ -55,6 +55,18 @@ class GapShare(Model):
     high: Number = Field(description=HIGH)
     standard_errors: Written[Number] = Field(None, description="the share in its standard errors")
 
+    @property
+    def z(self) -> float:
+        """The share in its standard errors; 0 where it is not known."""
+        return self.standard_errors or 0.0
+
+    @property
+    def rest(self) -> GapShare:
+        """The share of the gap that remains."""
+        return GapShare(
+            share=1.0 - self.share, low=1.0 - self.high, high=1.0 - self.low, standard_errors=0.0
+        )
+
 
 class Cause(Model):
     """An effect that the verdict adds."""

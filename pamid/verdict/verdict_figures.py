@@ -11,7 +11,7 @@ from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.answer import Answer, NamedCause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import Share, error_removed
+from pamid.diagnosis.comparison import NOTHING, error_removed
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
 from pamid.estimation.identifiable_combinations import reported_parameters
@@ -23,7 +23,7 @@ from pamid.schemas import diagnosis_file as result
 from pamid.simulation.data_split import Span
 from pamid.verdict.localise import frequency_band, regimes, worst_windows
 from pamid.verdict.notes import notes_of, remark, roughness, unexplained
-from pamid.verdict.remainder import Missing, described, gap_share
+from pamid.verdict.remainder import Missing, described
 from pamid.verdict.verdict_words import sentence
 
 AMPLITUDE_FACTOR = 1.5  # ratio of an output's spreads from which on they are other amplitudes
@@ -86,7 +86,7 @@ def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
             effect=c.label,
             family=c.family,
             port=c.group,
-            removes=gap_share(d.comparison.removed(c, reference)),
+            removes=d.comparison.removed(c, reference),
             losses=tuple(map(float, d.comparison.loss(c))),
         )
 
@@ -217,7 +217,7 @@ def _cause(c: NamedCause, share: float) -> result.Cause:
         instead=c.instead,
         parameters=_parameters(c.model, c.effect.label),
         probability=probability(c.figures),
-        removes=gap_share(c.removes),
+        removes=c.removes,
         figures=c.figures,
         share=share,
     )
@@ -229,7 +229,7 @@ def _remainder(
     """Gap that remains with the causes; without causes the gap itself, at the leading port."""
     if d.answer is None:
         return None
-    rest = d.removed.rest if d.removed else Share(1.0, 1.0, 1.0)
+    rest = d.removed.rest if d.removed else NOTHING.rest
     # of recordings that do not suffice, too: what they leave is there, only not its cause
     material = d.left_over or d.verdict == "cannot-tell"
     at = unknown.port if unknown else ""
@@ -308,7 +308,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         port=c.group,
         probability=0.0 if d.silent else probability(figures),
         held_out=held,
-        removes=gap_share(removed),
+        removes=removed,
         behind=0.0 if c is first else d.comparison.removed(first, c).z,
         shrinkage=share,
         low=low,
