@@ -382,13 +382,13 @@ class Unknown(Model):
     )
 
 
-class DiagnosisFile(Model):
+class DiagnosisFile(
+    Model,
+    schema="pamid.diagnosis/3",
+    title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
+    "how far it shrinks",
+):
     """Where the gap lies, which effect causes it, how far it shrinks."""
-
-    model_config = ConfigDict(
-        title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
-        "how far it shrinks"
-    )
 
     earlier: ClassVar = {
         "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
@@ -398,7 +398,6 @@ class DiagnosisFile(Model):
     readable: ClassVar = ("pamid.diagnosis/2",)
     written_by: ClassVar = "pamid diagnose"
 
-    schema_: Literal["pamid.diagnosis/3"] = Field(default="pamid.diagnosis/3", alias="schema")
     verdict: Verdict
     sentence: Text = Field("", description="the verdict in words")
     remark: Text = Field(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from numbers import Integral, Real
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Unpack
 
 from pydantic import (
     BaseModel,
@@ -195,6 +195,14 @@ class Model(BaseModel):
     readable: ClassVar[tuple[str, ...]] = ()
     #: the command that writes it
     written_by: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, schema: str = "", **config: Unpack[ConfigDict]) -> None:
+        """schema: name and number of a file or an output of its own, its key `schema`."""
+        super().__init_subclass__(**config)
+        if schema:
+            own = cls.__dict__.get("__annotations__", {})
+            cls.__annotations__ = {"schema_": Literal[schema], **own}
+            cls.schema_ = Field(default=schema, alias="schema")  # type: ignore[attr-defined]
 
     def as_json(self) -> dict[str, Any]:
         """Plain dicts and lists of the fields that were set, in order."""
