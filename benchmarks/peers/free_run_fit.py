@@ -53,7 +53,7 @@ def evidence(rig: str, record: Path) -> DataSplit:
     """The whole record, to fit; nothing of it is held out."""
     recording = read_recording(record)
     split = split_recordings(rig_named(rig), [recording], [])
-    whole = (Span(recording, 0, len(recording)),)
+    whole = (Span(split.recordings[0], 0, len(recording)),)
     return replace(split, fit=whole, held_out=whole)
 
 

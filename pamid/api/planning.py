@@ -153,7 +153,7 @@ def power(
     recording = recorded(source, simulated, SIGNIFICANT_DIGITS, None)
     split = split_recordings(rig_named(virtual), [recording], [])
     # nothing is chosen here: all of it counts as fitted
-    split = replace(split, fit=(Span(recording, 0, len(recording)),))
+    split = replace(split, fit=(Span(split.recordings[0], 0, len(recording)),))
     catalogue, _ = effects_with(effects_given(effects))
     with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
         shown = experiment_power(split, catalogue, pool=pool, progress=show)

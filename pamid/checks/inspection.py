@@ -59,6 +59,7 @@ from pamid.recording.recording import (
 from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import noise_remarks
 
 STILL_SHARE = 0.02  # of a column's range: a smaller motion is rest
@@ -284,11 +285,11 @@ def _against_rig(
         ]
         findings += [
             CheckOutcome("background", False, term.text, advice=True)
-            for term in without_idle_terms(rig, [recording])[1]
+            for term in without_idle_terms(rig, [data_of(rig, recording)])[1]
         ]
     if runs:
         try:
-            require_informative(rig, recording)
+            require_informative(rig, data_of(rig, recording))
         except DataError as error:
             findings.append(CheckOutcome("excitation", False, f"nothing can be fitted: {error}"))
     return rig, findings or [
@@ -298,10 +299,11 @@ def _against_rig(
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     """Findings on outputs whose noise in fits contradicts the rig or the samples."""
-    channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
+    data = data_of(rig, recording)
+    channels = [c for c in rig.outputs if c in data.values and motion(data.values[c]) > 0.0]
     return [
         CheckOutcome(remark.kind, False, remark.text, advice=True)
-        for remark in noise_remarks(rig, [recording], channels)
+        for remark in noise_remarks(rig, [data], channels)
     ]
 
 

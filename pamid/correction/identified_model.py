@@ -43,7 +43,8 @@ from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_rep
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
-from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise
+from pamid.simulation.free_runs import noisy_inputs, sensor_noise
+from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
@@ -269,7 +270,9 @@ def record_identified(
     settings = {**rig.controller, **model.controller, **excitation.controller} if closed else {}
     model = model.closed(settings) if closed else model
     jitter = sensor_noise(model.assembly, n, noise, seed)
-    u = noisy_inputs(input_table(model.assembly, excitation, model.inputs), model.inputs, jitter)
+    u = noisy_inputs(
+        data_of(rig, excitation).inputs(model.assembly, model.inputs), model.inputs, jitter
+    )
     commands = [q.command for q in rig.loops] if closed else []
     Y = simulate_identified(model, u, {c: symbol("cell", c) for c in commands})
     clean = {
@@ -277,7 +280,7 @@ def record_identified(
         for i, name in enumerate((*model.outputs, *commands))
     }
     if model.network is not None and model.network.in_loop:
-        clean = _corrected_in_loop(model, excitation, clean)
+        clean = _corrected_in_loop(model, data_of(rig, excitation), clean)
     columns = {
         **excitation.columns,
         **{name: values + jitter.get(name, 0.0) for name, values in clean.items()},
@@ -297,16 +300,16 @@ def record_identified(
 
 
 def _corrected_in_loop(
-    model: Identified, excitation: Recording, outputs: dict[str, Array]
+    model: Identified, excitation: Data, outputs: dict[str, Array]
 ) -> dict[str, Array]:
     """Columns of a run in the control loop with the network's correction on its channel."""
     assert model.network is not None
     rig, trained, signals = model.assembly.rig, model.network.trained, dict(outputs)
-    signals |= {name: excitation.signal(name) for name in rig.inputs if excitation.has(name)}
+    signals |= {name: excitation.shown(name) for name in rig.inputs if name in excitation.values}
     for q in rig.loops:
         motion = loop_motion(outputs[q.reading], outputs[q.command], model.period_s)
         signals |= dict(zip(loop_names(q, len(rig.loops) > 1), motion, strict=True))
-        signals[q.reference] = excitation.signal(q.reference)
+        signals[q.reference] = excitation.shown(q.reference)
     return {
         **outputs,
         model.network.channel: outputs[model.network.channel] + trained.predict(signals),

@@ -38,8 +38,8 @@ from pamid.recording.recording import Recording, read_recording
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.free_runs import measured_outputs
 from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import Track, track_of
 
@@ -99,7 +99,7 @@ def score_run(
         _require_fresh(folder, recording, fit.recordings)
         require_apart(outputs, used, [recording])
         _require_alike(recording, models.refitted)
-        measured_outputs(models.refitted.assembly, recording)
+        data_of(models.refitted.assembly.rig, recording).measured(models.refitted.assembly.rig)
     runs = _Counted(2 * len(recordings) * len(models.every))
     rows = [row for item in recordings for row in _rows(models, item, runs)]
     notes = (*_notes(models), *_left_out(models.refitted.assembly.rig, recordings))
@@ -203,13 +203,14 @@ class _Counted:
 
 def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[RecordingError]:
     """Replay, then closed loop, channel by channel."""
-    seen = [c for c in available.channels if recording.has(c)]
     split = split_recordings(available.refitted.assembly.rig, [recording], [])
+    (data,) = split.recordings
+    seen = [c for c in available.channels if c in data.values]
     replays = {}
     for name, model in available.every:
         runs.next(name, recording)
         if model.network is None or not model.network.in_loop:
-            replays[id(model)] = _Replayed(model, available.channels, split, recording).outputs()
+            replays[id(model)] = _Replayed(model, available.channels, split, data).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
         k = available.channels.index(channel)
@@ -220,9 +221,9 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
             for name, model in available.of(channel).items()
             if id(model) in replays
         }
-        measured = recording.signal(channel)[scored]
+        measured = data.shown(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if _has_loop(available.refitted.assembly.rig, recording):
+    if _has_loop(available.refitted.assembly.rig, data):
         loops = {}
         for name, model in available.every:
             runs.next(name, recording)
@@ -235,7 +236,7 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
                 recording.known,
                 IN_LOOP,
                 channel,
-                recording.signal(channel),
+                data.shown(channel),
                 models,
             )
 
@@ -244,11 +245,11 @@ def _own(values: Array, channel: str) -> Array:
     return np.asarray(from_si(values, split_column(channel)[1]))
 
 
-def _has_loop(rig: Rig, recording: Recording) -> bool:
+def _has_loop(rig: Rig, recording: Data) -> bool:
     return bool(
         recording.loop == "closed"
         and rig.loops
-        and all(recording.has(q.reference) for q in rig.loops)
+        and all(q.reference in recording.values for q in rig.loops)
     )
 
 
@@ -272,7 +273,7 @@ class _Replayed:
     model: Identified
     channels: tuple[str, ...]
     split: DataSplit
-    recording: Recording
+    recording: Data
 
     def outputs(self) -> tuple[Replay, Array]:
         """The replay, and its outputs with the network's value (samples x channels, SI)."""

@@ -57,6 +57,7 @@ from pamid.recording.recording import write_recording
 from pamid.schemas.diagnosis_file import WITHHELD, NextExperiment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import choose_stepping
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
 
@@ -228,22 +229,18 @@ def bench_of(evidence: DataSplit) -> Bench:
     for its tails."""
     rig, recordings, model = evidence.rig, evidence.recordings, reference_recording(evidence)
     period = model.sampling_period_s
-    recorded = {
-        name
-        for name in (*recordings[0].columns, *rig.inputs, *rig.outputs)
-        if all(r.has(name) for r in recordings)
-    }
+    recorded = set.intersection(*(set(r.values) for r in recordings))
     held = {q.reference: q.reference if q.reference in recorded else q.reading for q in rig.loops}
     closed = (
         bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
     )
     driven = {}
     for column, like in held.items() if closed else ((n, n) for n in sent_inputs(evidence)):
-        values = np.concatenate([r.signal(like) for r in recordings])
+        values = np.concatenate([r.shown(like) for r in recordings])
         low, high = np.percentile(values, [RECORDED_TAIL, 100.0 - RECORDED_TAIL])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     # as before, but nothing that only holds for a test without commands
-    known = model.known if all(model.has(q.command) for q in rig.loops) else {}
+    known = model.known if all(q.command in model.values for q in rig.loops) else {}
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     bench = Bench(
         rig,
@@ -262,7 +259,9 @@ def sent_inputs(evidence: DataSplit) -> list[str]:
     that were recorded. Not those that only drift, unless nothing else is left."""
     rig = evidence.rig
     commands = {*commanded(rig), *(q.command for q in rig.loops)}
-    sent = [n for n in rig.inputs if n in commands and all(r.has(n) for r in evidence.recordings)]
+    sent = [
+        n for n in rig.inputs if n in commands and all(n in r.values for r in evidence.recordings)
+    ]
     return [n for n in sent if not drifts(evidence, n)] or sent
 
 
@@ -279,7 +278,13 @@ def separations(
     for truth, other in pairs:
         recordings = predictions.of(truth, way)
         tracks = tuple(
-            track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
+            track_of(
+                other.assembly,
+                data_of(evidence.rig, r),
+                evidence.channels,
+                evidence.jump,
+                evidence.timescale_s,
+            )
             for r in recordings
             if r is not None
         )

@@ -23,7 +23,6 @@ from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.csv_table import table_bytes
 from pamid.base.errors import DataError, FileError, UsageError, listed, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
-from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     compatible,
@@ -399,18 +398,6 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         if name == stem and symbol != NONE:
             raise _wrong_unit(name, "without a unit", wanted, symbol)
     return None
-
-
-def require_excited(recording: Recording, column: str) -> None:
-    """DataError if the signal never changes: nothing can be learnt from it."""
-    values = recording.signal(column)
-    if motion(values) == 0.0:
-        hint = (
-            "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
-            "range."
-        )
-        message = f"{recording.path}: {column} is constant ({values[0]:g}) throughout."
-        raise DataError(message, hint, code="not-excited")
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, listed, nearest, quoted
+from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.model.executable import Executable, Lanes
 from pamid.recording.recording import Recording
+from pamid.simulation.rig_data import Data, data_of
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr
 
@@ -29,52 +30,6 @@ MOST_SUBSTEPS = 4  # beyond, the implicit step is cheaper
 LOOKED_AT = 3000  # samples along which it is looked for
 KEPT_CHOICES = 16
 _CHOSEN: dict[tuple[Hashable, ...], Stepping] = {}
-
-
-def input_table(
-    assembly: Assembly, recording: Recording, names: tuple[str, ...] | None = None
-) -> Array:
-    """The assembly's inputs (samples x inputs, SI), or those named, from a recording; missing
-    optional ones at their default."""
-    columns = []
-    for name in assembly.traced.inputs if names is None else names:
-        if recording.has(name):
-            columns.append(recording.si(name))
-        elif name in assembly.rig.optional:
-            columns.append(np.full(len(recording), assembly.rig.optional[name]))
-        elif name.startswith("noise_"):
-            columns.append(np.zeros(len(recording)))
-        else:
-            raise FileError(
-                f"{recording.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
-                nearest(name, list(recording.columns))
-                or f"columns: {', '.join(recording.columns)}",
-                code="missing-column",
-            )
-    return (
-        np.ascontiguousarray(np.stack(columns, axis=1))
-        if columns
-        else np.zeros((len(recording), 0))
-    )
-
-
-def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...]:
-    """The rig's outputs that this recording holds; at least one must be there."""
-    names = tuple(name for name in assembly.rig.outputs if recording.has(name))
-    if not names:
-        raise FileError(
-            f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
-            f"{', '.join(assembly.rig.outputs)}",
-            f"{nearest(next(iter(assembly.rig.outputs)), list(recording.columns))} Name another "
-            f"--rig, or rename the columns; there are {listed(recording.columns)}. "
-            f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
-        )
-    return names
-
-
-def output_table(names: tuple[str, ...], recording: Recording) -> Array:
-    """Measured outputs, samples x names, SI."""
-    return np.ascontiguousarray(np.stack([recording.si(n) for n in names], axis=1))
 
 
 def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, list[int]]:
@@ -206,7 +161,7 @@ def virtual_recording(
     """
     rig, period = assembly.rig, excitation.sampling_period_s
     jitter = sensor_noise(assembly, len(excitation), noise, seed)
-    u = noisy_inputs(input_table(assembly, excitation), assembly.traced.inputs, jitter)
+    u = noisy_inputs(data_of(rig, excitation).inputs(assembly), assembly.traced.inputs, jitter)
     extra = _loop_commands(assembly)
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     step = replace(step, substeps=step.substeps * fineness)
@@ -235,7 +190,7 @@ def noiseless_recordings(
     """
     period, extra = excitations[0].sampling_period_s, _loop_commands(assembly)
     lanes = assembly.lane_program_with(extra)
-    u = np.stack([input_table(assembly, r) for r in excitations], axis=2)
+    u = np.stack([data_of(assembly.rig, r).inputs(assembly) for r in excitations], axis=2)
     begun = [assembly.begin(q) for q in p.T]
     x = np.array([[begin.get(name, 0.0) for begin in begun] for name in lanes.states])
     x = x.reshape(len(lanes.states), len(excitations))
@@ -335,11 +290,11 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
     return time | sizes_of(list(probes), tables)
 
 
-def state_spread(assembly: Assembly, recording: Recording) -> Array:
+def state_spread(assembly: Assembly, recording: Data) -> Array:
     """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
     infinite where the run has no time scale: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
-    u, period = input_table(assembly, recording), recording.sampling_period_s
+    u, period = recording.inputs(assembly), recording.sampling_period_s
     names = assembly.rig.states
     program = assembly.program_with({f"state.{s.name}": symbol("state", s.name) for s in names})
     step = choose_stepping(assembly, u, p, period, assembly.start(p))

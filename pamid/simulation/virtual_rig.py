@@ -20,7 +20,8 @@ from pamid.model.registry import effects_with, in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import Recording
-from pamid.simulation.free_runs import input_table, port_sizes, virtual_recording
+from pamid.simulation.free_runs import port_sizes, virtual_recording
+from pamid.simulation.rig_data import data_of
 
 Array = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ def simulate_virtual_rig(
     sizes = {}
     plain = Assembly(rig)
     if not closed:
-        u = input_table(plain, excitation)
+        u = data_of(rig, excitation).inputs(plain)
         sizes = port_sizes(plain, [(u, plain.values(known), excitation.sampling_period_s)])
     assembly = Assembly(
         rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes

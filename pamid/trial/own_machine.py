@@ -37,10 +37,10 @@ from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
     choose_stepping,
-    input_table,
     port_sizes,
     virtual_recording,
 )
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.symbolic.vocabulary import Expr
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
@@ -393,7 +393,7 @@ def _read(
 ) -> Array:
     """Outputs and further ones of a free run (samples x outputs, SI), up to its end."""
     program = assembly.program_with(dict(extra))
-    u, period = input_table(assembly, probe), probe.sampling_period_s
+    u, period = data_of(assembly.rig, probe).inputs(assembly), probe.sampling_period_s
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     memory = program.memory(assembly.start(p), stepping=step, period_s=period)
     outputs, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
@@ -418,7 +418,7 @@ def draw_specimen(
     plain = Assembly(rig, controller=tuple(sorted(settings.items())))
     p = plain.values(probe.known)
     read = _read(plain, probe, p)
-    run = (input_table(plain, probe), p, machine.period_s)
+    run = (data_of(rig, probe).inputs(plain), p, machine.period_s)
     quiet = np.zeros(read.shape[1])
     sizes = port_sizes(plain, [run])
     sizes["", "timescale"] = timescale_of([(read, quiet, machine.period_s)])

@@ -46,7 +46,7 @@ def remark(d: Diagnosis) -> str:
     moving = (
         name
         for name in d.evidence.rig.inputs
-        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
+        if any(name in r.values and np.ptp(r.values[name]) > 0.0 for r in d.evidence.recordings)
     )
     sent = joined(moving, "or")
     if d.response is None:

@@ -362,7 +362,7 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
         errors = {
             channel: (before[rows, i].mean(), after[rows, i].mean())
             for i, channel in enumerate(d.evidence.channels)
-            if span.recording.has(channel)
+            if channel in span.recording.values
         }
         channels = {
             channel: result.ChannelTransfer(
@@ -393,13 +393,13 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
             if all(r.controller.get(k) != v for r in fitted)
         }
     channel = next(
-        (c for c in d.evidence.channels if all(r.has(c) for r in (recording, *fitted))), None
+        (c for c in d.evidence.channels if all(c in r.values for r in (recording, *fitted))), None
     )
     if channel is None:
         return new
-    spread = recording.si(channel)[span.start : span.stop].std()
+    spread = recording.values[channel][span.start : span.stop].std()
     ratios = [
-        spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
+        spread / max(s.recording.values[channel][s.start : s.stop].std(), 1e-300)
         for s in d.evidence.fit
     ]
     if all(not 1.0 / AMPLITUDE_FACTOR < r < AMPLITUDE_FACTOR for r in ratios):

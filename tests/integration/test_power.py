@@ -56,7 +56,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     for effects in ((planted,), ()):
         recording = pamid.simulate(excitation, PENDULUM, effects=effects, noise=NOISE, seed=5)
         split = split_recordings(rig_named(PENDULUM), [recording], [])
-        split = replace(split, fit=(Span(recording, 0, len(recording)),))
+        split = replace(split, fit=(Span(split.recordings[0], 0, len(recording)),))
         (left,) = fit_model(split).fit.residuals
         errors.append(float(np.sqrt(np.mean(left**2))))
     above = [np.sqrt(v**2 - 1.0) for v in (errors[0] / errors[1], told.visible[2])]
