@@ -88,17 +88,11 @@ def quantisation_step(values: Array) -> float:
     usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
     for finer in range(1, FINEST + 1 if gaps.size >= MANY_GAPS else 2):
         if step := _lattice(levels, usual / finer):
-            return 0.0 if _goes_straight(values, step) else step
+            # a line without any steps mostly moves by as many as the sample before
+            moves = np.round(np.diff(values) / step)
+            alike = np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0))
+            return 0.0 if alike > STRAIGHT * np.count_nonzero(moves) else step
     return 0.0
-
-
-def _goes_straight(values: Array, step: float) -> bool:
-    """Does the channel mostly move by as many steps as the sample before? So does a line without
-    any steps."""
-    moves = np.round(np.diff(values) / step)
-    return bool(
-        np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0)) > STRAIGHT * np.count_nonzero(moves)
-    )
 
 
 def _lattice(levels: Array, step: float) -> float:
@@ -122,15 +116,10 @@ def _lattice(levels: Array, step: float) -> float:
     return step
 
 
-def plateau_spacing(values: Array) -> float:
-    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer;
-    0 where there are none."""
-    return plateaus(values)[0]
-
-
 def plateaus(values: Array) -> tuple[float, float]:
-    """Their spacing, and the one of them that is nearest to the middle of what was recorded: the
-    zero of a scale, in kelvin or gauge pressure, need not be one. Both 0 where there are none.
+    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer,
+    and the one of them that is nearest to the middle of what was recorded: the zero of a scale, in
+    kelvin or gauge pressure, need not be one. Both 0 where there are none.
 
     Something on the way to the recorder rounds, and something after it adds noise: no recorder's
     step, whose readings are exact. The levels are lines of the characteristic function
@@ -160,7 +149,11 @@ def plateaus(values: Array) -> tuple[float, float]:
     # a channel that mostly rests is strong everywhere
     if lines[PADDED:best].min() > ON_PLATEAUS:
         return 0.0, 0.0
-    spacing = _refined(values, span / cycles[best], span)
+    # near the line of the histogram, the spacing at which the line of the samples is strongest
+    near = (cycles[best] + np.linspace(-1.0, 1.0, 41) / PADDED) / span
+    spacing = float(
+        1.0 / near[np.argmax([abs(np.exp(2j * np.pi * f * values).mean()) for f in near])]
+    )
     # from the middle: what the spacing is off by adds up over the levels to a far zero
     middle = float(np.median(values))
     off = (values - middle) / spacing
@@ -170,13 +163,6 @@ def plateaus(values: Array) -> tuple[float, float]:
     if PLATEAUS_APART * width >= 1.0:
         return 0.0, 0.0
     return spacing, middle + phase * spacing
-
-
-def _refined(values: Array, spacing: float, span: float) -> float:
-    """The spacing near this one at which the line is strongest."""
-    near = (span / spacing + np.linspace(-1.0, 1.0, 41) / PADDED) / span
-    lines = [abs(np.exp(2j * np.pi * f * values).mean()) for f in near]
-    return float(1.0 / near[int(np.argmax(lines))])
 
 
 def noise_level(y: Array) -> Array:
@@ -251,7 +237,9 @@ def sensor_noise(
     lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))
     least = MAY_BE_NOISE * y.std(axis=0)
     white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
-    repeats = (steps == 0.0) & ([_repeating(c) > REPEATING for c in y.T])
+    # share of the readings that repeat
+    repeating = np.array([np.mean(_readings(c)[1] > 1) for c in y.T])
+    repeats = (steps == 0.0) & (repeating > REPEATING)
     shows = ((UNIFORM * steps > least) | white) & ~repeats
     # whoever states a noise knows the sensor; what a reading clings by is an estimate
     used = np.where(stated > 0.0, np.maximum(noise, stated), np.hypot(noise, lag))
@@ -297,11 +285,6 @@ def _readings(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First sample and number of samples of every reading; repeats are one reading."""
     edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
     return edges[:-1], np.diff(edges)
-
-
-def _repeating(values: Array) -> float:
-    """Share of the readings that repeat."""
-    return float(np.mean(_readings(values)[1] > 1))
 
 
 def is_white(values: Array) -> bool:

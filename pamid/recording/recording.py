@@ -61,7 +61,7 @@ _PLAIN_CELLS = (
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another
 #: signal"
-_FOREIGN_UNITS = (
+_FOREIGN_UNITS = [
     "psi",
     "psig",
     "psia",
@@ -91,7 +91,7 @@ _FOREIGN_UNITS = (
     "counts",
     "ticks",
     "kv",
-)
+]
 
 
 @dataclass(frozen=True)
@@ -270,27 +270,13 @@ def read_recording(path: str | Path | DataFrame) -> Recording:
         hint = "A fit needs seconds of motion, not a moment of it; record for longer."
         message = f"{source}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed."
         raise DataError(message, hint, code="too-short")
-    side = sidecar_of(source, names, time)
     columns = {
         name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names) if index
     }
     for array in (time, *columns.values()):
         array.flags.writeable = False
-    return Recording(
-        source.stem,
-        source,
-        sha256_of(source),
-        time,
-        columns,
-        side.sampling_period_s,
-        side.loop,
-        side.rig,
-        side.known,
-        side.controller,
-        side.warnings,
-        between=side.between,
-        free=side.free,
-    )
+    stated = sidecar_of(source, names, time)
+    return Recording(source.stem, source, sha256_of(source), time, columns, **stated)
 
 
 def recording_of(
