@@ -13,7 +13,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Loop, Rig
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import Span
-from pamid.simulation.free_runs import choose_stepping
+from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import Data
 from pamid.simulation.scored_recording import IN_LOOP, recording_error
 from pamid.symbolic.expression import symbol
@@ -45,16 +45,13 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
     for key, i in a.keys.items():
         if key in t and not any(a.index_of(k) == i for k in r.known):
             values[i] = p[t[key]]
-    u = r.inputs(a)
-    step = choose_stepping(a, u, values, r.sampling_period_s, a.start(values))
-    program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
-    memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)
-    Y, _, bad = program.run(memory, u, values, period_s=r.sampling_period_s, stepping=step)
+    commands = {q.command: symbol("cell", q.command) for q in rig.loops}
+    run = free_run(a, r.inputs(a), values, r.sampling_period_s, further=commands)
     # In its own loop an unstable model has no error to report: every figure would depend on when
     # the run was cut.
-    if bad >= 0:
+    if run.blown_up >= 0:
         return None
-    return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
+    return {n: from_si(run.outputs[:, i], split_column(n)[1]) for i, n in enumerate(run.names)}
 
 
 def _has_loop(rig: Rig, r: Data) -> bool:

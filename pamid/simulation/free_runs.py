@@ -4,7 +4,7 @@ at the ports."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,12 +120,14 @@ def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Outputs of a run (samples x outputs, SI); `blown_up` is the first sample without a finite
-    state, or -1."""
+    """Outputs of a run (samples x outputs, SI) and their names; `blown_up` is the first sample
+    without a finite state, or -1; further: the columns of further outputs."""
 
     outputs: Array
     blown_up: int
     memory: Memory
+    names: tuple[str, ...]
+    further: Array
 
 
 def free_run(
@@ -136,13 +138,19 @@ def free_run(
     *,
     start: Array | None = None,
     stepping: Stepping | None = None,
+    further: Mapping[str, Expr] | None = None,
 ) -> FreeRun:
-    """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs)."""
+    """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs).
+
+    further: values by name that are the last columns of the outputs.
+    """
     x = assembly.start(p) if start is None else start
     step = stepping or choose_stepping(assembly, u, p, period_s, x)
-    memory = assembly.program.memory(x, stepping=step, period_s=period_s)
-    outputs, _, bad = assembly.program.run(memory, u, p, period_s=period_s, stepping=step)
-    return FreeRun(outputs, bad, memory)
+    program = assembly.program_with(dict(further)) if further else assembly.program
+    memory = program.memory(x, stepping=step, period_s=period_s)
+    outputs, _, bad = program.run(memory, u, p, period_s=period_s, stepping=step)
+    names = program.outputs
+    return FreeRun(outputs, bad, memory, names, outputs[:, len(names) - len(further or ()) :])
 
 
 def virtual_recording(
@@ -165,17 +173,15 @@ def virtual_recording(
     extra = _loop_commands(assembly)
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     step = replace(step, substeps=step.substeps * fineness)
-    program = assembly.program_with(extra) if extra else assembly.program
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    if bad >= 0:
+    run = free_run(assembly, u, p, period, stepping=step, further=extra)
+    if run.blown_up >= 0:
         raise DataError(
-            f"the virtual rig {rig.name!r} became unstable at {bad * period:.3f} s",
+            f"the virtual rig {rig.name!r} became unstable at {run.blown_up * period:.3f} s",
             "lower the amplitude, or mend the parameters of the effects",
         )
-    columns = {name: excitation.columns[name] for name in excitation.columns}
-    for i, name in enumerate(program.outputs):
-        clean = from_si(Y[:, i], split_column(name)[1])
+    columns = dict(excitation.columns)
+    for i, name in enumerate(run.names):
+        clean = from_si(run.outputs[:, i], split_column(name)[1])
         columns[name] = clean if name in extra else clean + jitter[name]
     return columns
 
@@ -280,13 +286,11 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
     time = longest_time([len(u) * period for u, _, period in runs])
     if not probes:
         return time
-    program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
+    further = {f"{where}.{n}": x for (_, where, n), x in probes.items()}
     tables = []
     for u, p, period in runs:
-        step = choose_stepping(assembly, u, p, period, assembly.start(p))
-        memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-        Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-        tables.append((Y[:bad] if bad >= 0 else Y)[:, Y.shape[1] - len(probes) :])
+        run = free_run(assembly, u, p, period, further=further)
+        tables.append(run.further[: run.blown_up] if run.blown_up >= 0 else run.further)
     return time | sizes_of(list(probes), tables)
 
 
@@ -294,11 +298,8 @@ def state_spread(assembly: Assembly, recording: Data) -> Array:
     """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
     infinite where the run has no time scale: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
+    states = {f"state.{s.name}": symbol("state", s.name) for s in assembly.rig.states}
     u, period = recording.inputs(assembly), recording.sampling_period_s
-    names = assembly.rig.states
-    program = assembly.program_with({f"state.{s.name}": symbol("state", s.name) for s in names})
-    step = choose_stepping(assembly, u, p, period, assembly.start(p))
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    spread = Y[:, Y.shape[1] - len(names) :].std(axis=0) if bad < 0 else np.zeros(len(names))
+    run = free_run(assembly, u, p, period, further=states)
+    spread = run.further.std(axis=0) if run.blown_up < 0 else np.zeros(len(states))
     return np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)

@@ -19,7 +19,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
-from pamid.simulation.free_runs import choose_stepping, known_values
+from pamid.simulation.free_runs import free_run, known_values
 from pamid.simulation.rig_data import Data
 from pamid.symbolic.expression import symbols
 from pamid.symbolic.vocabulary import Expr
@@ -127,15 +127,11 @@ def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
 
 def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Data]) -> Array:
     """The probes over the recordings' inputs, samples x probes."""
-    program, tables = assembly.program_with(probes), []
+    tables = []
     for recording in recordings:
         p, _ = known_values(assembly, recording.known)
         u, period = recording.inputs(assembly), recording.sampling_period_s
-        start = assembly.start(p)
-        stepping = choose_stepping(assembly, u, p, period, start)
-        memory = program.memory(start, stepping=stepping, period_s=period)
-        outputs, _, _ = program.run(memory, u, p, period_s=period, stepping=stepping)
-        tables.append(outputs[:, outputs.shape[1] - len(probes) :])
+        tables.append(free_run(assembly, u, p, period, further=probes).further)
     return np.concatenate(tables)
 
 

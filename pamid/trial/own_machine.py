@@ -36,7 +36,7 @@ from pamid.parallel.result_store import digest
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
-    choose_stepping,
+    free_run,
     port_sizes,
     virtual_recording,
 )
@@ -392,12 +392,9 @@ def _read(
     assembly: Assembly, probe: Recording, p: Array, extra: Mapping[str, Expr] = MappingProxyType({})
 ) -> Array:
     """Outputs and further ones of a free run (samples x outputs, SI), up to its end."""
-    program = assembly.program_with(dict(extra))
     u, period = data_of(assembly.rig, probe).inputs(assembly), probe.sampling_period_s
-    step = choose_stepping(assembly, u, p, period, assembly.start(p))
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    outputs, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    return outputs[:bad] if bad >= 0 else outputs
+    run = free_run(assembly, u, p, period, further=extra)
+    return run.outputs[: run.blown_up] if run.blown_up >= 0 else run.outputs
 
 
 def _rms(x: Array) -> float:
