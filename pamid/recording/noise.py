@@ -290,20 +290,17 @@ def _readings(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def is_white(values: Array) -> bool:
     """Do differences of some order look like white noise throughout (and not like curvature that
     comes and goes)?"""
-    return any(_like_white(np.diff(values, n=k), k) for k in ORDERS)
-
-
-def _like_white(d: Array, order: int) -> bool:
-    if d.size < 80:
-        return False
-    sizes = _part_medians(np.abs(d), 40)
-    usual = float(np.median(sizes))
-    if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
-        return False
-    bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
-    # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
-    alone = -order / (order + 1.0)
-    return float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded)
+    for order in ORDERS:
+        d = np.diff(values, n=order)
+        sizes = _part_medians(np.abs(d), 40) if d.size >= FEW_MOVING else np.zeros(1)
+        usual = float(np.median(sizes))
+        if 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
+            bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
+            # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
+            alone = -order / (order + 1.0)
+            if float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded):
+                return True
+    return False
 
 
 def _part_medians(values: Array, parts: int) -> Array:
@@ -331,7 +328,15 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     noise = np.where(sigma > 0.0, sigma, np.sqrt(pooled))
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
-        noise[c] = max(min(_square_noise(d[:, c]) for d in every), UNIFORM * steps[c])
+        # of squares of differences: their median takes few values below a step; the median over
+        # blocks passes over jumps
+        squares = [
+            np.median(
+                [np.mean(part**2) for part in np.array_split(d[:, c], max(1, len(d) // BLOCK))]
+            )
+            for d in every
+        ]
+        noise[c] = max(float(np.sqrt(min(squares))), UNIFORM * steps[c])
     for c in np.flatnonzero(steps == 0.0):
         noise[c] = _noise_without_repeats(y[:, c], noise[c])
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
@@ -354,10 +359,3 @@ def _noise_without_repeats(values: Array, otherwise: float) -> float:
         if d.size >= FEW_MOVING:
             levels.append(float(np.median(d)) / (gain * MEDIAN))
     return min(levels, default=otherwise)
-
-
-def _square_noise(d: Array) -> float:
-    """White noise of one channel from the squares of its differences: their median takes few values
-    below a step. The median over blocks passes over jumps."""
-    blocks = max(1, d.size // BLOCK)
-    return float(np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)])))

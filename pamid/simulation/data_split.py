@@ -247,7 +247,17 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         fit = [Span(r, 0, len(r)) for r in chosen]
         held = [Span(r, 0, len(r)) for r in apart]
     else:
-        fit, held = _divided(rig, sorted(chosen, key=lambda r: place[id(r)]))
+        fit, held = list[Span](), list[Span]()
+        chosen.sort(key=lambda r: place[id(r)])
+        for recording in chosen:
+            if len(recording) >= FEWEST_SAMPLES:
+                fitted, held_out_part = _parts(rig, recording)
+                fit += fitted
+                held += held_out_part
+        # a third of a short episode would be no window
+        episodes = [Span(r, 0, len(r)) for r in chosen if len(r) < FEWEST_SAMPLES]
+        for number, episode in enumerate(episodes):
+            (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
     few = shortfall(*([s.stop - s.start for s in spans] for spans in (fit, held)))
     if few:
         raise DataError(
@@ -264,9 +274,22 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     # these tracks need no time scale: it is computed from them
     whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
     noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
-    jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
+    spreads = np.stack([state_spread(plain, r) for r in by_content])
+    known = np.isfinite(spreads)
+    count = known.sum(axis=0)
+    squares = (np.where(known, spreads, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
+    jump = STATE_JUMP * np.where(count, np.sqrt(squares), np.inf)
     tables = [(t.y, noise, t.period_s) for t in whole]
-    timescale_s = rig.timescale_s or _timescale_s(tables, (fit, held))
+    # at most what leaves enough windows to fit; as far as it is that of the envelope, of either
+    # part
+    fitted_s, held_s = (
+        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part)
+        for part in (fit, held)
+    )
+    ringing_s = min(fitted_s / FIT_WINDOW, held_s / REPLAY_WINDOW) / FEW_WINDOWS
+    timescale_s = rig.timescale_s or timescale_of(
+        tables, fitted_s / FIT_WINDOW / LEAST_WINDOWS, ringing_s
+    )
     growth_s = growth_time_s(
         Assembly(rig, outputs=channels), whole, noise, FIT_WINDOW * timescale_s
     )
@@ -305,27 +328,17 @@ def shortfall_alone(recording: Recording) -> str:
     return shortfall([len(recording)], []) if len(recording) < FEWEST_SAMPLES else ""
 
 
-def _divided(rig: Rig, recordings: Sequence[Data]) -> tuple[list[Span], list[Span]]:
-    """Fitted and held-out spans of recordings, in the order given."""
-    fit, held = list[Span](), list[Span]()
-    for recording in recordings:
-        if len(recording) >= FEWEST_SAMPLES:
-            fitted, held_out = _parts(rig, recording)
-            fit += fitted
-            held += held_out
-    # a third of a short episode would be no window
-    episodes = [Span(r, 0, len(r)) for r in recordings if len(r) < FEWEST_SAMPLES]
-    for number, episode in enumerate(episodes):
-        (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
-    return fit, held
-
-
 def _parts(rig: Rig, recording: Data) -> tuple[list[Span], list[Span]]:
     """Fitted and held-out spans of a recording."""
     edges = [round(k / 10 * len(recording)) for k in range(11)]
     names = [name for name in (*rig.inputs, *rig.outputs) if name in recording.values]
     table = np.stack([recording.values[name] for name in names], axis=1)
-    held = SPREAD_TENTHS if _rests(table, edges[LAST_TENTHS[0]]) else LAST_TENTHS
+    moving = table.std(axis=0) > VISIBLE * noise_level(table)
+    edge = edges[LAST_TENTHS[0]]
+    before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
+    # every moving signal rests in one part, compared with the other
+    rests = moving.any() and ((after < QUIET * before).all() or (before < QUIET * after).all())
+    held = SPREAD_TENTHS if rests else LAST_TENTHS
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
         tenth_spans = list(tenths)
@@ -362,16 +375,6 @@ def _motion(spans: Sequence[Span], channel: str) -> float:
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
 
-def _rests(table: Array, edge: int) -> bool:
-    """Whether every moving signal of a recording, sent or measured (samples x signals), rests
-    before this sample, or from it on, compared with the other part."""
-    moving = table.std(axis=0) > VISIBLE * noise_level(table)
-    before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
-    return bool(moving.any()) and bool(
-        (after < QUIET * before).all() or (before < QUIET * after).all()
-    )
-
-
 def _place(rig: Rig, recording: Data) -> tuple[float, str]:
     """Sort key of a recording: the times of largest motion, summed over the rig's columns. It does
     not depend on units and signs, on the order of the columns, nor on an unused one."""
@@ -384,18 +387,6 @@ def _place(rig: Rig, recording: Data) -> tuple[float, str]:
                 moved = moved / most
                 total += float(np.linspace(0.0, 1.0, len(moved)) @ moved / moved.sum())
     return round(total, ALIKE_DIGITS), recording.sha256
-
-
-def _timescale_s(
-    tables: list[tuple[Array, Array, float]], parts: tuple[list[Span], list[Span]]
-) -> float:
-    """Correlation time of the recordings, at most what leaves enough windows to fit; as far as it
-    is that of the envelope, of either part."""
-    fitted, held = (
-        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
-    )
-    longest, ringing = fitted / FIT_WINDOW, min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
-    return timescale_of(tables, longest / LEAST_WINDOWS, ringing / FEW_WINDOWS)
 
 
 def require_informative(rig: Rig, recording: Data) -> set[str]:
@@ -453,19 +444,6 @@ def _shows_free_response(rig: Rig, recording: Data, channels: list[str]) -> bool
     return run.blown_up < 0 and bool((moves > VISIBLE * noise).any())
 
 
-def _rms_spread(spreads: list[Array]) -> Array:
-    """Root mean square of every state's spread over the recordings that say something of it;
-    infinite where none does."""
-    table = np.stack(spreads)
-    known = np.isfinite(table)
-    count = known.sum(axis=0)
-    return np.where(
-        count,
-        np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)),
-        np.inf,
-    )
-
-
 def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
     """One half of the held-out windows (True): either half reports of what the other would choose.
     losses: of the model without effects, one per window.
@@ -494,13 +472,11 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
         if many % 2:
             first[-1] = True
         dealt.append(first[blocks])
+
+    def imbalance(chosen: NDArray[np.bool_]) -> float:
+        first, other = losses[chosen], losses[~chosen]
+        error, largest = np.log(first.mean() / other.mean()), np.log(first.max() / other.max())
+        return float(abs(error) + 0.5 * abs(largest))
+
     # swapped halves are as balanced as before: the first dealt, whatever unit the last digit is in
-    return min(dealt, key=lambda chosen: round(_imbalance(losses, chosen), ALIKE_DIGITS))
-
-
-def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
-    """Difference of the halves in their error, and in their share of the largest one."""
-    first, other = losses[chosen], losses[~chosen]
-    return float(
-        abs(np.log(first.mean() / other.mean())) + 0.5 * abs(np.log(first.max() / other.max()))
-    )
+    return min(dealt, key=lambda chosen: round(imbalance(chosen), ALIKE_DIGITS))

@@ -57,15 +57,13 @@ def growth_time_s(
     ]
     chosen = np.unique(np.linspace(0, len(windows) - 1, PLACES).round().astype(int))
     looked_at = [windows[k] for k in chosen]
-    runners = {place: _runner(assembly, tracks[place]) for place, _ in looked_at}
+    runners = {}
+    for place in {place for place, _ in looked_at}:
+        t = tracks[place]
+        step = choose_stepping(assembly, t.u, t.p, t.period_s, assembly.start(t.p))
+        runners[place] = Runner(assembly, t, step)
     times = [_time_in(runners[place], window, noise) for place, window in looked_at]
     return min([most_s, *times])
-
-
-def _runner(assembly: Assembly, track: Track) -> Runner:
-    start = assembly.start(track.p)
-    stepping = choose_stepping(assembly, track.u, track.p, track.period_s, start)
-    return Runner(assembly, track, stepping)
 
 
 def _time_in(runner: Runner, window: Window, noise: Array) -> float:

@@ -77,18 +77,13 @@ def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
     return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
 
 
-def _over(term: Effect) -> str:
-    """The signal that a term is a curve over, "" where it is none."""
-    over = getattr(term, "over", "")
-    return over if isinstance(over, str) else str(over[0])
-
-
 def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
+    # the signal that a term is a curve over, "" where it is none
     curves = [
-        (port, term.name, over)
+        (port, term.name, over if isinstance(over, str) else str(over[0]))
         for port, terms in _listed(rig).items()
         for term in terms
-        if (over := _over(term))
+        if (over := getattr(term, "over", ""))
     ]
     if not curves or isinstance(rig, StepRig):
         return []

@@ -139,7 +139,12 @@ def estimate_initial_state(
             best = other if other.cost < best.cost - TURNED else best
     followed = _Followed.of(problem) if best.cost > TURNED * problem.y.size else None
     if followed is not None:
-        for x in (carried, _plain_start(followed)):
+        plain, memory = followed.plain, followed.plain_memory
+        # the start at which the rig without the effects at its readings fits the window
+        without, _ = estimate_initial_state(
+            plain, memory, window, followed.plain_p, followed.weight, carried, None
+        )
+        for x in (carried, without):
             begun = followed.at(x)
             if np.isfinite(begun.cost):
                 x = iterate(followed, Iteration(begun, followed.rule.start), steps).point.x
@@ -245,16 +250,3 @@ class _Followed(_InitialState):
         missed = np.abs(r) > MISSED
         flat = (np.abs(A[:, :n]) < FLAT * np.abs(B[:, :n])).any(axis=1)
         return np.where((flat & missed)[:, None], B[:, :n], A[:, :n])
-
-
-def _plain_start(followed: _Followed) -> Array:
-    """The start at which the rig without the effects at its readings fits the window."""
-    return estimate_initial_state(
-        followed.plain,
-        followed.plain_memory,
-        followed.window,
-        followed.plain_p,
-        followed.weight,
-        followed.carried,
-        None,
-    )[0]
