@@ -28,7 +28,7 @@ from pamid.simulation.free_runs import (
     free_run,
     known_values,
 )
-from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
@@ -153,7 +153,7 @@ def _shown_start(runner: Runner, p: Array) -> Array:
     noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
     weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
     start, n = memory.x.copy(), runner.start_states
-    start[:n] = state_from_readings(runner, memory, window, p, weight, start[:n])
+    start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
     return start
 
 

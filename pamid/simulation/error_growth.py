@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.model.assembly import Assembly
 from pamid.simulation.free_runs import choose_stepping
-from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -73,7 +73,7 @@ def _time_in(runner: Runner, window: Window, noise: Array) -> float:
         return np.inf
     weight = np.where(track.seen, 1.0 / noise, 0.0)
     memory = runner.memory(track.p)
-    x = state_from_readings(runner, memory, window, track.p, weight, memory.x[:n])
+    x = WindowStart.of(runner, memory, window, track.p, weight, memory.x[:n]).from_readings()
     runner.enter(memory, x)
     Y, J, _ = runner.run(memory, window, track.p, True, weight)
     size = np.sqrt((J.reshape(*Y.shape, -1)[:, :, :n] ** 2).sum(axis=1))

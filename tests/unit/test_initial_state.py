@@ -18,7 +18,7 @@ from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import FIT_WINDOW, split_recordings
 from pamid.simulation.error_growth import GROWTH_LIMIT, growth_time_s
 from pamid.simulation.free_runs import free_run
-from pamid.simulation.initial_state import estimate_initial_state
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
@@ -93,9 +93,9 @@ def test_start_is_found_far_from_the_rest_through_a_known_map() -> None:
     runner = Runner(model, track, Stepping(2))
     memory = runner.memory(track.p)
     window = Window(0, 120)
-    x, usable = estimate_initial_state(
-        runner, memory, window, track.p, np.full(2, 1.0 / NOISE), memory.x.copy(), None
-    )
+    x, usable = WindowStart.of(
+        runner, memory, window, track.p, np.full(2, 1.0 / NOISE), memory.x.copy()
+    ).estimate()
     assert usable
     assert x == pytest.approx(FAR, abs=0.01)
     runner.enter(memory, x)
