@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
-from pamid.model.registry import in_catalogue, name_of, noted_effects, noted_rig
+from pamid.model.registry import name_of, noted_effects, noted_rig
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_replaced
 from pamid.networks.trained_network import TrainedNetwork, load_network
@@ -45,7 +44,7 @@ from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile, FittedModel, RecordingUsed
 from pamid.simulation.free_runs import noisy_inputs, sensor_noise
 from pamid.simulation.rig_data import Data, data_of
-from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop
+from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop, stated_tables
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
@@ -285,16 +284,7 @@ def record_identified(
         **excitation.columns,
         **{name: values + jitter.get(name, 0.0) for name, values in clean.items()},
     }
-    meta: dict[str, Any] = {
-        "recording": {
-            **({"rig": model.source} if in_catalogue(model.source) else {}),
-            "loop": "closed" if closed else "open",
-            "sampling_period_s": excitation.sampling_period_s,
-        }
-    }
-    meta |= {"known": known} if known else {}
-    meta |= {"controller": settings} if closed else {}
-    meta |= {"between": excitation.between} if excitation.between else {}
+    meta = stated_tables(model.source, excitation, known, settings if closed else None)
     remarks = (*model.notes, *form_remarks(rig, excitation, columns))
     return VirtualRecording(columns, meta, [a.label for a in model.effects], remarks)
 

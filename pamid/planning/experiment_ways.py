@@ -244,23 +244,18 @@ def ways_to_run(
 
 def _ways(evidence: DataSplit, bench: Bench) -> Iterator[list[Bench]]:
     """Of every amplitude and rate: whole, then with ever more of its slow part taken off."""
+    # about the recorded mean, where the rig stayed in its recorded range, and no larger than before
+    balanced = {}
+    for name, (centre, half) in bench.driven.items():
+        mean = float(np.concatenate([r.shown(name) for r in evidence.recordings]).mean())
+        balanced[name] = mean, max(half - abs(mean - centre), 0.0)
     for share, passes in WAYS:
         whole = {k: (c, share * h) for k, (c, h) in bench.driven.items()}
-        level = {k: (c, share * h) for k, (c, h) in _balanced(evidence, bench).items()}
+        level = {k: (c, share * h) for k, (c, h) in balanced.items()}
         yield [
             replace(bench, driven=whole, passes=passes),
             *(replace(bench, driven=level, passes=passes, washed=w) for w in WASHOUTS),
         ]
-
-
-def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float]]:
-    """Excitation about the recorded mean, where the rig stayed in its recorded range, and no larger
-    than before."""
-    ranges = {}
-    for name, (centre, half) in bench.driven.items():
-        mean = float(np.concatenate([r.shown(name) for r in evidence.recordings]).mean())
-        ranges[name] = mean, max(half - abs(mean - centre), 0.0)
-    return ranges
 
 
 def _leaving(evidence: DataSplit, recordings: list[Recording | None]) -> list[PredictedReach]:

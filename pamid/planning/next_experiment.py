@@ -34,7 +34,6 @@ from pamid.excitation.experiments import (
     MOST_EXPERIMENT_SAMPLES,
     PASS_S,
     Bench,
-    Experiment,
     commanded,
     menu,
 )
@@ -405,10 +404,22 @@ def _proposal(
     bench, columns, settings = way.bench, way.columns, tuple(s for s in way.settings if s)
     models = models_to_keep(d, pairs)
     predicted = "" if bench.command else predicted_text(predictions, way, models)
+    # the excitation, the changes between repetitions, and where the models should differ
+    repeated = " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
+    worst = int(np.argmax(separation))
+    why = [
+        way.experiment.reason(d.evidence.rig),
+        f"with {repeated}" if settings else "",
+        "simulated on the fitted models, the nearest two differ most in "
+        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise",
+        ""
+        if separation[worst] >= VISIBLE_SEPARATION
+        else "nothing on the menu sets them apart clearly",
+    ]
     files = NEXT_FILES[: max(len(settings), 1)]
     experiment = NextExperiment(
         name=way.experiment.name,
-        why=_why(d, way.experiment, settings, separation),
+        why="; ".join(filter(None, why)),
         separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
         expected_separation=_rms(separation),
         minutes=way.minutes,
@@ -432,24 +443,3 @@ def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> d
         meta["recording"]["rig"] = first.rig
     meta |= {"known": bench.known} if bench.known else {}
     return meta | ({"controller": controller_of(evidence)} if closed else {})
-
-
-def _why(
-    d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
-) -> str:
-    """Description of the excitation, of changes between repetitions, and of where the models should
-    differ."""
-    parts = [e.reason(d.evidence.rig)]
-    if settings:
-        parts.append(
-            "with "
-            + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
-        )
-    worst = int(np.argmax(separation))
-    parts.append(
-        "simulated on the fitted models, the nearest two differ most in "
-        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise"
-    )
-    if separation[worst] < VISIBLE_SEPARATION:
-        parts.append("nothing on the menu sets them apart clearly")
-    return "; ".join(parts)
