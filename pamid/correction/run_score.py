@@ -223,7 +223,7 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
         }
         measured = data.shown(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if _has_loop(available.refitted.assembly.rig, data):
+    if data.runs_in_loop(available.refitted.assembly.rig):
         loops = {}
         for name, model in available.every:
             runs.next(name, recording)
@@ -243,14 +243,6 @@ def _rows(available: _Models, recording: Recording, runs: _Counted) -> Iterator[
 
 def _own(values: Array, channel: str) -> Array:
     return np.asarray(from_si(values, split_column(channel)[1]))
-
-
-def _has_loop(rig: Rig, recording: Data) -> bool:
-    return bool(
-        recording.loop == "closed"
-        and rig.loops
-        and all(q.reference in recording.values for q in rig.loops)
-    )
 
 
 def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None:

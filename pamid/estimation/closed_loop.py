@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pamid.base.units import from_si, split_column, with_unit
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
-from pamid.model.rig import Loop, Rig
+from pamid.model.rig import Loop
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import Span
 from pamid.simulation.free_runs import free_run
@@ -30,7 +30,7 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
     velocity and acceleration, and the command.
     """
     rig = g.evidence.rig
-    if not _has_loop(rig, r):
+    if not r.runs_in_loop(rig):
         return None
     settings = {**rig.controller, **r.controller}
     a = Assembly(
@@ -52,12 +52,6 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
     if run.blown_up >= 0:
         return None
     return {n: from_si(run.outputs[:, i], split_column(n)[1]) for i, n in enumerate(run.names)}
-
-
-def _has_loop(rig: Rig, r: Data) -> bool:
-    return bool(
-        r.loop == "closed" and rig.loops and all(q.reference in r.values for q in rig.loops)
-    )
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
@@ -100,7 +94,7 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
     rows = []
     for span in g.evidence.held_out:
         r, part = span.recording, slice(span.start, span.stop)
-        if not _has_loop(g.evidence.rig, r):
+        if not r.runs_in_loop(g.evidence.rig):
             continue
         runs = {name: loop_run(model, r, p) for name, (model, p) in models.items()}
         for c in g.evidence.channels:
@@ -127,7 +121,7 @@ def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
     if not loops:
         return []
     run = loop_run(g, span.recording, g.fit.p)
-    n, period = span.stop - span.start, span.recording.sampling_period_s
+    n, period = len(span), span.recording.sampling_period_s
     out: list[Array] = []
     for q in loops:
         if run is None:

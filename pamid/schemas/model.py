@@ -26,6 +26,7 @@ from pydantic import (
     FailFast,
     Field,
     GetJsonSchemaHandler,
+    InstanceOf,
     PlainValidator,
     ValidationError,
     ValidationInfo,
@@ -94,13 +95,6 @@ def _count(value: Any) -> int:
     return int(float(value))
 
 
-def _text(value: Any) -> str:
-    # not pydantic's own: a path may hold bytes that are no UTF-8, as lone surrogates
-    if not isinstance(value, str):
-        raise expected("a text")
-    return value
-
-
 def _flag(value: Any) -> bool:
     plain = value.item() if hasattr(value, "item") else value  # of NumPy
     if not isinstance(plain, bool):
@@ -110,7 +104,8 @@ def _flag(value: Any) -> bool:
 
 Number = Annotated[float, PlainValidator(number), WithJsonSchema({"type": "number"})]
 Count = Annotated[int, PlainValidator(_count), WithJsonSchema({"type": "integer"})]
-Text = Annotated[str, PlainValidator(_text), WithJsonSchema({"type": "string"})]
+# not pydantic's own check: a path may hold bytes that are no UTF-8, as lone surrogates
+Text = Annotated[str, InstanceOf()]
 Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"})]
 
 
@@ -302,6 +297,7 @@ def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = (
 
 
 _EXPECTED = {
+    "is_instance_of": "a text",
     "model_type": "an object",
     "dict_type": "an object",
     "tuple_type": "a list",

@@ -66,6 +66,13 @@ class Span:
     start: int
     stop: int
 
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def seconds(self) -> float:
+        return len(self) * self.recording.sampling_period_s
+
 
 @dataclass(frozen=True)
 class DataSplit:
@@ -95,7 +102,7 @@ class DataSplit:
         """Tracks for this assembly; known parameters of a recording are held in each. A held-out
         part is led in by samples before it, from which its state is found."""
         tracks, role = list[Track](), self.held_out if held_out else self.fit
-        samples = sum(s.stop - s.start for s in role)
+        samples = sum(map(len, role))
         for span in role:
             lead = min(span.start, self._lead(assembly, span)) if held_out else 0
             first = span.start - lead
@@ -110,7 +117,7 @@ class DataSplit:
                 self.timescale_s,
                 first,
                 lead,
-                (span.stop - span.start) / samples,
+                len(span) / samples,
             )
             tracks.append(track)
         return tuple(tracks)
@@ -158,7 +165,7 @@ class DataSplit:
     def used_s(self) -> tuple[float, float]:
         """Duration of what is fitted and held out together, and of all recordings (s)."""
         spans = (*self.fit, *self.held_out)
-        used = sum((s.stop - s.start) * s.recording.sampling_period_s for s in spans)
+        used = sum(s.seconds for s in spans)
         return used, sum(len(r) * r.sampling_period_s for r in self.recordings)
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
@@ -258,7 +265,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         episodes = [Span(r, 0, len(r)) for r in chosen if len(r) < FEWEST_SAMPLES]
         for number, episode in enumerate(episodes):
             (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
-    few = shortfall(*([s.stop - s.start for s in spans] for spans in (fit, held)))
+    few = shortfall(list(map(len, fit)), list(map(len, held)))
     if few:
         raise DataError(
             f"{', '.join(str(r.path) for r in everything)}: {few}",
@@ -282,10 +289,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     tables = [(t.y, noise, t.period_s) for t in whole]
     # at most what leaves enough windows to fit; as far as it is that of the envelope, of either
     # part
-    fitted_s, held_s = (
-        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part)
-        for part in (fit, held)
-    )
+    fitted_s, held_s = (sum(s.seconds for s in part) for part in (fit, held))
     ringing_s = min(fitted_s / FIT_WINDOW, held_s / REPLAY_WINDOW) / FEW_WINDOWS
     timescale_s = rig.timescale_s or timescale_of(
         tables, fitted_s / FIT_WINDOW / LEAST_WINDOWS, ringing_s
@@ -351,7 +355,7 @@ def _stretches(
 ) -> tuple[Span, ...]:
     """Stretches of these spans, evenly spread, of so many correlation times at most in all and at
     least each; a span that would not give such a one stays whole."""
-    times = [(s.stop - s.start) * s.recording.sampling_period_s / timescale_s for s in spans]
+    times = [s.seconds / timescale_s for s in spans]
     share = most / sum(times)
     if share >= 1.0:
         return spans
@@ -361,7 +365,7 @@ def _stretches(
         if number == 0:
             stretches.append(s)
             continue
-        length = int(share * (s.stop - s.start)) // number
+        length = int(share * len(s)) // number
         for first in np.linspace(s.start, s.stop - length, number).astype(int).tolist():
             stretches.append(Span(s.recording, first, first + length))
     return tuple(stretches)

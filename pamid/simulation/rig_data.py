@@ -61,6 +61,11 @@ class Data(Recording):
         missing = np.full(len(self), np.nan)
         return np.stack([self.values.get(name, missing) for name in names], axis=1)
 
+    def runs_in_loop(self, rig: Rig) -> bool:
+        """Whether it was recorded under the controller of the rig, with every reference."""
+        references = [q.reference for q in rig.loops]
+        return self.loop == "closed" and bool(references) and self.values.keys() >= {*references}
+
     def measured(self, rig: Rig) -> tuple[str, ...]:
         """The rig's outputs that were recorded; FileError if none was."""
         names = tuple(name for name in rig.outputs if name in self.values)

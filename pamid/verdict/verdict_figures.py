@@ -53,7 +53,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         where=_where(d, isolable, port, shares),
         how_far=reached,
         transfer=transfer(d),
-        parameters=_rig_parameters(final),
+        parameters={b.name: e for b, e in reported_parameters(final.fit).items() if not b.owner},
         background=_background(d, final),
         unknown=unknown if d.cause is None else None,
         notes=(*unexplained(reached), *notes, *roughness(d, remainder)),
@@ -424,10 +424,6 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
         k: result.Pull(pull=v, share_of_gap=gained * v**2 / everything if everything > 0 else 0.0)
         for k, v in pulls.items()
     }
-
-
-def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
-    return {b.name: e for b, e in reported_parameters(model.fit).items() if not b.owner}
 
 
 def _parameters(c: CandidateModel, label: str) -> dict[str, result.Estimate]:
