@@ -20,9 +20,10 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, repr=False)
 class Data(Recording):
     """A recording of a rig. values: samples (n,) in SI by the rig's name of the column, of its
-    inputs, outputs and loops."""
+    inputs, outputs and loops; unused: columns that the rig has no name for."""
 
     values: dict[str, Array] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     def shown(self, name: str) -> Array:
         """Samples of a column of the rig, in the unit of its name."""
@@ -83,10 +84,12 @@ class Data(Recording):
 def data_of(rig: Rig, recording: Recording) -> Data:
     """The recording by the rig's names; FileError for a column in a unit of another quantity."""
     loops = (name for q in rig.loops for name in (q.command, q.reference, q.reading))
-    values = {}
+    values, used = {}, set()
     for name in dict.fromkeys((*rig.inputs, *rig.optional, *rig.outputs, *loops)):
         column = match_column(recording.columns, name)
         if column is not None:
             si = to_si(recording.columns[column], split_column(column)[1])
             values[name] = np.asarray(si, dtype=np.float64)
-    return Data(**{**vars(recording), "values": values})
+            used.add(column)
+    unused = tuple(name for name in recording.columns if name not in used)
+    return Data(**{**vars(recording), "values": values, "unused": unused})
