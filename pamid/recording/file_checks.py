@@ -248,8 +248,15 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> d
                 f"Write [{title}] on a line of its own, its entries below.",
                 code="toml",
             )
-        else:
-            warnings += _unknown_keys(source, title, table)
+        elif (valid := _KEYS[title]) is not None:
+            # a rig of one's own may have its gains in other units: only what they are is held
+            # against the list
+            stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
+            warnings += [
+                f"{source}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip()
+                for key in table
+                if key not in valid and split_column(key)[0] not in stems
+            ]
     about = tables.get("recording", {})
     loop = _text(source, about, "loop")
     if loop not in (None, "closed", "open"):
@@ -328,20 +335,6 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _unknown_keys(path: Path, title: str, table: dict[str, Any]) -> list[str]:
-    valid = _KEYS[title]
-    if valid is None:
-        return []
-    # a rig of one's own may have its gains in other units: only what they are is held against the
-    # list
-    stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
-    unknown = [key for key in table if key not in valid and split_column(key)[0] not in stems]
-    return [
-        f"{path}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip()
-        for key in unknown
-    ]
 
 
 def _text(path: Path, table: dict[str, Any], key: str) -> str | None:

@@ -299,7 +299,11 @@ def _shared_but_scaled(
             return None
         gain, offset = line
         noise = min(table[n].noise, abs(gain) * other[n].noise)
-        same &= _around(((a - offset - gain * b) / noise) ** 2) <= COPY_SHARE**2
+        squares = ((a - offset - gain * b) / noise) ** 2
+        # mean over half a block around every sample
+        window = np.ones(min(LINE_SAMPLES // 2 + 1, size))
+        counted = np.convolve(np.ones(size), window, "same")
+        same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
         if table[n].shows_noise and other[n].shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
     return _longest(same, moves, start)
@@ -323,14 +327,6 @@ def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
     dx = x - x.mean()
     slope = float(dx @ (y - y.mean()) / (dx @ dx))
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _around(values: Array) -> Array:
-    """Mean over half a block around every sample."""
-    window = np.ones(min(LINE_SAMPLES // 2 + 1, len(values)))
-    return np.asarray(
-        np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
-    )
 
 
 def _longest(
