@@ -35,7 +35,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.free_runs import choose_stepping, input_table
+from pamid.simulation.free_runs import choose_stepping
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -122,7 +123,7 @@ class Setting:
 
 def setting(assembly: Assembly, recording: Recording) -> Setting:
     p = assembly.values({"inertia_kg_m2": 0.0896, **SPECIMEN})
-    u = input_table(assembly, recording)
+    u = data_of(assembly.rig, recording).inputs(assembly)
     return Setting(assembly, u, p, choose_stepping(assembly, u, p, PERIOD_S, assembly.start(p)))
 
 
@@ -139,7 +140,7 @@ def of_the_rig(s: Setting) -> Setting:
 def problem_of(recording: Recording, background: bool) -> Problem:
     """The fit of a recording, with the background's terms or without."""
     a = Assembly(rig_named("one-dof"), background=background)
-    track = track_of(a, recording, a.program.outputs)
+    track = track_of(a, data_of(a.rig, recording), a.program.outputs)
     return Problem(a, (track,), free_parameters(a, (track,)))
 
 

@@ -24,7 +24,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
-from pamid.simulation.initial_state import estimate_initial_state
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.virtual_rig import attach_specs
 from pamid.simulation.windows import Runner, Window, cut
@@ -53,7 +53,7 @@ def evidence(rig: str, record: Path) -> DataSplit:
     """The whole record, to fit; nothing of it is held out."""
     recording = read_recording(record)
     split = split_recordings(rig_named(rig), [recording], [])
-    whole = (Span(recording, 0, len(recording)),)
+    whole = (Span(split.recordings[0], 0, len(recording)),)
     return replace(split, fit=whole, held_out=whole)
 
 
@@ -111,9 +111,9 @@ class Free:
         p = runner.parameters(self.p)
         memory = runner.memory(p)
         first = Window(0, len(y0))
-        x, usable = estimate_initial_state(
-            runner, memory, first, p, 1.0 / self.noise, self.carried, None, steps=30
-        )
+        x, usable = WindowStart.of(
+            runner, memory, first, p, 1.0 / self.noise, self.carried
+        ).estimate(steps=30)
         runner.enter(memory, x if usable else self.carried)
         Y, _, _ = runner.run(memory, Window(0, len(u)), p, False)
         return np.asarray(Y[:, 0])

@@ -13,9 +13,9 @@ from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import progress_steps
 from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
-from pamid.planning.detectable_effects import EffectPower, experiment_power
+from pamid.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
-from pamid.schemas.power_file import PowerFile, ShownEffect, UsualAmount
+from pamid.schemas.power_file import PowerFile, ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -35,8 +35,7 @@ class PowerResult(PowerFile):
 
     @property
     def showing(self) -> tuple[str, ...]:
-        usual = self.sizes.index(1.0)
-        return tuple(e.effect for e in self.effects if e.visible and e.visible[usual] >= self.seen)
+        return tuple(e.effect for e in self.effects if e.visible and e.visible[USUAL] >= SEEN)
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -119,45 +118,18 @@ def power(arguments: PowerArguments) -> PowerResult:
     recording = recorded(source, simulated, SIGNIFICANT_DIGITS)
     split = split_recordings(rig_named(rig), [recording], [])
     # nothing is chosen here: all of it counts as fitted
-    split = replace(split, fit=(Span(recording, 0, len(recording)),))
+    split = replace(split, fit=(Span(split.recordings[0], 0, len(recording)),))
     catalogue, _ = effects_with(effects_given(a.effects))
     with progress_steps(a.progress, "power") as (show, _), worker_pool(a.jobs) as pool:
-        detectability = experiment_power(split, catalogue, pool=pool, progress=show)
-    usual = detectability.sizes.index(1.0)
-    plainest_first = sorted(
-        detectability.effects, key=lambda e: (-(e.visible[usual] if e.visible else 0.0), e.effect)
-    )
+        shown = experiment_power(split, catalogue, pool=pool, progress=show)
     return PowerResult(
         rig=split.rig.name,
         excitation=str(source.path),
-        seconds=detectability.seconds,
+        seconds=len(recording) * recording.sampling_period_s,
         noise=a.noise,
         seed=a.seed,
-        channels=detectability.channels,
-        sizes=detectability.sizes,
-        seen=detectability.seen,
-        effects=tuple(_shown(e, detectability.least(e)) for e in plainest_first),
-    )
-
-
-def _shown(e: EffectPower, least: float | None) -> ShownEffect:
-    """Entry of an effect; least: smallest multiple of its usual size that shows."""
-    amount = None
-    if e.amount is not None:
-        amount = UsualAmount(
-            parameter=e.amount.name,
-            unit=e.amount.unit,
-            usual=e.amount.usual,
-            least=None if least is None else least * e.amount.usual,
-        )
-    return ShownEffect(
-        effect=e.effect,
-        family=e.family,
-        port=e.port,
-        amount=amount,
-        visible=e.visible,
-        standard_errors=e.errors,
-        by_channel=e.by_channel or {},
-        confused=e.confused,
-        failed=e.failed,
+        channels=split.channels,
+        sizes=SIZES,
+        seen=SEEN,
+        effects=shown,
     )

@@ -129,14 +129,9 @@ def _word(status: os.stat_result) -> str:
 
 def size_words(count: int) -> str:
     """A number of bytes in the largest unit that it fills: "1.5 GiB"."""
-    return next(
-        (
-            f"{count / size:.4g} {unit}"
-            for size, unit in ((GIB, "GiB"), (MIB, "MiB"))
-            if count >= size
-        ),
-        f"{count} bytes",
-    )
+    if count < MIB:
+        return f"{count} bytes"
+    return f"{count / GIB:.4g} GiB" if count >= GIB else f"{count / MIB:.4g} MiB"
 
 
 # ---- writing -----------------------------------------------------------------------------------
@@ -197,7 +192,10 @@ def replace_together(made: Mapping[Path, Path]) -> None:
         for target in list(made)[:-1]:
             if os.path.lexists(target):
                 backups[target] = temporary_of(target)
-                _second_name(target, backups[target])
+                try:
+                    os.link(target, backups[target], follow_symlinks=False)
+                except OSError:  # no such links on this disk
+                    shutil.copy2(target, backups[target], follow_symlinks=False)
         for target, temporary in made.items():
             begun.append(target)
             os.replace(temporary, target)
@@ -252,13 +250,6 @@ def _require_replaceable(target: Path) -> None:
                 "Give another name.",
                 code="write",
             )
-
-
-def _second_name(target: Path, name: Path) -> None:
-    try:
-        os.link(target, name, follow_symlinks=False)
-    except OSError:  # no such links on this disk
-        shutil.copy2(target, name, follow_symlinks=False)
 
 
 # ---- removing ----------------------------------------------------------------------------------

@@ -40,35 +40,6 @@ def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
     )
 
 
-def shrinkage(before: float, after: float) -> float:
-    """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never
-    was one."""
-    if not (math.isfinite(before) and math.isfinite(after)) or before < 0 or after < 0:
-        raise DataError(
-            f"A shrinkage needs two finite errors >= 0, not {before:g} and {after:g}.",
-            code="not-finite",
-        )
-    if before == 0.0:
-        if after == 0.0:
-            return 0.0
-        raise DataError(
-            "There was no error to shrink: the first model already fits exactly.", code="no-error"
-        )
-    return 1.0 - after / before
-
-
-def block_sums(loss: ArrayLike, block: int) -> FloatArray:
-    """Sums of a loss per sample over successive blocks of `block` samples; a shorter rest joins the
-    last block."""
-    values = np.asarray(loss, dtype=float)
-    if block < 1 or values.ndim != 1 or values.size == 0:
-        raise DataError(
-            f"Blocks of {block} samples cannot be made from {values.size} values.", code="blocks"
-        )
-    starts = np.arange(0, max(values.size - block, 0) + 1, block)
-    return np.add.reduceat(values, starts)
-
-
 #: of the largest value: digits of a file and the rounding of a conversion, no motion
 SAME_DIGITS = 1e-9
 
@@ -174,13 +145,12 @@ def moving_block_interval(
 ) -> tuple[float, float]:
     """Moving-block bootstrap interval of sum(numerator) / sum(denominator).
 
-    numerator, denominator: the two losses per block of time, shape (n,), n >= 2, e.g. from
-    `block_sums`. Runs of `block_length` successive entries (default n**(1/3), at least 1) are drawn
-    together with replacement, wrapping round the end so that no entry is drawn less often; errors
-    close in time are alike and must not count as separate witnesses. Returns (low, high),
-    percentiles of `resamples` draws; widened: farther apart where there are few entries
-    (`few_entries_factor`). Source: Kuensch (1989), Annals of Statistics 17(3); circular form
-    Politis and Romano (1992).
+    numerator, denominator: the two losses per block of time, shape (n,), n >= 2. Runs of
+    `block_length` successive entries (default n**(1/3), at least 1) are drawn together with
+    replacement, wrapping round the end so that no entry is drawn less often; errors close in time
+    are alike and must not count as separate witnesses. Returns (low, high), percentiles of
+    `resamples` draws; widened: farther apart where there are few entries (`few_entries_factor`).
+    Source: Kuensch (1989), Annals of Statistics 17(3); circular form Politis and Romano (1992).
     """
     above, below = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
     if above.ndim != 1 or above.shape != below.shape or above.size < 2:
@@ -205,23 +175,6 @@ def moving_block_interval(
         middle = float(above.sum() / below.sum())
         low, high = middle - wider * (middle - low), middle + wider * (high - middle)
     return float(low), float(high)
-
-
-def shrinkage_interval(
-    before: ArrayLike,
-    after: ArrayLike,
-    *,
-    block_length: int | None = None,
-    level: float = 0.95,
-    resamples: int = 2000,
-    seed: int = 0,
-) -> tuple[float, float]:
-    """Interval (low, high) of the shrinkage 1 - sum(after) / sum(before), from the losses per block
-    of time."""
-    low, high = moving_block_interval(
-        after, before, block_length=block_length, level=level, resamples=resamples, seed=seed
-    )
-    return 1.0 - high, min(1.0 - low, 1.0)
 
 
 def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:

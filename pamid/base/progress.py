@@ -108,7 +108,9 @@ class ProgressLine:
     ) -> None:
         self._label, self._total = label, total
         self._stream = stream if stream is not None else sys.stderr
-        self._live = self._stream is not None and _updates(self._stream)
+        # a carriage return brings the line back in a terminal and in a notebook
+        notebook = type(self._stream).__module__.startswith("ipykernel.")
+        self._live = self._stream is not None and (self._stream.isatty() or notebook)
         self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
@@ -158,7 +160,11 @@ class ProgressLine:
         if self._stages:
             count = f"{self._reached + 1} of {len(self._stages)}, "
             # how many rounds are still to come nobody knows before they are done
-            stage = f", a further round{stage}" if self._again else self._overall(spent)
+            if self._again:
+                stage = f", a further round{stage}"
+            else:  # if shares are as usual
+                left = _time_left(spent, self._share)
+                stage = f", {100 * self._share:.0f} %, about {left} left" if left else ""
         elif self._total and done > 0:
             stage = f", {100 * done // self._total} %"
             if left := _time_left(spent, done / self._total):
@@ -196,11 +202,6 @@ class ProgressLine:
         part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
         before = sum(stage.share for stage in self._stages[: own[0]])
         self._share = max(self._share, before + part * self._stages[own[0]].share)
-
-    def _overall(self, spent: float) -> str:
-        """Percent of the whole, and about how long the rest takes, if shares are as usual."""
-        left = _time_left(spent, self._share)
-        return f", {100 * self._share:.0f} %, about {left} left" if left else ""
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""
@@ -240,8 +241,3 @@ def _time_text(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
     return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
-
-
-def _updates(stream: TextIO) -> bool:
-    """Does a carriage return bring its line back: a terminal's, or a notebook's?"""
-    return stream.isatty() or type(stream).__module__.startswith("ipykernel.")

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.base.files import (
@@ -31,9 +31,6 @@ from pamid.base.files import (
 )
 from pamid.base.json_file import json_text, read_json, write_json
 
-if TYPE_CHECKING:
-    from pamid.schemas.run_file import InputFile
-
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
 NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
@@ -43,7 +40,7 @@ FIGURES_FOLDER = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"
 _BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
-_PACKAGES = (
+_PACKAGES = [
     "pamid",
     "numpy",
     "scipy",
@@ -53,7 +50,7 @@ _PACKAGES = (
     "torch",
     "pysindy",
     "matplotlib",
-)
+]
 
 
 @dataclass(frozen=True)
@@ -89,20 +86,8 @@ class Run:
         old = _written(path)
         from pamid.schemas.run_file import RunFile  # not to be loaded by what only opens a run
 
-        begun = RunFile(
-            command=tuple(_command_line(command)),
-            seed=seed,
-            options=dict(options or {}),
-            inputs=_inputs(inputs),
-            versions=_versions(),
-            platform=platform.platform(),
-            begun=_now(),
-            ended=None,
-            outcome=None,
-            steps=(),
-            files=(),
-        )
-        record = begun.as_json()
+        begun = _begun(command, seed, inputs, options)
+        record = RunFile(**begun, platform=platform.platform(), steps=(), files=()).as_json()
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -257,16 +242,7 @@ class Run:
         record = self.record
         from pamid.schemas.run_file import Step
 
-        step = Step(
-            command=tuple(_command_line(command)),
-            seed=seed,
-            options=dict(options or {}),
-            inputs=_inputs(inputs),
-            versions=_versions(),
-            begun=_now(),
-            ended=None,
-            outcome=None,
-        )
+        step = Step(**_begun(command, seed, inputs, options))
         steps = [*record.get("steps", []), step.as_json()]
         write_json(self.folder / "run.json", {**record, "steps": steps})
         sweep(self.folder)
@@ -363,10 +339,23 @@ def _hashes(inputs: Sequence[str | Path]) -> list[dict[str, str]]:
     return [{"path": str(path), "sha256": sha256_of(path)} for path in inputs]
 
 
-def _inputs(inputs: Sequence[str | Path]) -> tuple[InputFile, ...]:
-    from pamid.schemas.run_file import InputFile
-
-    return tuple(InputFile(**hash_) for hash_ in _hashes(inputs))
+def _begun(
+    command: str | Sequence[str],
+    seed: int | None,
+    inputs: Sequence[str | Path],
+    options: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    """What a run and a step of it hold when they begin."""
+    return {
+        "command": tuple(_command_line(command)),
+        "seed": seed,
+        "options": dict(options or {}),
+        "inputs": _hashes(inputs),
+        "versions": _versions(),
+        "begun": _now(),
+        "ended": None,
+        "outcome": None,
+    }
 
 
 def _versions() -> dict[str, str]:

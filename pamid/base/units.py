@@ -105,6 +105,7 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
 )
 _RARE = ("us", "ms", "um")  # parts of products in which nobody measures
 _DISPLAY = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "Pa": "kPa", "Pa/s": "kPa/s"}
+_NO_BRACKETS = str.maketrans("()", "  ")
 _FACTOR = re.compile(r"([A-Za-z]+|1)(?:\^?(\d+)|\^-(\d+))?")
 _OTHER_SPELLINGS = {
     "**": "^",
@@ -144,21 +145,24 @@ def unit(symbol: str) -> Unit:
     FileError if unknown."""
     text = " ".join(symbol.split()) or NONE
     above, below = _split_fraction(text)
-    if not _plainly_written(text):
-        text = _join_symbol(above, below)
-    factor, offset, dimension = 1.0, 0.0, list(_DIMENSIONLESS)
+    words = [word for word in re.split(r"[\s/()]+", text) if word and word != NONE]
+    if not all(word.rstrip("0123456789") in _ATOMS for word in words):
+        text = _join_symbol(above, below)  # as pamid writes it
+    factor, offset = 1.0, 0.0
     for sign, part in ((1, above), (-1, below)):
         for atom, exponent in part:
-            scale, shift, exponents = _ATOMS[atom]
+            scale, shift, _ = _ATOMS[atom]
             factor *= scale ** (sign * exponent)
             offset += shift
-            dimension = [
-                old + sign * exponent * new for old, new in zip(dimension, exponents, strict=True)
-            ]
     if offset and len(above) + len(below) > 1:
         offset = 0.0  # in a product a degree Celsius is a difference of temperature
-    key = tuple(dimension)
-    return Unit(text, _join_suffix(above, below), factor, offset, _quantity(key, text), key)
+    dimension = _dimension([*above, *((atom, -n) for atom, n in below)])
+    known = dict(_QUANTITIES)
+    alike = (name for symbol, name in _QUANTITIES if _dimension_of(symbol) == dimension)
+    quantity = known.get(text) or next(alike, text)
+    suffix = _join_symbol(above, below).lower().translate(_NO_BRACKETS).replace("/", " per ")
+    suffix = "_".join(suffix.removeprefix(NONE).split())
+    return Unit(text, suffix, factor, offset, quantity, dimension)
 
 
 def is_unit(symbol: str) -> bool:
@@ -232,11 +236,11 @@ def divided_name(name: str) -> str:
     if below or not moved or not factors:
         return ""
     meant = _join_symbol(factors, moved)
-    return with_unit(stem, meant) if _is_quantity(meant) and not _is_quantity(written) else ""
-
-
-def _is_quantity(symbol: str) -> bool:
-    return any(_dimension_of(known) == unit(symbol).dimension for known, _ in _QUANTITIES)
+    named, unnamed = (
+        any(_dimension_of(known) == unit(symbol).dimension for known, _ in _QUANTITIES)
+        for symbol in (meant, written)
+    )
+    return with_unit(stem, meant) if named and not unnamed else ""
 
 
 def check_named_unit(what: str, name: str, symbol: str) -> None:
@@ -370,32 +374,15 @@ def kindred_units(symbol: str) -> tuple[str, ...]:
     return tuple(symbols.values())[1:]
 
 
-def _quantity(dimension: Dimension, symbol: str) -> str:
-    for known, name in _QUANTITIES:
-        if known == symbol:
-            return name
-    for known, name in _QUANTITIES:
-        if _dimension_of(known) == dimension:
-            return name
-    return symbol
-
-
 @lru_cache(maxsize=64)
 def _dimension_of(symbol: str) -> Dimension:
     above, below = _split_fraction(symbol)
-    total = list(_DIMENSIONLESS)
-    for sign, part in ((1, above), (-1, below)):
-        for atom, exponent in part:
-            total = [
-                old + sign * exponent * new for old, new in zip(total, _ATOMS[atom][2], strict=True)
-            ]
-    return tuple(total)
+    return _dimension([*above, *((atom, -n) for atom, n in below)])
 
 
-def _plainly_written(text: str) -> bool:
-    """Whether the symbol is written as pamid writes it: known factors, no sign of a power."""
-    words = [word for word in re.split(r"[\s/()]+", text) if word and word != NONE]
-    return all(word.rstrip("0123456789") in _ATOMS for word in words)
+def _dimension(factors: Factors) -> Dimension:
+    powers = ([n * exponent for exponent in _ATOMS[atom][2]] for atom, n in factors)
+    return tuple(map(sum, zip(_DIMENSIONLESS, *powers, strict=True)))
 
 
 def _split_fraction(text: str) -> tuple[Factors, Factors]:
@@ -410,7 +397,9 @@ def _split_fraction(text: str) -> tuple[Factors, Factors]:
         if below.startswith("(") and below.endswith(")"):
             below = below[1:-1]
         parts.append((-1, below))
-    readings = [[(way, _factors(word, text)) for way, word in _signed(parts)]]
+    # every factor as it is written, with 1 above the line and -1 below it
+    written = [(way, w) for way, part in parts for w in part.replace("*", " ").split() or [""]]
+    readings = [[(way, _factors(word, text)) for way, word in written]]
     for k, (way, options) in enumerate(readings[0]):
         if len(options) > 1:  # run together: every way to take it apart
             readings = [
@@ -421,22 +410,13 @@ def _split_fraction(text: str) -> tuple[Factors, Factors]:
     return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
 
 
-def _signed(parts: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Every factor as it is written, with 1 above the line and -1 below it."""
-    return [(way, word) for way, part in parts for word in part.replace("*", " ").split() or [""]]
-
-
 def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Factors]]:
     """Of several readings of one symbol that of a known quantity, else that with a torque in it,
     else that of the fewest units."""
 
     def rank(reading: list[tuple[int, Factors]]) -> tuple[bool, bool, int]:
-        dimension = list(_DIMENSIONLESS)
-        for way, part in reading:
-            for atom, power in part:
-                for k, n in enumerate(_ATOMS[atom][2]):
-                    dimension[k] += way * power * n
-        known = any(tuple(dimension) == _dimension_of(symbol) for symbol, _ in _QUANTITIES)
+        dimension = _dimension([(atom, way * n) for way, part in reading for atom, n in part])
+        known = any(dimension == _dimension_of(symbol) for symbol, _ in _QUANTITIES)
         torque = any([a for a, _ in part[:2]] == ["N", "m"] for _, part in reading)
         return not known, not torque, sum(len(part) for _, part in reading)
 
@@ -449,25 +429,19 @@ def _factors(word: str, text: str) -> list[Factors]:
     letters = match.group(1) if match else ""
     if word == NONE:
         return [[]]
-    options = _taken_apart(letters)
+    # units of different quantities run together, or a unit that stays whole; the first one is named
+    # after a person, or a mass: "hmm" is no product
+    options = [
+        atoms
+        for atoms in ([[letters]] if letters in _ATOMS else _splits(letters))
+        if len({_ATOMS[atom][2] for atom in atoms}) == len(atoms)
+        and (len(atoms) == 1 or any(c.isupper() for c in atoms[0]) or atoms[0] in ("kg", "g"))
+    ]
     if match is None or not options:
         hint = nearest(letters or word, _ATOMS) or "Known units: " + ", ".join(_ATOMS) + "."
         raise FileError(f"{text!r} is not a unit: {word!r} is unknown.", hint, code="unit")
     power = int(match.group(2) or 1) if not match.group(3) else -int(match.group(3))
     return [[*((atom, 1) for atom in atoms[:-1]), (atoms[-1], power)] for atoms in options]
-
-
-def _taken_apart(letters: str) -> list[list[str]]:
-    """The ways to read letters as units of different quantities, run together; a unit that they
-    are stays whole. The first one is named after a person, or a mass: "hmm" is no product."""
-    if letters in _ATOMS:
-        return [[letters]]
-    return [
-        atoms
-        for atoms in _splits(letters)
-        if len({_ATOMS[atom][2] for atom in atoms}) == len(atoms)
-        and (any(c.isupper() for c in atoms[0]) or atoms[0] in ("kg", "g"))
-    ]
 
 
 def _splits(letters: str) -> list[list[str]]:
@@ -527,10 +501,3 @@ def _join_symbol(above: Factors, below: Factors) -> str:
     if not bottom:
         return top
     return f"{top}/({bottom})" if len(below) > 1 else f"{top}/{bottom}"
-
-
-def _join_suffix(above: Factors, below: Factors) -> str:
-    words = [f"{atom.lower()}{power if power > 1 else ''}" for atom, power in above]
-    if below:
-        words += ["per", *(f"{atom.lower()}{power if power > 1 else ''}" for atom, power in below)]
-    return "_".join(words)

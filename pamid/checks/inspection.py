@@ -55,6 +55,7 @@ from pamid.schemas import check_file as result
 from pamid.schemas.rig_map import RigMap
 from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import noise_remarks
 
 STILL_SHARE = 0.02  # of a column's range: a smaller motion is rest
@@ -271,11 +272,12 @@ def _against_rig(
     if runs:
         findings += [note("sign", words) for words in driving_words(rig)]
         findings += [
-            note("background", term.text) for term in without_idle_terms(rig, [recording])[1]
+            note("background", term.text)
+            for term in without_idle_terms(rig, [data_of(rig, recording)])[1]
         ]
     if runs:
         try:
-            require_informative(rig, recording)
+            require_informative(rig, data_of(rig, recording))
         except DataError as error:
             findings.append(fault("excitation", f"nothing can be fitted: {error}"))
     every = passed("rig", f"every column of rig {rig.name!r} is there")
@@ -284,8 +286,9 @@ def _against_rig(
 
 def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     """Findings on outputs whose noise in fits contradicts the rig or the samples."""
-    channels = [c for c in rig.outputs if recording.has(c) and motion(recording.signal(c)) > 0.0]
-    return [note(remark.kind, remark.text) for remark in noise_remarks(rig, [recording], channels)]
+    data = data_of(rig, recording)
+    channels = [c for c in rig.outputs if c in data.values and motion(data.values[c]) > 0.0]
+    return [note(remark.kind, remark.text) for remark in noise_remarks(rig, [data], channels)]
 
 
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:

@@ -26,12 +26,10 @@ from pamid.recording.recording import Recording, match_column
 from pamid.simulation.free_runs import (
     choose_stepping,
     free_run,
-    input_table,
     known_values,
-    measured_outputs,
-    output_table,
 )
-from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.initial_state import WindowStart
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
 
@@ -106,16 +104,15 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | Non
 
 def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     assembly = Assembly(rig)
-    names = measured_outputs(assembly, recording)
+    data = data_of(rig, recording)
+    names = data.measured(rig)
     assembly = Assembly(rig, outputs=names)
     p, _ = known_values(
         assembly,
         {k: v for k, v in recording.known.items() if assembly.knows(k)},
     )
-    u, y = (
-        input_table(assembly, recording)[:MOST_COMPARED_SAMPLES],
-        output_table(names, recording)[:MOST_COMPARED_SAMPLES],
-    )
+    u = data.inputs(assembly)[:MOST_COMPARED_SAMPLES]
+    y = data.outputs(names)[:MOST_COMPARED_SAMPLES]
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
@@ -138,7 +135,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
 
     @cache
     def shown() -> Array:
-        return _shown_start(Runner(assembly, track_of(assembly, recording, names), steps), p)
+        return _shown_start(Runner(assembly, track_of(assembly, data, names), steps), p)
 
     def follow(values: Array, samples: int) -> Array | None:
         return simulate(u[:samples], values, start=shown())
@@ -156,7 +153,7 @@ def _shown_start(runner: Runner, p: Array) -> Array:
     noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
     weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
     start, n = memory.x.copy(), runner.start_states
-    start[:n] = state_from_readings(runner, memory, window, p, weight, start[:n])
+    start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
     return start
 
 

@@ -37,8 +37,9 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
-from pamid.simulation.free_runs import choose_stepping, measured_outputs
-from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.free_runs import choose_stepping
+from pamid.simulation.initial_state import WindowStart
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.expression import symbol
@@ -185,13 +186,13 @@ def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitD
         Length of a window in correlation times of the recording. A window has at least
         WINDOW_SAMPLES; longer windows are fewer.
     """
-    names = measured_outputs(Assembly(rig), recording)
-    names = tuple(n for n in names if motion(recording.signal(n)) > 0.0)
+    data = data_of(rig, recording)
+    names = tuple(n for n in data.measured(rig) if motion(data.values[n]) > 0.0)
     if not names:
         return None
     assembly = Assembly(rig, outputs=names)
-    track = track_of(assembly, recording, names, timescale_s=rig.timescale_s or 1.0)
-    slow = track_of(assembly, recording, names).timescale_s if timescales else 0.0
+    track = track_of(assembly, data, names, timescale_s=rig.timescale_s or 1.0)
+    slow = track_of(assembly, data, names).timescale_s if timescales else 0.0
     windows = _windows(track, max(WINDOW_SAMPLES, round(timescales * slow / track.period_s)))
     if len(windows) < FEWEST_WINDOWS:
         return None
@@ -277,9 +278,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         fresh = self.runner.memory(p)
         for k, window in enumerate(self.trial.windows):
             opening = Window(window.start, min(window.start + OPENING_SAMPLES, window.stop))
-            x[k] = state_from_readings(
-                self.runner, fresh.copy(), opening, p, self.trial.weight, x[k]
-            )
+            start = WindowStart.of(self.runner, fresh.copy(), opening, p, self.trial.weight, x[k])
+            x[k] = start.from_readings()
         return self.at(s, x)
 
     def _run_states(self, s: Array) -> Array:

@@ -56,7 +56,7 @@ from pamid.checks.short_fit import (
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
 from pamid.recording.recording import Recording
-from pamid.simulation.free_runs import input_table, output_table
+from pamid.simulation.rig_data import data_of
 
 Array = NDArray[np.float64]
 
@@ -234,8 +234,8 @@ class Slip:
                 n = n if self.factor < 1.0 else int(n / self.factor)
             model = e.simulate(e.u[:n], clock=self.factor) if n >= LEAST_CLOCKED_SAMPLES else None
             return None if model is None else replace(e, y=e.y[:n], u=e.u[:n], model=model)
-        fixed, n = self.corrected(recording), len(e.u)
-        y, u = output_table(e.names, fixed)[:n], input_table(e.assembly, fixed)[:n]
+        fixed, n = data_of(e.assembly.rig, self.corrected(recording)), len(e.u)
+        y, u = fixed.outputs(e.names)[:n], fixed.inputs(e.assembly)[:n]
         model = e.model if np.array_equal(u, e.u) else e.simulate(u)
         return None if model is None else replace(e, y=y, u=u, model=model)
 

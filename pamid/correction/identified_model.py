@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +36,15 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.executable import Executable, program_of
-from pamid.model.registry import in_catalogue, name_of, noted_effects, noted_rig
+from pamid.model.registry import name_of, noted_effects, noted_rig
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, prefixed_model, signals_of, with_input_replaced
 from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.schemas.fit_file import FitFile
-from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise
-from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop
+from pamid.simulation.free_runs import noisy_inputs, sensor_noise
+from pamid.simulation.rig_data import data_of
+from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop, stated_tables
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
@@ -269,7 +269,9 @@ def record_identified(
     settings = {**rig.controller, **model.controller, **excitation.controller} if closed else {}
     model = model.closed(settings) if closed else model
     jitter = sensor_noise(model.assembly, n, noise, seed)
-    u = noisy_inputs(input_table(model.assembly, excitation, model.inputs), model.inputs, jitter)
+    u = noisy_inputs(
+        data_of(rig, excitation).inputs(model.assembly, model.inputs), model.inputs, jitter
+    )
     commands = [q.command for q in rig.loops] if closed else []
     Y = simulate_identified(model, u, {c: symbol("cell", c) for c in commands})
     clean = {
@@ -277,28 +279,19 @@ def record_identified(
         for i, name in enumerate((*model.outputs, *commands))
     }
     if model.network is not None and model.network.in_loop:
-        signals = dict(clean)
-        signals |= {name: excitation.signal(name) for name in rig.inputs if excitation.has(name)}
+        signals, data = dict(clean), data_of(rig, excitation)
+        signals |= {name: data.shown(name) for name in rig.inputs if name in data.values}
         for q in rig.loops:
             motion = loop_motion(clean[q.reading], clean[q.command], model.period_s)
             signals |= dict(zip(loop_names(q, len(rig.loops) > 1), motion, strict=True))
-            signals[q.reference] = excitation.signal(q.reference)
+            signals[q.reference] = data.shown(q.reference)
         channel = model.network.channel
         clean[channel] = clean[channel] + model.network.trained.predict(signals)
     columns = {
         **excitation.columns,
         **{name: values + jitter.get(name, 0.0) for name, values in clean.items()},
     }
-    meta: dict[str, Any] = {
-        "recording": {
-            **({"rig": model.source} if in_catalogue(model.source) else {}),
-            "loop": "closed" if closed else "open",
-            "sampling_period_s": excitation.sampling_period_s,
-        }
-    }
-    meta |= {"known": known} if known else {}
-    meta |= {"controller": settings} if closed else {}
-    meta |= {"between": excitation.between} if excitation.between else {}
+    meta = stated_tables(model.source, excitation, known, settings if closed else None)
     remarks = (*model.notes, *form_remarks(rig, excitation, columns))
     return VirtualRecording(columns, meta, [a.label for a in model.effects], remarks)
 

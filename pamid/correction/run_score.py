@@ -30,7 +30,6 @@ from pamid.correction.identified_model import (
     record_identified,
 )
 from pamid.correction.port_network import ADDED
-from pamid.estimation.closed_loop import has_loop
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -40,8 +39,8 @@ from pamid.recording.recording import Recording, read_recording
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.free_runs import measured_outputs
 from pamid.simulation.replay import Replay, replay_track
+from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import track_of
 
@@ -101,7 +100,7 @@ def score_run(
         _require_fresh(folder, recording, fit.recordings)
         require_apart(outputs, used, [recording])
         _require_alike(recording, models.refitted)
-        measured_outputs(models.refitted.assembly, recording)
+        data_of(models.refitted.assembly.rig, recording).measured(models.refitted.assembly.rig)
     most, begun = 2 * len(recordings) * len(models.every), count()
 
     def say(name: str, recording: Recording) -> None:
@@ -195,13 +194,14 @@ def _rows(
     available: _Models, recording: Recording, say: Callable[[str, Recording], None]
 ) -> Iterator[RecordingError]:
     """Replay, then closed loop, channel by channel."""
-    seen = [c for c in available.channels if recording.has(c)]
     split = split_recordings(available.refitted.assembly.rig, [recording], [])
+    (data,) = split.recordings
+    seen = [c for c in available.channels if c in data.values]
     replays = {}
     for name, model in available.every:
         say(name, recording)
         if model.network is None or not model.network.in_loop:
-            replays[id(model)] = _Replayed(model, available.channels, split, recording).outputs()
+            replays[id(model)] = _Replayed(model, available.channels, split, data).outputs()
     scored = next(iter(replays.values()))[0].scored
     for channel in seen:
         k = available.channels.index(channel)
@@ -212,9 +212,9 @@ def _rows(
             for name, model in available.of(channel).items()
             if id(model) in replays
         }
-        measured = recording.signal(channel)[scored]
+        measured = data.shown(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
-    if has_loop(available.refitted.assembly.rig, recording):
+    if data.runs_in_loop(available.refitted.assembly.rig):
         loops = {}
         for name, model in available.every:
             say(name, recording)
@@ -227,7 +227,7 @@ def _rows(
                 recording.known,
                 IN_LOOP,
                 channel,
-                recording.signal(channel),
+                data.shown(channel),
                 models,
             )
 
@@ -252,7 +252,7 @@ class _Replayed:
     model: Identified
     channels: tuple[str, ...]
     split: DataSplit
-    recording: Recording
+    recording: Data
 
     def outputs(self) -> tuple[Replay, Array]:
         """The replay, and its outputs with the network's value (samples x channels, SI)."""

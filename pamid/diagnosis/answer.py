@@ -22,14 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import shrinkage_interval
+from pamid.base.metrics import moving_block_interval
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import Comparison, Share, families_of
+from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.selection import Selection
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
-from pamid.schemas.diagnosis_file import CAUSED
+from pamid.schemas.diagnosis_file import CAUSED, GapShare
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class NamedCause:
 
     effect: Attachment
     model: CandidateModel
-    removes: Share
+    removes: GapShare
     figures: dict[str, float]
     or_at: tuple[str, ...] = ()
     instead: tuple[str, ...] = ()
@@ -272,7 +272,8 @@ def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, fl
     """
     # Windows of one recording share its operating point, so that their bootstrap is too narrow for
     # a fresh recording.
-    low, high = shrinkage_interval(before, after, seed=seed)
+    most_left, least_left = moving_block_interval(after, before, seed=seed)[::-1]
+    low, high = 1.0 - most_left, min(1.0 - least_left, 1.0)
     # On logarithms the error ratio cannot become negative, and two independent spreads add in
     # squares.
     middle = np.log(max(float(after.sum() / before.sum()), 1e-9))

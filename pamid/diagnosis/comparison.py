@@ -26,6 +26,7 @@ from pamid.base.metrics import few_entries_factor, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.estimation.intervals import NORMAL_95
+from pamid.schemas.diagnosis_file import GapShare
 
 Array = NDArray[np.float64]
 
@@ -33,22 +34,7 @@ ALIKE_NOISE = 0.5  # standard deviations of the noise: no sensor shows less
 LEAST_ERROR = 1e-6  # standard error of a share, for losses that are equal to rounding
 
 
-@dataclass(frozen=True)
-class Share:
-    """A share of the gap with its paired 95 % interval; z: the share in its standard errors."""
-
-    share: float
-    low: float
-    high: float
-    z: float = 0.0
-
-    @property
-    def rest(self) -> Share:
-        """The share of the gap that remains."""
-        return Share(1.0 - self.share, 1.0 - self.high, 1.0 - self.low)
-
-
-NOTHING = Share(0.0, 0.0, 0.0)
+NOTHING = GapShare(share=0.0, low=0.0, high=0.0, standard_errors=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +59,7 @@ class Comparison:
         model: CandidateModel,
         reference: CandidateModel | None = None,
         losses: Array | None = None,
-    ) -> Share:
+    ) -> GapShare:
         """Share of the gap that a model removes, by default against the baseline.
 
         losses: of the model, where they are reported by windows that had no part in its choice.
@@ -89,8 +75,11 @@ class Comparison:
         scale = float(gap.sum() / self.gap.sum())
         share, error = (scale * x for x in paired_ratio(before - after, gap, self.seed))
         reach = NORMAL_95 * error
-        return Share(
-            min(share, 1.0), min(share - reach, 1.0), min(share + reach, 1.0), share / error
+        return GapShare(
+            share=min(share, 1.0),
+            low=min(share - reach, 1.0),
+            high=min(share + reach, 1.0),
+            standard_errors=share / error,
         )
 
     def shrinkage(self, model: CandidateModel) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.comparison import Comparison, Share
+from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
@@ -29,7 +29,7 @@ from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import free_form_effects
 from pamid.model.rig import Port, Rig
 from pamid.parallel.jobs import Failed
-from pamid.schemas.diagnosis_file import FormCurve
+from pamid.schemas.diagnosis_file import FormCurve, GapShare
 from pamid.simulation.replay import run_windows
 from pamid.symbolic.vocabulary import Expr
 
@@ -46,7 +46,7 @@ class FreeForm:
     gap."""
 
     model: CandidateModel = field(repr=False)
-    removes: Share
+    removes: GapShare
     curve: FormCurve
 
     @property

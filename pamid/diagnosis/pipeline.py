@@ -14,7 +14,7 @@ from pamid.base.progress import Progress, silent
 from pamid.diagnosis.answer import Answer, answer
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import Comparison, Share
+from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import free_forms
 from pamid.diagnosis.guards import Guards
 from pamid.diagnosis.input_response import explained_channels, silent_channels
@@ -30,7 +30,7 @@ from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
 from pamid.model.rig import Port
 from pamid.parallel.jobs import WorkerPool
-from pamid.schemas.diagnosis_file import CAUSED
+from pamid.schemas.diagnosis_file import CAUSED, GapShare
 from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Diagnosis:
         return errors
 
     @cached_property
-    def removed(self) -> Share | None:
+    def removed(self) -> GapShare | None:
         """Share of the gap that the causes remove together, free of the choice."""
         if self.cause is None:
             return None

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pamid.base.units import from_si, split_column, with_unit
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
-from pamid.model.rig import Loop, Rig
-from pamid.recording.recording import Recording
+from pamid.model.rig import Loop
 from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import Span
-from pamid.simulation.free_runs import choose_stepping, input_table
+from pamid.simulation.free_runs import free_run
+from pamid.simulation.rig_data import Data
 from pamid.simulation.scored_recording import IN_LOOP, recording_error
 from pamid.symbolic.expression import symbol
 
@@ -23,14 +23,14 @@ Array = NDArray[np.float64]
 PERTURBED = 1e-3  # relative change of a parameter for the closed loop's perturbation band
 
 
-def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
+def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
     """The model under its own controller over a whole recording; columns in their own units.
 
     None where the recording has no controller or no reference. Keys: the controlled reading, its
     velocity and acceleration, and the command.
     """
     rig = g.evidence.rig
-    if not has_loop(rig, r):
+    if not r.runs_in_loop(rig):
         return None
     settings = {**rig.controller, **r.controller}
     a = Assembly(
@@ -45,21 +45,13 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     for key, i in a.keys.items():
         if key in t and not any(a.index_of(k) == i for k in r.known):
             values[i] = p[t[key]]
-    u = input_table(a, r)
-    step = choose_stepping(a, u, values, r.sampling_period_s, a.start(values))
-    program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
-    memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)
-    Y, _, bad = program.run(memory, u, values, period_s=r.sampling_period_s, stepping=step)
+    commands = {q.command: symbol("cell", q.command) for q in rig.loops}
+    run = free_run(a, r.inputs(a), values, r.sampling_period_s, further=commands)
     # In its own loop an unstable model has no error to report: every figure would depend on when
     # the run was cut.
-    if bad >= 0:
+    if run.blown_up >= 0:
         return None
-    return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
-
-
-def has_loop(rig: Rig, r: Recording) -> bool:
-    """Whether the recording was made by a controller of the rig, with its references."""
-    return bool(r.loop == "closed" and rig.loops and all(r.has(q.reference) for q in rig.loops))
+    return {n: from_si(run.outputs[:, i], split_column(n)[1]) for i, n in enumerate(run.names)}
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
@@ -102,15 +94,13 @@ def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingErro
     rows = []
     for span in g.evidence.held_out:
         r, part = span.recording, slice(span.start, span.stop)
-        if not has_loop(g.evidence.rig, r):
+        if not r.runs_in_loop(g.evidence.rig):
             continue
         runs = {name: loop_run(model, r, p) for name, (model, p) in models.items()}
         for c in g.evidence.channels:
-            if r.has(c):
+            if c in r.values:
                 outputs = {n: None if run is None else run[c][part] for n, run in runs.items()}
-                rows.append(
-                    recording_error(r.name, r.known, IN_LOOP, c, r.signal(c)[part], outputs)
-                )
+                rows.append(recording_error(r.name, r.known, IN_LOOP, c, r.shown(c)[part], outputs))
     return tuple(rows)
 
 
@@ -120,8 +110,8 @@ def _collect(
     if run is None:
         return
     for column, values in run.items():
-        if span.recording.has(column):
-            gap = np.abs(values - span.recording.signal(column))[span.start : span.stop]
+        if column in span.recording.values:
+            gap = np.abs(values - span.recording.shown(column))[span.start : span.stop]
             errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
 
 
@@ -131,7 +121,7 @@ def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
     if not loops:
         return []
     run = loop_run(g, span.recording, g.fit.p)
-    n, period = span.stop - span.start, span.recording.sampling_period_s
+    n, period = len(span), span.recording.sampling_period_s
     out: list[Array] = []
     for q in loops:
         if run is None:

@@ -119,7 +119,7 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
 
 def recorded_inputs(e: DataSplit) -> tuple[str, ...]:
     """Inputs of the rig that every recording holds."""
-    return tuple(n for n in e.rig.inputs if all(r.has(n) for r in e.recordings))
+    return tuple(n for n in e.rig.inputs if all(n in r.values for r in e.recordings))
 
 
 def _role(e: DataSplit, recording: Recording) -> str:
@@ -144,7 +144,7 @@ def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str],
     loops = [
         q
         for q in e.rig.loops
-        if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)
+        if all(r.loop == "closed" and q.reference in r.values for r in e.recordings)
     ]
     header += inputs + [q.reference for q in loops]
     for q in loops:
@@ -169,7 +169,7 @@ def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str],
                 from_si(y, split_column(c)[1])
                 for y in (fitted[i].track.y[:, k], *(replay.model[:, k] for replay in models))
             ]
-        table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
+        table += [r.shown(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
         table += loop_columns(g, s, loops)
         rows.append(np.stack(table, axis=1))
     order = np.concatenate([np.r_[places] for places in span_rows(e)])

@@ -37,7 +37,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale, careful_stepping
 from pamid.estimation.weights import Weights
-from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
+from pamid.simulation.initial_state import CARRIED_INFORMATION, WindowStart
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def initial_states(
         rows: list[Array] = []
         for window in problem.windows(track):
             carried = memory.x[: runner.start_states].copy()
-            x, usable = estimate_initial_state(
+            x, usable = WindowStart.of(
                 runner,
                 memory,
                 window,
@@ -71,7 +71,7 @@ def initial_states(
                 1.0 / weights.sigma,
                 carried,
                 track.jump if rows else None,
-            )
+            ).estimate()
             x = x if usable else rows[-1] if rows else carried
             runner.enter(memory, x)
             runner.run(memory, window, values, False)

@@ -40,98 +40,24 @@ from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.model.attachment import Attachment, attachments
-from pamid.model.bound_parameter import Bound, Sizes
+from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import Failed, Work, WorkerPool
+from pamid.schemas.power_file import ShownEffect, UsualAmount
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PowerSettings:
-    """sizes: multiples of an effect's usual size at which the experiment is tried, 1 among them;
-    margin: by how much more than the noise floor the error has to be (a diagnosis calls less no
-    gap); sure: standard errors below which nothing is said of an effect, nor two told apart; alike:
-    share of an effect that is left where another is taken for it, as of look-alikes; rows:
-    residuals at most, thinned evenly; finer: times that the steps are halved where an effect is too
-    stiff."""
-
-    sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
-    margin: float = DEFAULT.floor_margin
-    sure: float = 3.0
-    alike: float = DEFAULT.alike_share
-    rows: int = 6000
-    finer: int = 3
-
-
-USUAL = PowerSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class Amount:
-    """The parameter that says how large an effect is: its name and unit outside, and its usual
-    value there."""
-
-    name: str
-    unit: str
-    usual: float
-
-
-@dataclass(frozen=True, eq=False)
-class EffectPower:
-    """Detectability of an effect in an experiment. errors: its size in standard errors at every one
-    of `Power.sizes`; visible: error of the refitted model over the noise floor there, in the worst
-    channel; by_channel: the same at its usual size if that sensor were the only one; confused:
-    effects of other families that would be taken for it at its usual size, the likeliest first;
-    failed: why nothing can be said."""
-
-    effect: str
-    family: str
-    port: str
-    amount: Amount | None
-    errors: tuple[float, ...] = ()
-    visible: tuple[float, ...] = ()
-    by_channel: dict[str, float] | None = None
-    confused: tuple[str, ...] = ()
-    failed: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Power:
-    """sizes: multiples of the usual one at which effects were tried; seen: visibility from which
-    one shows; channels: sensors of the experiment; seconds: its length."""
-
-    effects: tuple[EffectPower, ...]
-    sizes: tuple[float, ...]
-    channels: tuple[str, ...]
-    seen: float
-    seconds: float
-
-    def least(self, effect_power: EffectPower) -> float | None:
-        """The smallest multiple of the usual size that shows: by a power law between the sizes that
-        were tried, in proportion below the smallest; None where the largest does not."""
-        r = np.sqrt(np.maximum(np.square(effect_power.visible) - 1.0, 1e-18))
-        wanted = np.sqrt(self.seen**2 - 1.0)
-        above = np.flatnonzero(r >= wanted)
-        if not len(above):
-            return None
-        i = int(above[0])
-        if i == 0:
-            return float(self.sizes[0] * wanted / r[0])
-        return float(
-            np.exp(
-                np.interp(
-                    np.log(wanted), np.log(r[i - 1 : i + 1]), np.log(self.sizes[i - 1 : i + 1])
-                )
-            )
-        )
-
-    @property
-    def showing(self) -> tuple[EffectPower, ...]:
-        """Those that show at their usual size."""
-        usual = self.sizes.index(1.0)
-        return tuple(e for e in self.effects if e.visible and e.visible[usual] >= self.seen)
+# multiples of an effect's usual size at which the experiment is tried
+SIZES = (0.1, 0.3, 1.0, 3.0)
+USUAL = SIZES.index(1.0)
+# visibility from which an effect shows: a diagnosis calls a smaller error no gap
+SEEN = 1.0 + DEFAULT.floor_margin
+# standard errors below which nothing is said of an effect, nor two told apart
+SURE = 3.0
+ROWS = 6000  # residuals at most, thinned evenly
+FINER = 3  # times that the steps are halved where an effect is too stiff
 
 
 def experiment_power(
@@ -140,18 +66,17 @@ def experiment_power(
     *,
     pool: WorkerPool | None = None,
     progress: Progress = silent,
-    settings: PowerSettings = USUAL,
-) -> Power:
-    """Detectability of every effect in the fitted part of the data: recordings of a rig that has
-    none of them. Whatever can act at a port of the rig is tried."""
+) -> tuple[ShownEffect, ...]:
+    """Detectability of every effect in the fitted part of the data, recordings of a rig that has
+    none of them: the plainest first. Whatever can act at a port of the rig is tried."""
     pool = pool or WorkerPool()
     progress("fitting the experiment without any effect")
     sizes = observed_sizes(evidence)
     assembly = model_with(evidence, (), sizes)
     tracks = evidence.tracks(assembly)
     base = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
-    ground = linearised(base, base.problem, base.p, settings)
-    work = _Responding(evidence, base, sizes, settings, ground.away)
+    ground = linearised(base, base.problem, base.p)
+    work = _Responding(evidence, base, sizes, ground.away)
     candidates = attachments(evidence.rig, catalogue.values())
     powers = pool.run(work, candidates, progress)
     responses = {
@@ -165,34 +90,63 @@ def experiment_power(
     own = {c: ground.channel == k for k, c in enumerate(channels)}
     only = {c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in own.items()}
     samples = {c: float(sum(t.seen[k] * len(t) for t in tracks)) for k, c in enumerate(channels)}
-    usual = settings.sizes.index(1.0)
-    inner = _inner(everything, responses, usual, len(settings.sizes))
+    inner = _inner(everything, responses)
     effects = []
     for a, r in zip(candidates, powers, strict=True):
-        about = (a.label, a.family(evidence.rig), a.group(evidence.rig))
-        if isinstance(r, Failed):
-            effects.append(EffectPower(*about, None, failed=r.why))
-            continue
-        if a.label not in inner:
-            why = "the rig with it becomes unstable"
-            effects.append(EffectPower(*about, r.amount, failed=why))
-            continue
-        tried = [everything(r.columns[:, k]) for k in range(len(settings.sizes))]
-        effects.append(
-            EffectPower(
-                *about,
-                r.amount,
-                tuple(float(np.linalg.norm(x)) for x in tried),
-                tuple(max(visibility(x[own[c]], samples[c]) for c in channels) for x in tried),
-                {
-                    c: visibility(q(r.columns[:, usual])[own[c][q.counted]], samples[c])
-                    for c, q in only.items()
-                },
-                _confused(evidence, candidates, inner, a, settings),
-            )
+        shown = ShownEffect(
+            effect=a.label,
+            family=a.family(evidence.rig),
+            port=a.group(evidence.rig),
+            amount=None,
+            visible=(),
+            standard_errors=(),
+            by_channel={},
+            confused=(),
+            failed=r.why if isinstance(r, Failed) else "",
         )
-    seconds = sum(len(t) * t.period_s for t in tracks)
-    return Power(tuple(effects), settings.sizes, channels, 1.0 + settings.margin, float(seconds))
+        if not isinstance(r, Failed) and a.label not in inner:
+            shown = shown.model_copy(
+                update={"amount": r.amount, "failed": "the rig with it becomes unstable"}
+            )
+        elif not isinstance(r, Failed):
+            tried = [everything(r.columns[:, k]) for k in range(len(SIZES))]
+            visible = [max(visibility(x[own[c]], samples[c]) for c in channels) for x in tried]
+            by_channel = {
+                c: visibility(q(r.columns[:, USUAL])[own[c][q.counted]], samples[c])
+                for c, q in only.items()
+            }
+            least = least_size(visible)
+            amount = r.amount and r.amount.model_copy(
+                update={"least": None if least is None else least * r.amount.usual}
+            )
+            shown = shown.model_copy(
+                update={
+                    "amount": amount,
+                    "visible": tuple(visible),
+                    "standard_errors": tuple(float(np.linalg.norm(x)) for x in tried),
+                    "by_channel": by_channel,
+                    "confused": _confused(evidence, candidates, inner, a),
+                }
+            )
+        effects.append(shown)
+    return tuple(
+        sorted(effects, key=lambda e: (-(e.visible[USUAL] if e.visible else 0.0), e.effect))
+    )
+
+
+def least_size(visible: Sequence[float]) -> float | None:
+    """The smallest multiple of the usual size that shows: by a power law between the sizes that
+    were tried, in proportion below the smallest; None where the largest does not."""
+    r = np.sqrt(np.maximum(np.square(visible) - 1.0, 1e-18))
+    wanted = np.sqrt(SEEN**2 - 1.0)
+    above = np.flatnonzero(r >= wanted)
+    if not len(above):
+        return None
+    i = int(above[0])
+    if i == 0:
+        return float(SIZES[0] * wanted / r[0])
+    near = slice(i - 1, i + 1)
+    return float(np.exp(np.interp(np.log(wanted), np.log(r[near]), np.log(SIZES[near]))))
 
 
 def visibility(changed: Array, samples: float) -> float:
@@ -200,20 +154,13 @@ def visibility(changed: Array, samples: float) -> float:
     return float(np.sqrt(1.0 + changed @ changed / max(samples, 1.0)))
 
 
-def linearised(
-    base: Fit,
-    problem: Problem,
-    p: Array,
-    settings: PowerSettings,
-    *,
-    derivatives: bool = True,
-) -> LinearRows:
+def linearised(base: Fit, problem: Problem, p: Array, *, derivatives: bool = True) -> LinearRows:
     """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
     those of the rig."""
     at = replace(base, problem=problem, p=p)
-    for _ in range(settings.finer):
+    for _ in range(FINER):
         with np.errstate(over="ignore", invalid="ignore"):
-            linear = linear_rows(at, settings.rows, derivatives=derivatives)
+            linear = linear_rows(at, ROWS, derivatives=derivatives)
         if linear.finite:
             break
         at = replace(at, stepping=at.stepping.doubled())
@@ -225,7 +172,7 @@ class _Change:
     """Change of the rows by an effect, a column per size, then one per parameter of its own."""
 
     columns: Array
-    amount: Amount | None
+    amount: UsualAmount | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +183,6 @@ class _Responding(Work[Attachment, _Change]):
     evidence: DataSplit
     base: Fit
     sizes: Sizes
-    settings: PowerSettings
     ground: Array
 
     def __call__(self, item: Attachment) -> _Change:
@@ -250,36 +196,29 @@ class _Responding(Work[Attachment, _Change]):
         free = free_parameters(assembly, tracks)
         mine = tuple(i for i in free if assembly.parameters[i].key in fitted)
         problem = Problem(assembly, tracks, mine)
-        columns, tangents = list[Array](), np.zeros((len(self.ground), 0))
-        for size in self.settings.sizes:
+        columns, tangents = list[Array](), np.zeros((len(self.ground), len(mine)))
+        for size in SIZES:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
             for b in own:
                 if b.null is not None:
                     usual = b.null + size * (b.value - b.null)
                     p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
-            at_usual = size == 1.0
-            rows = linearised(self.base, problem, p, self.settings, derivatives=at_usual)
-            columns.append(self._beside(rows.away, len(mine)) - self.ground)
-            if at_usual:
-                tangents = np.zeros((len(self.ground), len(mine)))
-                common = len(rows.away) - len(mine)
+            rows = linearised(self.base, problem, p, derivatives=size == 1.0)
+            # rows that the model without the effect has, too: not those of the effect's data
+            # sheet, which are the last, but those of the rig's, which stays as it was fitted
+            common = len(rows.away) - len(mine)
+            columns.append(np.append(rows.away[:common], self.ground[common:]) - self.ground)
+            if size == 1.0:
                 tangents[:common] = rows.by_parameters[:common]
-        return _Change(np.column_stack([*columns, tangents]), _amount(own))
-
-    def _beside(self, away: Array, own: int) -> Array:
-        """Rows that the model without the effect has, too: not those of the effect's data sheet,
-        which are the last, but those of the rig's, which stays as it was fitted."""
-        common = len(away) - own
-        return np.concatenate([away[:common], self.ground[common:]])
+        amount = None
+        # the first of its parameters at whose null the effect vanishes says how large it is
+        if first := next((b for b in own if b.null is not None), None):
+            usual = first.value / first.factor
+            amount = UsualAmount(parameter=first.name, unit=first.unit, usual=usual, least=None)
+        return _Change(np.column_stack([*columns, tangents]), amount)
 
     def name(self, item: Attachment) -> str:
         return item.label
-
-
-def _amount(own: Sequence[Bound]) -> Amount | None:
-    """The first of an effect's parameters at whose null it vanishes."""
-    first = next((b for b in own if b.null is not None), None)
-    return Amount(first.name, first.unit, first.value / first.factor) if first else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,9 +238,7 @@ class _Projected:
         return np.asarray(own - self.spanned @ (self.spanned.T @ own))
 
 
-def _inner(
-    projected: _Projected, responses: dict[str, Array], usual: int, count: int
-) -> dict[str, tuple[Array, Array]]:
+def _inner(projected: _Projected, responses: dict[str, Array]) -> dict[str, tuple[Array, Array]]:
     """Of every effect that stays finite: its response at the usual size, projected, and an
     orthonormal base of it with the derivatives by its own parameters."""
     spans = {}
@@ -310,7 +247,7 @@ def _inner(
             size = np.square(columns).sum()
         if not np.isfinite(size):
             continue
-        own = projected(np.column_stack([columns[:, usual], columns[:, count:]]))
+        own = projected(np.column_stack([columns[:, USUAL], columns[:, len(SIZES) :]]))
         spans[label] = own[:, 0], orthonormal_span(own)
     return spans
 
@@ -320,12 +257,11 @@ def _confused(
     candidates: Sequence[Attachment],
     inner: dict[str, tuple[Array, Array]],
     a: Attachment,
-    settings: PowerSettings,
 ) -> tuple[str, ...]:
     """Effects of other families that leave little of this one, the least first."""
     response = inner[a.label][0]
     whole = float(np.linalg.norm(response))
-    if whole < settings.sure:
+    if whole < SURE:
         return ()
     left = {
         other.label: float(np.linalg.norm(response - base @ (base.T @ response)))
@@ -333,6 +269,6 @@ def _confused(
         if other.label in inner and other.family(evidence.rig) != a.family(evidence.rig)
         for base in [inner[other.label][1]]
     }
-    least = max(settings.sure, settings.alike * whole)
+    least = max(SURE, DEFAULT.alike_share * whole)
     alike = [k for k, v in left.items() if v < least]
     return tuple(sorted(alike, key=lambda k: left[k]))

@@ -24,6 +24,7 @@ from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import known_values, noiseless_recordings
+from pamid.simulation.rig_data import Data
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,9 @@ def reaches(evidence: DataSplit, predicted_run: Recording) -> list[PredictedReac
     """Of every channel and of every imposed speed that went there and back, in an experiment."""
     predicted = []
     for channel in evidence.channels:
-        before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
+        before = np.concatenate(
+            [r.shown(channel) for r in evidence.recordings if channel in r.values]
+        )
         now = predicted_run.columns[channel]
         seen = float(before.min()), float(before.max())
         predicted.append(
@@ -99,20 +102,20 @@ def reaches(evidence: DataSplit, predicted_run: Recording) -> list[PredictedReac
 def _way(evidence: DataSplit, predicted_run: Recording, speed: str) -> Iterator[PredictedReach]:
     """Of an input that is a speed: where it leads from 0."""
     symbol = {"m/s": "m", "rad/s": "rad"}.get(evidence.rig.inputs[speed])
-    recordings = [r for r in evidence.recordings if r.has(speed)]
+    recordings = [r for r in evidence.recordings if speed in r.values]
     if symbol is None or not recordings or speed not in predicted_run.columns:
         return
-    if not any(r.signal(speed).min() < 0.0 < r.signal(speed).max() for r in recordings):
+    if not any(r.values[speed].min() < 0.0 < r.values[speed].max() for r in recordings):
         return  # it turns, or feeds on: there is no end to reach
-    before = max((_added_up(r, speed) for r in recordings), key=np.ptp)
-    now, seen = _added_up(predicted_run, speed), (float(before.min()), float(before.max()))
+    before = max((_added_up(r.values[speed], r) for r in recordings), key=np.ptp)
+    sent = to_si(predicted_run.columns[speed], split_column(speed)[1])
+    now, seen = _added_up(sent, predicted_run), (float(before.min()), float(before.max()))
     yield PredictedReach(speed, 0.0, float(now.min()), float(now.max()), seen, symbol)
 
 
-def _added_up(r: Recording, speed: str) -> Array:
+def _added_up(speed: Array, r: Recording) -> Array:
     """The way of a speed, SI, from 0."""
-    si = np.asarray(to_si(r.signal(speed), split_column(speed)[1]), dtype=np.float64)
-    return np.concatenate([[0.0], np.cumsum(si) * r.sampling_period_s])
+    return np.concatenate([[0.0], np.cumsum(speed) * r.sampling_period_s])
 
 
 # ---- what is sent beside ------------------------------------------------------------------------
@@ -121,7 +124,7 @@ def _added_up(r: Recording, speed: str) -> Array:
 def drifts(evidence: DataSplit, column: str) -> bool:
     """Whether an input only drifts: in no recording it moves in steps or through a few cycles, as
     a command does and the temperature of a room does not."""
-    recorded = [r.signal(column) for r in evidence.recordings if r.has(column)]
+    recorded = [r.values[column] for r in evidence.recordings if column in r.values]
     return not any(
         held_by_jumps(values) or stands(values) or independent_samples(values, values) >= SLOWEST
         for values in recorded
@@ -135,13 +138,13 @@ def carried(evidence: DataSplit, bench: Bench) -> dict[str, Array]:
     loops = {name for q in rig.loops for name in (q.reference, q.reading, q.command)}
     columns = {}
     for name in rig.inputs:
-        having = [r for r in evidence.recordings if r.has(name)]
+        having = [r for r in evidence.recordings if name in r.values]
         if not having or name in loops or name in bench.driven or name.startswith(EXTERNAL):
             continue
         r = having[0]
         samples = max(round(len(r) * r.sampling_period_s / bench.period_s), 1)
         at = np.floor(np.arange(samples) * bench.period_s / r.sampling_period_s + 1e-9).astype(int)
-        columns[name] = np.asarray(r.signal(name)[np.minimum(at, len(r) - 1)], dtype=np.float64)
+        columns[name] = np.asarray(r.shown(name)[np.minimum(at, len(r) - 1)], dtype=np.float64)
     return columns
 
 
@@ -241,23 +244,18 @@ def ways_to_run(
 
 def _ways(evidence: DataSplit, bench: Bench) -> Iterator[list[Bench]]:
     """Of every amplitude and rate: whole, then with ever more of its slow part taken off."""
+    # about the recorded mean, where the rig stayed in its recorded range, and no larger than before
+    balanced = {}
+    for name, (centre, half) in bench.driven.items():
+        mean = float(np.concatenate([r.shown(name) for r in evidence.recordings]).mean())
+        balanced[name] = mean, max(half - abs(mean - centre), 0.0)
     for share, passes in WAYS:
         whole = {k: (c, share * h) for k, (c, h) in bench.driven.items()}
-        level = {k: (c, share * h) for k, (c, h) in _balanced(evidence, bench).items()}
+        level = {k: (c, share * h) for k, (c, h) in balanced.items()}
         yield [
             replace(bench, driven=whole, passes=passes),
             *(replace(bench, driven=level, passes=passes, washed=w) for w in WASHOUTS),
         ]
-
-
-def _balanced(evidence: DataSplit, bench: Bench) -> dict[str, tuple[float, float]]:
-    """Excitation about the recorded mean, where the rig stayed in its recorded range, and no larger
-    than before."""
-    ranges = {}
-    for name, (centre, half) in bench.driven.items():
-        mean = float(np.concatenate([r.signal(name) for r in evidence.recordings]).mean())
-        ranges[name] = mean, max(half - abs(mean - centre), 0.0)
-    return ranges
 
 
 def _leaving(evidence: DataSplit, recordings: list[Recording | None]) -> list[PredictedReach]:
@@ -294,12 +292,13 @@ def led_away(predictions: Predictions, bench: Bench, e: Experiment, models: Mode
 # ---- what a model would record ------------------------------------------------------------------
 
 
-def reference_recording(evidence: DataSplit) -> Recording:
+def reference_recording(evidence: DataSplit) -> Data:
     """The recording after which an experiment is set up: the first one that was commanded, if
     any."""
     commands = [q.command for q in evidence.rig.loops]
     return next(
-        (r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0]
+        (r for r in evidence.recordings if all(c in r.values for c in commands)),
+        evidence.recordings[0],
     )
 
 

@@ -34,7 +34,6 @@ from pamid.excitation.experiments import (
     MOST_EXPERIMENT_SAMPLES,
     PASS_S,
     Bench,
-    Experiment,
     commanded,
     menu,
 )
@@ -56,6 +55,7 @@ from pamid.recording.recording import write_recording
 from pamid.schemas.diagnosis_file import WITHHELD, NextExperiment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import choose_stepping
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
 
@@ -219,22 +219,18 @@ def bench_of(evidence: DataSplit) -> Bench:
     for its tails."""
     rig, recordings, model = evidence.rig, evidence.recordings, reference_recording(evidence)
     period = model.sampling_period_s
-    recorded = {
-        name
-        for name in (*recordings[0].columns, *rig.inputs, *rig.outputs)
-        if all(r.has(name) for r in recordings)
-    }
+    recorded = set.intersection(*(set(r.values) for r in recordings))
     held = {q.reference: q.reference if q.reference in recorded else q.reading for q in rig.loops}
     closed = (
         bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
     )
     driven = {}
     for column, like in held.items() if closed else ((n, n) for n in sent_inputs(evidence)):
-        values = np.concatenate([r.signal(like) for r in recordings])
+        values = np.concatenate([r.shown(like) for r in recordings])
         low, high = np.percentile(values, [RECORDED_TAIL, 100.0 - RECORDED_TAIL])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     # as before, but nothing that only holds for a test without commands
-    known = model.known if all(model.has(q.command) for q in rig.loops) else {}
+    known = model.known if all(q.command in model.values for q in rig.loops) else {}
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     bench = Bench(
         rig,
@@ -253,7 +249,9 @@ def sent_inputs(evidence: DataSplit) -> list[str]:
     that were recorded. Not those that only drift, unless nothing else is left."""
     rig = evidence.rig
     commands = {*commanded(rig), *(q.command for q in rig.loops)}
-    sent = [n for n in rig.inputs if n in commands and all(r.has(n) for r in evidence.recordings)]
+    sent = [
+        n for n in rig.inputs if n in commands and all(n in r.values for r in evidence.recordings)
+    ]
     return [n for n in sent if not drifts(evidence, n)] or sent
 
 
@@ -270,7 +268,13 @@ def separations(
     for truth, other in pairs:
         recordings = predictions.of(truth, way)
         tracks = tuple(
-            track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
+            track_of(
+                other.assembly,
+                data_of(evidence.rig, r),
+                evidence.channels,
+                evidence.jump,
+                evidence.timescale_s,
+            )
             for r in recordings
             if r is not None
         )
@@ -391,10 +395,22 @@ def _proposal(
     bench, columns, settings = way.bench, way.columns, tuple(s for s in way.settings if s)
     models = models_to_keep(d, pairs)
     predicted = "" if bench.command else predicted_text(predictions, way, models)
+    # the excitation, the changes between repetitions, and where the models should differ
+    repeated = " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
+    worst = int(np.argmax(separation))
+    why = [
+        way.experiment.reason(d.evidence.rig),
+        f"with {repeated}" if settings else "",
+        "simulated on the fitted models, the nearest two differ most in "
+        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise",
+        ""
+        if separation[worst] >= VISIBLE_SEPARATION
+        else "nothing on the menu sets them apart clearly",
+    ]
     files = NEXT_FILES[: max(len(settings), 1)]
     experiment = NextExperiment(
         name=way.experiment.name,
-        why=_why(d, way.experiment, settings, separation),
+        why="; ".join(filter(None, why)),
         separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
         expected_separation=_rms(separation),
         minutes=way.minutes,
@@ -418,24 +434,3 @@ def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> d
         meta["recording"]["rig"] = first.rig
     meta |= {"known": bench.known} if bench.known else {}
     return meta | ({"controller": controller_of(evidence)} if closed else {})
-
-
-def _why(
-    d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
-) -> str:
-    """Description of the excitation, of changes between repetitions, and of where the models should
-    differ."""
-    parts = [e.reason(d.evidence.rig)]
-    if settings:
-        parts.append(
-            "with "
-            + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
-        )
-    worst = int(np.argmax(separation))
-    parts.append(
-        "simulated on the fitted models, the nearest two differ most in "
-        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise"
-    )
-    if separation[worst] < VISIBLE_SEPARATION:
-        parts.append("nothing on the menu sets them apart clearly")
-    return "; ".join(parts)

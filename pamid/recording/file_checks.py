@@ -13,7 +13,6 @@ import csv
 import glob
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -50,20 +49,6 @@ _KEYS: dict[str, tuple[str, ...] | None] = {  # None: any key
 }
 BETWEEN = ("held", "linear")  # what an input may do from one sample to the next
 BEFORE = "before"  # an output is read before the command of its row is sent
-
-
-@dataclass(frozen=True)
-class Sidecar:
-    """Checked content of the TOML file next to a recording; defaults where there is none."""
-
-    sampling_period_s: float
-    loop: str | None
-    rig: str | None
-    known: dict[str, float]
-    controller: dict[str, float]
-    between: dict[str, str]
-    free: dict[str, float]
-    warnings: tuple[str, ...]
 
 
 def require_file(path: Path, wanted: str) -> None:
@@ -248,9 +233,9 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         _refuse_stamp(path, row + 1, detail, "stamps-uneven")
 
 
-def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> Sidecar:
-    """Read and check the TOML beside the CSV `path`, if any. FileError with the key or line that is
-    wrong."""
+def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> dict[str, Any]:
+    """Checked content of the TOML beside the CSV `path`, if any, by the fields of a Recording.
+    FileError with the key or line that is wrong."""
     source = path.with_suffix(".toml")
     tables = read_toml(source) if source.exists() else {}
     warnings: list[str] = []
@@ -263,20 +248,28 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
                 f"Write [{title}] on a line of its own, its entries below.",
                 code="toml",
             )
-        else:
-            warnings += _unknown_keys(source, title, table)
+        elif (valid := _KEYS[title]) is not None:
+            # a rig of one's own may have its gains in other units: only what they are is held
+            # against the list
+            stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
+            warnings += [
+                f"{source}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip()
+                for key in table
+                if key not in valid and split_column(key)[0] not in stems
+            ]
     about = tables.get("recording", {})
     loop = _text(source, about, "loop")
     if loop not in (None, "closed", "open"):
         hint = nearest(str(loop), ("closed", "open")) or "Write 'closed' or 'open'."
         raise FileError(f"{source}: [recording] loop is {loop!r:.60}.", hint, code="toml")
-    period = _period(source, about, time)
-    known = _numbers(source, "known", tables.get("known", {}))
-    controller = _numbers(source, "controller", tables.get("controller", {}))
-    between = _between(source, tables.get("between", {}), names)
-    free = _numbers(source, "free", tables.get("free", {}))
-    rig = _text(source, about, "rig")
-    return Sidecar(period, loop, rig, known, controller, between, free, tuple(warnings))
+    return {
+        "sampling_period_s": _period(source, about, time),
+        "loop": loop,
+        **{t: _numbers(source, t, tables.get(t, {})) for t in ("known", "controller", "free")},
+        "between": _between(source, tables.get("between", {}), names),
+        "rig": _text(source, about, "rig"),
+        "warnings": tuple(warnings),
+    }
 
 
 def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[str, str]:
@@ -342,20 +335,6 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _unknown_keys(path: Path, title: str, table: dict[str, Any]) -> list[str]:
-    valid = _KEYS[title]
-    if valid is None:
-        return []
-    # a rig of one's own may have its gains in other units: only what they are is held against the
-    # list
-    stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
-    unknown = [key for key in table if key not in valid and split_column(key)[0] not in stems]
-    return [
-        f"{path}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip()
-        for key in unknown
-    ]
 
 
 def _text(path: Path, table: dict[str, Any], key: str) -> str | None:

@@ -88,17 +88,11 @@ def quantisation_step(values: Array) -> float:
     usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
     for finer in range(1, FINEST + 1 if gaps.size >= MANY_GAPS else 2):
         if step := _lattice(levels, usual / finer):
-            return 0.0 if _goes_straight(values, step) else step
+            # a line without any steps mostly moves by as many as the sample before
+            moves = np.round(np.diff(values) / step)
+            alike = np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0))
+            return 0.0 if alike > STRAIGHT * np.count_nonzero(moves) else step
     return 0.0
-
-
-def _goes_straight(values: Array, step: float) -> bool:
-    """Does the channel mostly move by as many steps as the sample before? So does a line without
-    any steps."""
-    moves = np.round(np.diff(values) / step)
-    return bool(
-        np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0)) > STRAIGHT * np.count_nonzero(moves)
-    )
 
 
 def _lattice(levels: Array, step: float) -> float:
@@ -122,15 +116,10 @@ def _lattice(levels: Array, step: float) -> float:
     return step
 
 
-def plateau_spacing(values: Array) -> float:
-    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer;
-    0 where there are none."""
-    return plateaus(values)[0]
-
-
 def plateaus(values: Array) -> tuple[float, float]:
-    """Their spacing, and the one of them that is nearest to the middle of what was recorded: the
-    zero of a scale, in kelvin or gauge pressure, need not be one. Both 0 where there are none.
+    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer,
+    and the one of them that is nearest to the middle of what was recorded: the zero of a scale, in
+    kelvin or gauge pressure, need not be one. Both 0 where there are none.
 
     Something on the way to the recorder rounds, and something after it adds noise: no recorder's
     step, whose readings are exact. The levels are lines of the characteristic function
@@ -160,7 +149,11 @@ def plateaus(values: Array) -> tuple[float, float]:
     # a channel that mostly rests is strong everywhere
     if lines[PADDED:best].min() > ON_PLATEAUS:
         return 0.0, 0.0
-    spacing = _refined(values, span / cycles[best], span)
+    # near the line of the histogram, the spacing at which the line of the samples is strongest
+    near = (cycles[best] + np.linspace(-1.0, 1.0, 41) / PADDED) / span
+    spacing = float(
+        1.0 / near[np.argmax([abs(np.exp(2j * np.pi * f * values).mean()) for f in near])]
+    )
     # from the middle: what the spacing is off by adds up over the levels to a far zero
     middle = float(np.median(values))
     off = (values - middle) / spacing
@@ -170,13 +163,6 @@ def plateaus(values: Array) -> tuple[float, float]:
     if PLATEAUS_APART * width >= 1.0:
         return 0.0, 0.0
     return spacing, middle + phase * spacing
-
-
-def _refined(values: Array, spacing: float, span: float) -> float:
-    """The spacing near this one at which the line is strongest."""
-    near = (span / spacing + np.linspace(-1.0, 1.0, 41) / PADDED) / span
-    lines = [abs(np.exp(2j * np.pi * f * values).mean()) for f in near]
-    return float(1.0 / near[int(np.argmax(lines))])
 
 
 def noise_level(y: Array) -> Array:
@@ -251,7 +237,9 @@ def sensor_noise(
     lag = np.where(steps > 0.0, 0.0, np.sqrt(np.mean(np.square(holds), axis=0)))
     least = MAY_BE_NOISE * y.std(axis=0)
     white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
-    repeats = (steps == 0.0) & ([_repeating(c) > REPEATING for c in y.T])
+    # share of the readings that repeat
+    repeating = np.array([np.mean(_readings(c)[1] > 1) for c in y.T])
+    repeats = (steps == 0.0) & (repeating > REPEATING)
     shows = ((UNIFORM * steps > least) | white) & ~repeats
     # whoever states a noise knows the sensor; what a reading clings by is an estimate
     used = np.where(stated > 0.0, np.maximum(noise, stated), np.hypot(noise, lag))
@@ -299,28 +287,20 @@ def _readings(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return edges[:-1], np.diff(edges)
 
 
-def _repeating(values: Array) -> float:
-    """Share of the readings that repeat."""
-    return float(np.mean(_readings(values)[1] > 1))
-
-
 def is_white(values: Array) -> bool:
     """Do differences of some order look like white noise throughout (and not like curvature that
     comes and goes)?"""
-    return any(_like_white(np.diff(values, n=k), k) for k in ORDERS)
-
-
-def _like_white(d: Array, order: int) -> bool:
-    if d.size < 80:
-        return False
-    sizes = _part_medians(np.abs(d), 40)
-    usual = float(np.median(sizes))
-    if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
-        return False
-    bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
-    # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
-    alone = -order / (order + 1.0)
-    return float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded)
+    for order in ORDERS:
+        d = np.diff(values, n=order)
+        sizes = _part_medians(np.abs(d), 40) if d.size >= FEW_MOVING else np.zeros(1)
+        usual = float(np.median(sizes))
+        if 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
+            bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
+            # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
+            alone = -order / (order + 1.0)
+            if float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded):
+                return True
+    return False
 
 
 def _part_medians(values: Array, parts: int) -> Array:
@@ -348,7 +328,15 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     noise = np.where(sigma > 0.0, sigma, np.sqrt(pooled))
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
-        noise[c] = max(min(_square_noise(d[:, c]) for d in every), UNIFORM * steps[c])
+        # of squares of differences: their median takes few values below a step; the median over
+        # blocks passes over jumps
+        squares = [
+            np.median(
+                [np.mean(part**2) for part in np.array_split(d[:, c], max(1, len(d) // BLOCK))]
+            )
+            for d in every
+        ]
+        noise[c] = max(float(np.sqrt(min(squares))), UNIFORM * steps[c])
     for c in np.flatnonzero(steps == 0.0):
         noise[c] = _noise_without_repeats(y[:, c], noise[c])
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
@@ -371,10 +359,3 @@ def _noise_without_repeats(values: Array, otherwise: float) -> float:
         if d.size >= FEW_MOVING:
             levels.append(float(np.median(d)) / (gain * MEDIAN))
     return min(levels, default=otherwise)
-
-
-def _square_noise(d: Array) -> float:
-    """White noise of one channel from the squares of its differences: their median takes few values
-    below a step. The median over blocks passes over jumps."""
-    blocks = max(1, d.size // BLOCK)
-    return float(np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)])))

@@ -202,35 +202,35 @@ def _levels_of(having: dict[int, _Signal]) -> dict[int, Words]:
     step = max(s.step for s in having.values())
     narrow = min(float(np.ptp(s.values)) for s in having.values())
     cell = step * next((m for m in STEPS_PER_LEVEL if narrow >= FEWEST_LEVELS * m * step), 1)
-    return {i: _level_words(s.values, cell) for i, s in having.items()}
-
-
-def _level_words(values: Array, cell: float) -> Words:
-    level = np.rint(values / cell).astype(np.int64)
-    begins = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
-    # the last one is cut short by the end of the file
-    dwell = np.diff(begins).astype(np.uint64)
-    word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
-    word = _hashed(word ^ (word >> np.uint64(29)), DOUBLINGS)
-    sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
-    return word[sampled], begins[sampled]
+    words = {}
+    for i, s in having.items():
+        level = np.rint(s.values / cell).astype(np.int64)
+        begins = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
+        # the last one is cut short by the end of the file
+        dwell = np.diff(begins).astype(np.uint64)
+        word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
+        word = _hashed(word ^ (word >> np.uint64(29)), DOUBLINGS)
+        sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
+        words[i] = word[sampled], begins[sampled]
+    return words
 
 
 def _signs_of(having: dict[int, _Signal]) -> dict[int, Words]:
     """Words of the signs of differences, of signals that show noise."""
-    return {i: _sign_words(s) for i, s in having.items() if s.shows_noise}
-
-
-def _sign_words(signal: _Signal) -> Words:
-    d = np.diff(signal.values, n=DIFFERENCE_ORDER)
-    sign = np.where(np.abs(d) > NO_SIGN * signal.noise, np.sign(d), 0.0).astype(np.int64)
-    # a signal and its opposite have the same word
-    both = [_hashed((s * sign + 2).astype(np.uint64) * MIX, SIGN_DOUBLINGS) for s in (1, -1)]
-    word = np.minimum(*both)
-    zeros = np.convolve(sign == 0, np.ones(1 << SIGN_DOUBLINGS), "valid")[: word.size]
-    telling = zeros <= MOST_ZEROS * (1 << SIGN_DOUBLINGS)
-    sampled = np.flatnonzero((word % np.uint64(ONE_WORD_IN) == 0) & telling)
-    return word[sampled], sampled
+    words = {}
+    for i, s in having.items():
+        if not s.shows_noise:
+            continue
+        d = np.diff(s.values, n=DIFFERENCE_ORDER)
+        sign = np.where(np.abs(d) > NO_SIGN * s.noise, np.sign(d), 0.0).astype(np.int64)
+        # a signal and its opposite have the same word
+        both = [_hashed((k * sign + 2).astype(np.uint64) * MIX, SIGN_DOUBLINGS) for k in (1, -1)]
+        word = np.minimum(*both)
+        zeros = np.convolve(sign == 0, np.ones(1 << SIGN_DOUBLINGS), "valid")[: word.size]
+        telling = zeros <= MOST_ZEROS * (1 << SIGN_DOUBLINGS)
+        sampled = np.flatnonzero((word % np.uint64(ONE_WORD_IN) == 0) & telling)
+        words[i] = word[sampled], sampled
+    return words
 
 
 def _hashed(word: NDArray[np.uint64], doublings: int) -> NDArray[np.uint64]:
@@ -299,7 +299,11 @@ def _shared_but_scaled(
             return None
         gain, offset = line
         noise = min(table[n].noise, abs(gain) * other[n].noise)
-        same &= _around(((a - offset - gain * b) / noise) ** 2) <= COPY_SHARE**2
+        squares = ((a - offset - gain * b) / noise) ** 2
+        # mean over half a block around every sample
+        window = np.ones(min(LINE_SAMPLES // 2 + 1, size))
+        counted = np.convolve(np.ones(size), window, "same")
+        same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
         if table[n].shows_noise and other[n].shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
     return _longest(same, moves, start)
@@ -323,14 +327,6 @@ def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
     dx = x - x.mean()
     slope = float(dx @ (y - y.mean()) / (dx @ dx))
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _around(values: Array) -> Array:
-    """Mean over half a block around every sample."""
-    window = np.ones(min(LINE_SAMPLES // 2 + 1, len(values)))
-    return np.asarray(
-        np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same")
-    )
 
 
 def _longest(

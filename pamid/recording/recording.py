@@ -23,7 +23,6 @@ from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.csv_table import table_bytes
 from pamid.base.errors import DataError, FileError, UsageError, listed, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
-from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     compatible,
@@ -62,7 +61,7 @@ _PLAIN_CELLS = (
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another
 #: signal"
-_FOREIGN_UNITS = (
+_FOREIGN_UNITS = [
     "psi",
     "psig",
     "psia",
@@ -92,7 +91,7 @@ _FOREIGN_UNITS = (
     "counts",
     "ticks",
     "kv",
-)
+]
 
 
 @dataclass(frozen=True)
@@ -271,27 +270,13 @@ def read_recording(path: str | Path | DataFrame) -> Recording:
         hint = "A fit needs seconds of motion, not a moment of it; record for longer."
         message = f"{source}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed."
         raise DataError(message, hint, code="too-short")
-    side = sidecar_of(source, names, time)
     columns = {
         name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names) if index
     }
     for array in (time, *columns.values()):
         array.flags.writeable = False
-    return Recording(
-        source.stem,
-        source,
-        sha256_of(source),
-        time,
-        columns,
-        side.sampling_period_s,
-        side.loop,
-        side.rig,
-        side.known,
-        side.controller,
-        side.warnings,
-        between=side.between,
-        free=side.free,
-    )
+    stated = sidecar_of(source, names, time)
+    return Recording(source.stem, source, sha256_of(source), time, columns, **stated)
 
 
 def recording_of(
@@ -399,18 +384,6 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         if name == stem and symbol != NONE:
             raise _wrong_unit(name, "without a unit", wanted, symbol)
     return None
-
-
-def require_excited(recording: Recording, column: str) -> None:
-    """DataError if the signal never changes: nothing can be learnt from it."""
-    values = recording.signal(column)
-    if motion(values) == 0.0:
-        hint = (
-            "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
-            "range."
-        )
-        message = f"{recording.path}: {column} is constant ({values[0]:g}) throughout."
-        raise DataError(message, hint, code="not-excited")
 
 
 def toml_text(tables: Mapping[str, Any]) -> str:

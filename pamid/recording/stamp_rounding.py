@@ -22,20 +22,14 @@ _FEWEST_HALVES = 3  # stamps at either end of their digit
 def last_digits(stamps: FloatArray) -> FloatArray:
     """Value of one unit in the last digit of every stamp (n,), s: as many decimals as any of them
     has, or as many significant digits, where these were counted."""
-    decimals = _decimals(stamps)
-    size = np.floor(np.log10(np.maximum(np.abs(stamps), 10.0**-_DIGITS))).astype(np.int64)
-    significant = int((decimals + size).max())
-    return np.asarray(10.0 ** np.maximum(-int(decimals.max()), size - significant))
-
-
-def _decimals(stamps: FloatArray) -> NDArray[np.int64]:
-    """How many decimals each stamp has, (n,); at most _DIGITS."""
-    counts = np.full(stamps.size, _DIGITS, dtype=np.int64)
+    counts = np.full(stamps.size, _DIGITS, dtype=np.int64)  # decimals of each stamp
     for decimals in range(_DIGITS - 1, -1, -1):
         scaled = stamps * 10.0**decimals
         whole = np.abs(scaled - np.round(scaled)) <= np.maximum(1e-6, 4.0 * np.spacing(scaled))
         counts[whole] = decimals
-    return counts
+    size = np.floor(np.log10(np.maximum(np.abs(stamps), 10.0**-_DIGITS))).astype(np.int64)
+    significant = int((counts + size).max())
+    return np.asarray(10.0 ** np.maximum(-int(counts.max()), size - significant))
 
 
 def even_but_rounded(stamps: FloatArray) -> bool:
@@ -68,14 +62,9 @@ def even_but_rounded(stamps: FloatArray) -> bool:
         if min(below, above) < -_TOUCH * float(digit.min()):
             return True
         low, high = (low, b) if below < above else (a, high)
-    return _by_halves(*edges(0.5 * (low + high)), _TOUCH * float(digit.min()))
-
-
-def _by_halves(earliest: FloatArray, latest: FloatArray, touch: float) -> bool:
-    """Does the clock meet both ends of a digit, as halves do that are rounded to either side? Then
-    several stamps do, not one that strays by a digit."""
-    early, late = float(earliest.max()), float(latest.min())
-    if early - late > touch:
-        return False
+    # a clock that meets both ends of a digit, as halves do that are rounded to either side: then
+    # several stamps do, not one that strays by a digit
+    earliest, latest = edges(0.5 * (low + high))
+    early, late, touch = earliest.max(), latest.min(), _TOUCH * float(digit.min())
     ends = (np.count_nonzero(earliest >= early - touch), np.count_nonzero(latest <= late + touch))
-    return bool(min(ends) >= _FEWEST_HALVES)
+    return bool(early - late <= touch and min(ends) >= _FEWEST_HALVES)

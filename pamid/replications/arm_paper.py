@@ -56,8 +56,9 @@ from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
 from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.free_runs import free_run, output_table
+from pamid.simulation.free_runs import free_run
 from pamid.simulation.replay import Replay
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner
 
@@ -145,7 +146,7 @@ class ArmModel:
         """A run over a whole recording from the state in which the rig begins (samples x VARIABLES,
         SI)."""
         a, stepping = self.grey.assembly, self.grey.fit.stepping
-        t = track_of(a, r, VARIABLES)
+        t = track_of(a, data_of(a.rig, r), VARIABLES)
         run = free_run(
             a, t.u, Runner(a, t, stepping).parameters(self.p), t.period_s, stepping=stepping
         )
@@ -157,7 +158,10 @@ class ArmModel:
 
     def free_mae(self, recordings: Iterable[Recording]) -> dict[str, float]:
         """Errors of free runs, as `shown_mae`."""
-        return shown_mae((r, output_table(VARIABLES, r) - self.free(r)) for r in recordings)
+        return shown_mae(
+            (r, data_of(self.grey.assembly.rig, r).outputs(VARIABLES) - self.free(r))
+            for r in recordings
+        )
 
 
 # ---- fits --------------------------------------------------------------------------------------

@@ -28,7 +28,6 @@ from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.rigs.two_link import JOINTS
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.free_runs import output_table
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
@@ -272,5 +271,6 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
         )
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
-        recordings.append(Taken(session, recording, output_table(VARIABLES, recording) - clean))
+        measured = np.stack([recording.si(v) for v in VARIABLES], axis=1)
+        recordings.append(Taken(session, recording, measured - clean))
     return ArmRecords(tuple(recordings))

@@ -66,6 +66,7 @@ from pamid.replications.joint_twin import (
 from pamid.report.paper_figure import steps_picture
 from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.rig_data import data_of
 from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
@@ -174,7 +175,9 @@ class JointRecords:
 
     def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> ModelRow:
         """Score a fitted model in its own loop."""
-        runs = {case: loop_run(grey, r, p) for case, r in self.steps.items()}
+        runs = {
+            case: loop_run(grey, data_of(grey.evidence.rig, r), p) for case, r in self.steps.items()
+        }
         return self.row(
             model,
             {case: None if run is None else run[ANGLE_COLUMN] for case, run in runs.items()},

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.model import ListOf, Model, Number, Text
 
@@ -36,17 +36,15 @@ class AddedVariable(Model):
     )
 
 
-class AddedVariablesFile(Model):
+class AddedVariablesFile(
+    Model,
+    schema="pamid.added-variables/1",
+    title="added-variables.json: the refitted model's residual over what each candidate adds",
+):
     """Added-variable plots of a diagnosis, on the recordings that were fitted."""
 
-    model_config = ConfigDict(
-        title="added-variables.json: the refitted model's residual over what each candidate adds"
-    )
     written_by: ClassVar = "pamid diagnose"
 
-    schema_: Literal["pamid.added-variables/1"] = Field(
-        default="pamid.added-variables/1", alias="schema"
-    )
     plots: ListOf[AddedVariable] = Field(
         description="of several causes each next to the others, then of each candidate of the "
         "ranking by itself, in its order"

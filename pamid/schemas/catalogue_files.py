@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import RIG, UNIT
 from pamid.schemas.model import Flag, ListOf, Model, Number, Sometimes, Text
@@ -79,12 +77,11 @@ class EffectStory(EffectRow):
     places: ListOf[EffectPlace] = Field(description="where it fits on the rigs looked at")
 
 
-class EffectCatalogue(Model):
+class EffectCatalogue(
+    Model, schema="pamid.effects/1", title="pamid effects: the catalogue of effects, or one of them"
+):
     """All effects, or one of them."""
 
-    model_config = ConfigDict(title="pamid effects: the catalogue of effects, or one of them")
-
-    schema_: Literal["pamid.effects/1"] = Field(default="pamid.effects/1", alias="schema")
     effect: Sometimes[EffectStory] = Field(default=None, description="the requested one")
     effects: Sometimes[ListOf[EffectRow]] = Field(default=None, description="sorted by name")
 
@@ -182,11 +179,10 @@ class RigStory(Model):
     equations: RigEquations
 
 
-class RigCatalogue(Model):
+class RigCatalogue(
+    Model, schema="pamid.rigs/1", title="pamid rigs: the catalogue of rigs, or one of them"
+):
     """All rigs, or one of them."""
 
-    model_config = ConfigDict(title="pamid rigs: the catalogue of rigs, or one of them")
-
-    schema_: Literal["pamid.rigs/1"] = Field(default="pamid.rigs/1", alias="schema")
     rig: Sometimes[RigStory] = Field(default=None, description="the requested one")
     rigs: Sometimes[ListOf[RigRow]] = None

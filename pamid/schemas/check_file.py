@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import UNIT
 from pamid.schemas.model import (
@@ -110,14 +110,13 @@ class CheckedPort(Model):
     unlocks: ListOf[Unlocked] = Field(description="further effects by the signal that they need")
 
 
-class CheckFile(Model):
+class CheckFile(
+    Model,
+    schema="pamid.check/1",
+    title="pamid check: faults of a recording, a rig file or an effect file",
+):
     """Faults of a recording, a rig file or an effect file."""
 
-    model_config = ConfigDict(
-        title="pamid check: faults of a recording, a rig file or an effect file"
-    )
-
-    schema_: Literal["pamid.check/1"] = Field(default="pamid.check/1", alias="schema")
     file: Text = Field(description="its path")
     kind: Text = Field(description="recording, rig, effect, or python: neither of these")
     rigs: Sometimes[ListOf[Text]] = Field(default=None, description="names of the rigs in it")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, WithJsonSchema
+from pydantic import Field, WithJsonSchema
 
 from pamid.schemas.estimates import EFFECTS, PERIOD, RIG, SEED
 from pamid.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
@@ -17,21 +17,19 @@ from pamid.schemas.score_file import RecordingError
 LOOP = "closed or open: was a controller producing the command?"
 
 
-class PrintedText(Model):
+class PrintedText(
+    Model, schema="pamid.text/1", title="A command that prints text only, such as --help"
+):
     """A command whose only result is a text."""
 
-    model_config = ConfigDict(title="A command that prints text only, such as --help")
-
-    schema_: Literal["pamid.text/1"] = Field(default="pamid.text/1", alias="schema")
     text: Text = Field(description="the printed text")
 
 
-class CompletionScript(Model):
+class CompletionScript(
+    Model, schema="pamid.completion/1", title="pamid completion: the script of a shell"
+):
     """Script by which a shell completes pamid's commands."""
 
-    model_config = ConfigDict(title="pamid completion: the script of a shell")
-
-    schema_: Literal["pamid.completion/1"] = Field(default="pamid.completion/1", alias="schema")
     shell: Literal["bash", "zsh", "fish"]
     script: Text = Field(description="script for the shell")
     line: Text = Field(description="the line that runs it")
@@ -51,12 +49,11 @@ class OptionSetting(Model):
     origin: Text = Field(description="source of the value")
 
 
-class AllSettings(Model):
+class AllSettings(
+    Model, schema="pamid.config/1", title="pamid config: the value of every option and its source"
+):
     """Every option of the requested commands."""
 
-    model_config = ConfigDict(title="pamid config: the value of every option and its source")
-
-    schema_: Literal["pamid.config/1"] = Field(default="pamid.config/1", alias="schema")
     file: Text | None = Field(description="the pamid.toml in use; null without one")
     commands: MapOf[MapOf[OptionSetting]] = Field(description="command -> option -> its value")
     ignored: dict[Text, Text] = Field(description="ignored settings files, and the reason")
@@ -66,12 +63,11 @@ class AllSettings(Model):
     )
 
 
-class SimulatedFile(Model):
+class SimulatedFile(
+    Model, schema="pamid.simulate/1", title="pamid simulate: the simulated recording"
+):
     """A recording that was made by a model."""
 
-    model_config = ConfigDict(title="pamid simulate: the simulated recording")
-
-    schema_: Literal["pamid.simulate/1"] = Field(default="pamid.simulate/1", alias="schema")
     output: Text = Field(description="path of the recording")
     samples: Count = Field(description="number of samples")
     rig: Text | None = Field(description=RIG)
@@ -80,12 +76,11 @@ class SimulatedFile(Model):
     seed: Count | None = Field(description=SEED)
 
 
-class GuessedMappingFile(Model):
+class GuessedMappingFile(
+    Model, schema="pamid.mapping/1", title="pamid ingest --guess: a first mapping"
+):
     """A first mapping of a raw log, which the user must check."""
 
-    model_config = ConfigDict(title="pamid ingest --guess: a first mapping")
-
-    schema_: Literal["pamid.mapping/1"] = Field(default="pamid.mapping/1", alias="schema")
     log: Text = Field(description="path of the log")
     output: Text | None = Field(description="file of the mapping; null if it is only printed")
     toml: Text = Field(description="the mapping as text")
@@ -95,12 +90,9 @@ class GuessedMappingFile(Model):
     )
 
 
-class WrittenReport(Model):
+class WrittenReport(Model, schema="pamid.report/1", title="pamid report: the page and its figures"):
     """The files of a report."""
 
-    model_config = ConfigDict(title="pamid report: the page and its figures")
-
-    schema_: Literal["pamid.report/1"] = Field(default="pamid.report/1", alias="schema")
     page: Text = Field(description="path of the HTML page")
     figures: ListOf[Text] = Field(description="paths of the pictures")
     mae: MapOf[MapOf[Number]] = Field(
@@ -112,12 +104,11 @@ class WrittenReport(Model):
     pdf: Sometimes[Text] = Field(default=None, description="path of the PDF, if requested")
 
 
-class WrittenAnimation(Model):
+class WrittenAnimation(
+    Model, schema="pamid.animate/1", title="pamid animate: a GIF of a rig's motion"
+):
     """An animated picture of a stretch of a recording."""
 
-    model_config = ConfigDict(title="pamid animate: a GIF of a rig's motion")
-
-    schema_: Literal["pamid.animate/1"] = Field(default="pamid.animate/1", alias="schema")
     output: Text = Field(description="path of the GIF")
     rig: Text | None = Field(description=RIG)
     recording: Text = Field(description="its name")
@@ -164,12 +155,11 @@ class PlainMujoco(PlainSettings):
     )
 
 
-class WrittenExport(Model):
+class WrittenExport(
+    Model, schema="pamid.export/1", title="pamid export: the files of an exported model"
+):
     """The files of an exported model."""
 
-    model_config = ConfigDict(title="pamid export: the files of an exported model")
-
-    schema_: Literal["pamid.export/1"] = Field(default="pamid.export/1", alias="schema")
     to: Text = Field(description="the form")
     files: ListOf[Text] = Field(description="paths of the written files")
     binary: Text | None = Field(description="platform that an FMU was built for; empty for none")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.diagnosis_file import Cause, Reach, Verdict
 from pamid.schemas.estimates import SEED, Estimate
@@ -14,12 +14,11 @@ from pamid.schemas.network_file import ChannelErrors
 Hit = Literal["right", "among", "missed"]
 
 
-class WithheldFile(Model):
+class WithheldFile(
+    Model, schema="pamid.withheld/1", title="withheld.json: the hidden effect of the demo"
+):
     """Hidden effect and parameters, which only the final comparison reads."""
 
-    model_config = ConfigDict(title="withheld.json: the hidden effect of the demo")
-
-    schema_: Literal["pamid.withheld/1"] = Field(default="pamid.withheld/1", alias="schema")
     seed: Count | None = Field(description=SEED)
     effect: Text
     family: Text
@@ -28,12 +27,11 @@ class WithheldFile(Model):
     over_data_sheet: dict[Text, Number] = Field(description="true value over that of the sheet")
 
 
-class DemoOutput(Model):
+class DemoOutput(
+    Model, schema="pamid.demo/1", title="pamid demo: the withheld effect and the diagnosis"
+):
     """The withheld effect and the diagnosis."""
 
-    model_config = ConfigDict(title="pamid demo: the withheld effect and the diagnosis")
-
-    schema_: Literal["pamid.demo/1"] = Field(default="pamid.demo/1", alias="schema")
     withheld: WithheldFile
     hit: Hit = Field(
         description="whether the withheld family was named: alone, as one of several, or not"

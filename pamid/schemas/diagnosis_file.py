@@ -55,6 +55,18 @@ class GapShare(Model):
     high: Number = Field(description=HIGH)
     standard_errors: Written[Number] = Field(None, description="the share in its standard errors")
 
+    @property
+    def z(self) -> float:
+        """The share in its standard errors; 0 where it is not known."""
+        return self.standard_errors or 0.0
+
+    @property
+    def rest(self) -> GapShare:
+        """The share of the gap that remains."""
+        return GapShare(
+            share=1.0 - self.share, low=1.0 - self.high, high=1.0 - self.low, standard_errors=0.0
+        )
+
 
 class Cause(Model):
     """An effect that the verdict adds."""
@@ -370,13 +382,13 @@ class Unknown(Model):
     )
 
 
-class DiagnosisFile(Model):
+class DiagnosisFile(
+    Model,
+    schema="pamid.diagnosis/3",
+    title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
+    "how far it shrinks",
+):
     """Where the gap lies, which effect causes it, how far it shrinks."""
-
-    model_config = ConfigDict(
-        title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
-        "how far it shrinks"
-    )
 
     earlier: ClassVar = {
         "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
@@ -386,7 +398,6 @@ class DiagnosisFile(Model):
     readable: ClassVar = ("pamid.diagnosis/2",)
     written_by: ClassVar = "pamid diagnose"
 
-    schema_: Literal["pamid.diagnosis/3"] = Field(default="pamid.diagnosis/3", alias="schema")
     verdict: Verdict
     sentence: Text = Field("", description="the verdict in words")
     remark: Text = Field(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, WithJsonSchema
+from pydantic import Field, WithJsonSchema
 
 from pamid.schemas.command_files import LOOP
 from pamid.schemas.estimates import RIG, SEED, SHA256, UNIT
@@ -85,12 +85,11 @@ class LimitsKept(Model):
     reached: dict[Text, Pair] = Field(description="joint -> lowest and highest position, rad or m")
 
 
-class ExcitationFile(Model):
+class ExcitationFile(
+    Model, schema="pamid.excitation/1", title="JSON next to an excitation, and pamid generate-aprbs"
+):
     """Excitation: one column with the settings, or several in a list."""
 
-    model_config = ConfigDict(title="JSON next to an excitation, and pamid generate-aprbs")
-
-    schema_: Literal["pamid.excitation/1"] = Field(default="pamid.excitation/1", alias="schema")
     generator: Text = Field(description="program and version")
     file: Text | None = Field(description="name of the file that it describes")
     sha256: Text = Field(description=SHA256)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import (
     CONVERGED,
@@ -151,12 +151,13 @@ class StartedFrom(Model):
     remarks: ListOf[Text] = Field(description="remarks for the reader, one sentence each")
 
 
-class FitFile(Model):
+class FitFile(
+    Model,
+    schema="pamid.fit/1",
+    title="fit.json and pamid fit: parameters with intervals, errors per channel",
+):
     """The refitted model: parameters with intervals, and errors per channel on held-out data."""
 
-    model_config = ConfigDict(
-        title="fit.json and pamid fit: parameters with intervals, errors per channel"
-    )
     not_read: ClassVar = (
         "seed",
         "noise",
@@ -168,7 +169,6 @@ class FitFile(Model):
         "rivals",
     )
 
-    schema_: Literal["pamid.fit/1"] = Field(default="pamid.fit/1", alias="schema")
     rig: Text = Field(description="name of the rig")
     effects: ListOf[Text] = Field((), description=EFFECTS)
     seed: Count | None = Field(None, description=SEED)

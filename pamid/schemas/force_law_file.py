@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.model import Count, Flag, ListOf, Model, Number, Text, Written
 from pamid.schemas.network_file import TrainingSummary
@@ -75,12 +73,9 @@ class WrittenRig(Model):
     strict: Flag = Field(description="whether it refuses a law that is not monotone")
 
 
-class ForceLawFile(Model):
+class ForceLawFile(Model, schema="pamid.force-law/1", title="force-law.json and pamid force-law"):
     """All forces in N, errors on points held out unless the key says otherwise."""
 
-    model_config = ConfigDict(title="force-law.json and pamid force-law")
-
-    schema_: Literal["pamid.force-law/1"] = Field(default="pamid.force-law/1", alias="schema")
     finding: Text = Field(description="in a sentence")
     advice: ListOf[Text]
     map: Written[MapUsed] = None

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.command_files import LOOP
 from pamid.schemas.estimates import PERIOD, RIG, UNIT
@@ -127,15 +125,14 @@ class RecordingMade(Model):
 _ACCOUNT = ("source", "mapping", "clock_ppm", "clocks", "signals", "notes", "recording")
 
 
-class IngestFile(Model):
+class IngestFile(
+    Model,
+    schema="pamid.ingest/1",
+    title="pamid ingest, and the conversion record next to a recording from a raw log",
+    json_schema_extra={"oneOf": [{"required": [*_ACCOUNT]}, {"required": ["recordings"]}]},
+):
     """Conversion record of one recording; in the command's output, of all recordings."""
 
-    model_config = ConfigDict(
-        title="pamid ingest, and the conversion record next to a recording from a raw log",
-        json_schema_extra={"oneOf": [{"required": [*_ACCOUNT]}, {"required": ["recordings"]}]},
-    )
-
-    schema_: Literal["pamid.ingest/1"] = Field(default="pamid.ingest/1", alias="schema")
     source: Sometimes[LogRead] = None
     mapping: Sometimes[MappingUsed] = None
     clock_ppm: Sometimes[Number] = Field(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from numbers import Integral, Real
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Unpack
 
 from pydantic import (
     BaseModel,
@@ -26,6 +26,7 @@ from pydantic import (
     FailFast,
     Field,
     GetJsonSchemaHandler,
+    InstanceOf,
     PlainValidator,
     ValidationError,
     ValidationInfo,
@@ -94,13 +95,6 @@ def _count(value: Any) -> int:
     return int(float(value))
 
 
-def _text(value: Any) -> str:
-    # not pydantic's own: a path may hold bytes that are no UTF-8, as lone surrogates
-    if not isinstance(value, str):
-        raise expected("a text")
-    return value
-
-
 def _flag(value: Any) -> bool:
     plain = value.item() if hasattr(value, "item") else value  # of NumPy
     if not isinstance(plain, bool):
@@ -110,7 +104,8 @@ def _flag(value: Any) -> bool:
 
 Number = Annotated[float, PlainValidator(number), WithJsonSchema({"type": "number"})]
 Count = Annotated[int, PlainValidator(_count), WithJsonSchema({"type": "integer"})]
-Text = Annotated[str, PlainValidator(_text), WithJsonSchema({"type": "string"})]
+# not pydantic's own check: a path may hold bytes that are no UTF-8, as lone surrogates
+Text = Annotated[str, InstanceOf()]
 Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"})]
 
 
@@ -195,6 +190,14 @@ class Model(BaseModel):
     readable: ClassVar[tuple[str, ...]] = ()
     #: the command that writes it
     written_by: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, schema: str = "", **config: Unpack[ConfigDict]) -> None:
+        """schema: name and number of a file or an output of its own, its key `schema`."""
+        super().__init_subclass__(**config)
+        if schema:
+            own = cls.__dict__.get("__annotations__", {})
+            cls.__annotations__ = {"schema_": Literal[schema], **own}
+            cls.schema_ = Field(default=schema, alias="schema")  # type: ignore[attr-defined]
 
     def as_json(self) -> dict[str, Any]:
         """Plain dicts and lists of the fields that were set, in order."""
@@ -294,6 +297,7 @@ def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = (
 
 
 _EXPECTED = {
+    "is_instance_of": "a text",
     "model_type": "an object",
     "dict_type": "an object",
     "tuple_type": "a list",

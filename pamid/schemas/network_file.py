@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import ConfigDict, Field, PlainValidator, ValidationInfo, WithJsonSchema
 
@@ -100,10 +100,9 @@ class WeightsFile(Model):
     sha256: Text = Field(description=SHA256)
 
 
-class NetworkFile(Model):
+class NetworkFile(Model, schema="pamid.network/1", title="network.json and pamid train-residual"):
     """A trained network: sizes, signals and scaling, and how the training went."""
 
-    model_config = ConfigDict(title="network.json and pamid train-residual")
     not_read: ClassVar = (
         "sizes",
         "inputs",
@@ -114,7 +113,6 @@ class NetworkFile(Model):
         "notes",
     )
 
-    schema_: Literal["pamid.network/1"] = Field(default="pamid.network/1", alias="schema")
     kind: Text = Field("network", description="elman, narx, anfis")
     sizes: dict[Text, Annotated[Any, WithJsonSchema(ANY_SIZE)]] = Field(
         {}, description="sizes of this kind of network, by name"

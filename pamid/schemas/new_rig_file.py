@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import UNIT
 from pamid.schemas.model import Flag, ListOf, Model, Number, Text
@@ -30,12 +30,11 @@ class OtherMatch(Model):
     score: Number = Field(description="1 where everything fits by name")
 
 
-class NewRigFile(Model):
+class NewRigFile(
+    Model, schema="pamid.new-rig/1", title="pamid new-rig: a rig file from a recording's columns"
+):
     """The rig file, and where its columns come from."""
 
-    model_config = ConfigDict(title="pamid new-rig: a rig file from a recording's columns")
-
-    schema_: Literal["pamid.new-rig/1"] = Field(default="pamid.new-rig/1", alias="schema")
     output: Text = Field(description="the rig file")
     rig: Text = Field(description="its name")
     like: Text = Field(description="rig of the catalogue on which it is based")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.estimates import PERIOD, SEED, UNIT, WHY_ENDED, WORD, Interval
@@ -102,12 +102,11 @@ def _some(rows: Any) -> Any:
     return rows
 
 
-class PaperFile(Model):
+class PaperFile(
+    Model, schema="pamid.paper/1", title="paper.json: the first paper's table on a calibrated twin"
+):
     """The models on the steps of the first paper, beside the published figures."""
 
-    model_config = ConfigDict(title="paper.json: the first paper's table on a calibrated twin")
-
-    schema_: Literal["pamid.paper/1"] = Field(default="pamid.paper/1", alias="schema")
     quick: Flag = Field(False, description=QUICK)
     plan: Written[JointPlanUsed] = Field(None, description=PLAN)
     notes: ListOf[Text] = Field((), description=NOTES)
@@ -230,12 +229,11 @@ class StageEnd(Model):
     why: Text = Field("", description=WHY_ENDED)
 
 
-class ArmPaperFile(Model):
+class ArmPaperFile(
+    Model, schema="pamid.paper-arm/1", title="arm-paper.json: the second paper on a virtual arm"
+):
     """The second paper's validation; errors: test -> variable -> models."""
 
-    model_config = ConfigDict(title="arm-paper.json: the second paper on a virtual arm")
-
-    schema_: Literal["pamid.paper-arm/1"] = Field(default="pamid.paper-arm/1", alias="schema")
     quick: Flag = Field(False, description=QUICK)
     plan: Written[ArmPlanUsed] = Field(None, description=PLAN)
     notes: ListOf[Text] = Field((), description=NOTES)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import RIG, SEED, UNIT
 from pamid.schemas.model import ListOf, MapOf, Model, Number, Text
@@ -41,15 +39,13 @@ class ShownEffect(Model):
     failed: Text = Field(description="reason of a failure; else empty")
 
 
-class PowerFile(Model):
+class PowerFile(
+    Model,
+    schema="pamid.power/1",
+    title="pamid power: what an experiment would show of every effect, and what it would confuse",
+):
     """Detectability of every effect in an experiment, and the effects it would confuse."""
 
-    model_config = ConfigDict(
-        title="pamid power: what an experiment would show of every effect, and what it would "
-        "confuse"
-    )
-
-    schema_: Literal["pamid.power/1"] = Field(default="pamid.power/1", alias="schema")
     rig: Text = Field(description=RIG)
     excitation: Text
     seconds: Number = Field(description="of the experiment, s")

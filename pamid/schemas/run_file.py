@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from pamid.schemas.estimates import SEED, SHA256
 from pamid.schemas.model import Count, ListOf, Model, Sometimes, Text, expected
@@ -55,13 +55,11 @@ class Resumption(Model):
     begun: Text = Field(description=UTC)
 
 
-class RunFile(Step):
+class RunFile(Step, schema="pamid.run/1", title="run.json: origin of the files of a run"):
     """Origin of the files of a run. A killed run has `ended` null."""
 
-    model_config = ConfigDict(title="run.json: origin of the files of a run")
     not_read: ClassVar = ("files", "resumed")
 
-    schema_: Literal["pamid.run/1"] = Field(default="pamid.run/1", alias="schema")
     steps: ListOf[Step] = Field((), description="later commands on the same run")
     files: Sometimes[ListOf[Text]] = Field(
         default=None,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import RIG
 from pamid.schemas.model import Figures, ListOf, MapOf, Model, Text
@@ -28,22 +26,20 @@ class RunSummary(Model):
     )
 
 
-class RunList(Model):
+class RunList(
+    Model, schema="pamid.runs/1", title="pamid runs: the runs below a folder with their results"
+):
     """The runs below a folder."""
 
-    model_config = ConfigDict(title="pamid runs: the runs below a folder with their results")
-
-    schema_: Literal["pamid.runs/1"] = Field(default="pamid.runs/1", alias="schema")
     folder: Text = Field(description="searched folder")
     runs: ListOf[RunSummary] = Field(default=(), description="by path")
 
 
-class WrittenComparison(Model):
+class WrittenComparison(
+    Model, schema="pamid.comparison/1", title="pamid report --compare: a comparison of runs"
+):
     """A page that compares runs."""
 
-    model_config = ConfigDict(title="pamid report --compare: a comparison of runs")
-
-    schema_: Literal["pamid.comparison/1"] = Field(default="pamid.comparison/1", alias="schema")
     page: Text = Field(description="path of the page")
     runs: ListOf[RunSummary] = Field(
         default=(), description="in the order in which they were given"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.estimates import RIG
 from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Text
@@ -29,12 +27,11 @@ class RecordingError(Model):
     rms: MapOf[Number | None] = Field(description=f"root of the mean squared error, {BY_MODEL}")
 
 
-class ScoreFile(Model):
+class ScoreFile(
+    Model, schema="pamid.score/1", title="pamid score: errors of a run's models on new recordings"
+):
     """Errors of a run's models on new recordings."""
 
-    model_config = ConfigDict(title="pamid score: errors of a run's models on new recordings")
-
-    schema_: Literal["pamid.score/1"] = Field(default="pamid.score/1", alias="schema")
     run: Text = Field(description="folder of the run")
     rig: Text = Field(description=RIG)
     models: ListOf[Text] = Field(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.estimates import HIGH, LOW, RIG, SEED, SHA256, FailedJob
@@ -52,12 +52,9 @@ class ActingEffect(PlantedTruth):
     )
 
 
-class TrialCaseFile(Model):
+class TrialCaseFile(Model, schema="pamid.trial-case/1", title="Result of one case of a trial"):
     """The result of one case."""
 
-    model_config = ConfigDict(title="Result of one case of a trial")
-
-    schema_: Literal["pamid.trial-case/1"] = Field(default="pamid.trial-case/1", alias="schema")
     case: Count = Field(description="its number")
     sha256: Text = Field(description="of the case and its label, hexadecimal")
     failed: ErrorFile | None = Field(description="the error, if there is no result")
@@ -105,12 +102,13 @@ class CaseLabel(Model):
     )
 
 
-class TrialLabelsFile(Model):
+class TrialLabelsFile(
+    Model,
+    schema="pamid.trial-labels/1",
+    title="labels.json: planted effects of the cases of a trial",
+):
     """Labels, which only the scorer reads."""
 
-    model_config = ConfigDict(title="labels.json: planted effects of the cases of a trial")
-
-    schema_: Literal["pamid.trial-labels/1"] = Field(default="pamid.trial-labels/1", alias="schema")
     rig: Text | None = Field(description=RIG)
     part: Text = Field(description="calibration or test")
     seed: Count | None = Field(description=SEED)
@@ -123,12 +121,11 @@ class TrialLabelsFile(Model):
     world: Sometimes[Text] = Field(default=None, description=WORLD)
 
 
-class TrialShare(Model):
+class TrialShare(
+    Model, schema="pamid.trial-share/1", title="pamid trial --index: the share of one array task"
+):
     """Cases that one of many machines has completed."""
 
-    model_config = ConfigDict(title="pamid trial --index: the share of one array task")
-
-    schema_: Literal["pamid.trial-share/1"] = Field(default="pamid.trial-share/1", alias="schema")
     index: Count = Field(description="of the share, from 1")
     of: Count = Field(description="number of shares")
     cases: ListOf[Count] = Field(description="their numbers")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
-from pydantic import ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from pamid.schemas.estimates import HIGH, LOW, SEED, FailedJob
 from pamid.schemas.model import MISSING, Count, ListOf, MapOf, Model, Number, Text
@@ -46,13 +46,11 @@ class Bin(Model):
     right: Rate = Field(description="share of right answers")
 
 
-class TrialFile(Model):
+class TrialFile(Model, schema="pamid.trial/1", title="trial.json: the scored trial"):
     """The scored trial."""
 
-    model_config = ConfigDict(title="trial.json: the scored trial")
     not_read: ClassVar = ("failed_jobs",)
 
-    schema_: Literal["pamid.trial/1"] = Field(default="pamid.trial/1", alias="schema")
     part: Text = Field(description="calibration or test")
     seed: Count = Field(description=SEED)
     cases: Count = Field(description="how many were drawn")

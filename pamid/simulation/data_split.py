@@ -12,26 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError
-from pamid.base.metrics import seen_mean
+from pamid.base.metrics import motion, seen_mean
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
-from pamid.recording.recording import Recording, require_excited
+from pamid.recording.recording import Recording
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.error_growth import growth_time_s
-from pamid.simulation.free_runs import (
-    free_run,
-    input_table,
-    known_values,
-    measured_outputs,
-    output_table,
-    state_spread,
-)
+from pamid.simulation.free_runs import free_run, known_values, state_spread
 from pamid.simulation.idle_background import IdleTerm, without_idle_terms
 from pamid.simulation.replay import Replay
+from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
@@ -68,9 +62,16 @@ LEAST_FITTED, LEAST_HELD_OUT = 20.0, 61.0
 class Span:
     """Samples start..stop of a recording."""
 
-    recording: Recording
+    recording: Data
     start: int
     stop: int
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def seconds(self) -> float:
+        return len(self) * self.recording.sampling_period_s
 
 
 @dataclass(frozen=True)
@@ -98,32 +99,45 @@ class DataSplit:
     doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
-        """Tracks for this assembly; known parameters of a recording are held in each. Models with
-        the same inputs share the samples, most of the memory of many models."""
-        tracks, inputs = list[Track](), (assembly.traced.inputs, *assembly.rig.optional.items())
-        role = self.held_out if held_out else self.fit
-        samples = sum(s.stop - s.start for s in role)
-        for place, span in enumerate(role):
-            track = self._track(assembly, span, self._lead(assembly, span) if held_out else 0)
-            track = replace(track, share=(span.stop - span.start) / samples)
-            key = held_out, place, track.lead, inputs
-            u, y = self._samples.setdefault(key, (track.u, track.y))
-            tracks.append(replace(track, u=u, y=y))
+        """Tracks for this assembly; known parameters of a recording are held in each. A held-out
+        part is led in by samples before it, from which its state is found."""
+        tracks, role = list[Track](), self.held_out if held_out else self.fit
+        samples = sum(map(len, role))
+        for span in role:
+            lead = min(span.start, self._lead(assembly, span)) if held_out else 0
+            first = span.start - lead
+            p, known = known_values(assembly, span.recording.known)
+            track = Track(
+                span.recording.name,
+                *self._tables(assembly, span.recording, first, span.stop),
+                p,
+                tuple(known),
+                span.recording.sampling_period_s,
+                self.jump,
+                self.timescale_s,
+                first,
+                lead,
+                len(span) / samples,
+            )
+            tracks.append(track)
         return tuple(tracks)
+
+    def _tables(
+        self, assembly: Assembly, recording: Data, start: int, stop: int
+    ) -> tuple[Array, Array]:
+        """Inputs and channels (SI) of a part of a recording. Models with the same inputs share
+        them: they are most of the memory of many models."""
+        inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
+        key = id(recording), start, stop, inputs
+        if key not in self._samples:
+            # of a slice: nothing of the rest of a long recording is held with it
+            part = recording.slice(start, stop)
+            self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
+        return self._samples[key]
 
     @cached_property
     def _samples(self) -> dict[tuple[object, ...], tuple[Array, Array]]:
-        """Inputs and measured channels (SI) of tracks, by role, number and lead of the span, and by
-        inputs."""
         return {}
-
-    def _track(self, assembly: Assembly, span: Span, lead: int) -> Track:
-        """A span, led in by up to `lead` samples before it; nothing of the rest of a long recording
-        is held with it."""
-        begin = max(0, span.start - lead)
-        part = span.recording.slice(begin, span.stop)
-        track = track_of(assembly, part, self.channels, self.jump, self.timescale_s)
-        return replace(track, first=begin, lead=span.start - begin)
 
     def excerpt(self, fitted: float, held_out: float) -> DataSplit:
         """The same with evenly spread stretches of long recordings.
@@ -151,7 +165,7 @@ class DataSplit:
     def used_s(self) -> tuple[float, float]:
         """Duration of what is fitted and held out together, and of all recordings (s)."""
         spans = (*self.fit, *self.held_out)
-        used = sum((s.stop - s.start) * s.recording.sampling_period_s for s in spans)
+        used = sum(s.seconds for s in spans)
         return used, sum(len(r) * r.sampling_period_s for r in self.recordings)
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
@@ -168,14 +182,14 @@ class DataSplit:
         plain = Assembly(self.rig)
         moved = np.zeros(len(plain.traced.inputs), bool)
         for recording in self.recordings:
-            moved |= (input_table(plain, recording) != 0.0).any(axis=0)
+            moved |= (recording.inputs(plain) != 0.0).any(axis=0)
         return frozenset(
             name for name, moves in zip(plain.traced.inputs, moved, strict=True) if not moves
         )
 
-    def lacking(self, recording: Recording) -> list[str]:
+    def lacking(self, recording: Data) -> list[str]:
         """Channels that other recordings have and this one has not."""
-        return [c for c in self.channels if not recording.has(c)]
+        return [c for c in self.channels if c not in recording.values]
 
     @property
     def held_out_rests(self) -> bool:
@@ -189,13 +203,13 @@ class DataSplit:
         return not {id(s.recording) for s in self.fit} & {id(s.recording) for s in self.held_out}
 
     @property
-    def spread(self) -> list[Recording]:
+    def spread(self) -> list[Data]:
         """Recordings of which tenths spread over them are held out, not their end."""
         last = {id(s.recording): s.stop for s in self.held_out}
         return [r for r in self.recordings if last.get(id(r), len(r)) < len(r)]
 
     @property
-    def recordings(self) -> list[Recording]:
+    def recordings(self) -> list[Data]:
         return list({id(s.recording): s.recording for s in (*self.fit, *self.held_out)}.values())
 
 
@@ -207,41 +221,51 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     DataError where the recordings cannot answer: too short in all, nothing moves, or two hold the
     same samples. An input or a channel may rest, as long as another one moves.
     """
-    everything = [*recordings, *held_out]
-    rig = as_sampled(as_recorded(rig, everything), [r.sampling_period_s for r in everything])
+    raw = [*recordings, *held_out]
+    rig = as_sampled(as_recorded(rig, raw), [r.sampling_period_s for r in raw])
     plain = Assembly(rig)
     require_apart(tuple(rig.outputs), recordings, held_out)
-    seen = {id(r): measured_outputs(plain, r) for r in everything}
+    everything = [data_of(rig, r) for r in raw]
+    chosen, apart = everything[: len(recordings)], everything[len(recordings) :]
+    seen = {id(r): r.measured(rig) for r in everything}
     channels = tuple(
         c
         for c in rig.outputs
-        if all(any(c in seen[id(r)] for r in role) for role in (recordings, held_out or recordings))
+        if all(any(c in seen[id(r)] for r in role) for role in (chosen, apart or chosen))
     )
     if not channels:
         raise FileError(
             "no measured output is both fitted and held out",
             f"rig {rig.name!r} offers {', '.join(rig.outputs)}",
         )
-    for role in (recordings, held_out):
-        for r in role:
-            if not any(c in seen[id(r)] for c in channels):
-                raise FileError(
-                    f"{r.path} holds nothing that is both fitted and held out: "
-                    f"{', '.join(channels)}",
-                    "leave it out, or hold out a recording that has the same sensors",
-                )
+    for r in everything:
+        if not any(c in seen[id(r)] for c in channels):
+            raise FileError(
+                f"{r.path} holds nothing that is both fitted and held out: {', '.join(channels)}",
+                "leave it out, or hold out a recording that has the same sensors",
+            )
     moving: set[str] = set()
     for r in everything:
         moving |= require_informative(rig, r)
     channels = tuple(c for c in channels if c in moving)
     # names and order must not matter, a sum depends on its order in the last digit
     place = {id(r): _place(rig, r) for r in everything}
-    if held_out:
-        fit = [Span(r, 0, len(r)) for r in recordings]
-        held = [Span(r, 0, len(r)) for r in held_out]
+    if apart:
+        fit = [Span(r, 0, len(r)) for r in chosen]
+        held = [Span(r, 0, len(r)) for r in apart]
     else:
-        fit, held = _divided(rig, sorted(recordings, key=lambda r: place[id(r)]))
-    few = shortfall(fit, held)
+        fit, held = list[Span](), list[Span]()
+        chosen.sort(key=lambda r: place[id(r)])
+        for recording in chosen:
+            if len(recording) >= FEWEST_SAMPLES:
+                fitted, held_out_part = _parts(rig, recording)
+                fit += fitted
+                held += held_out_part
+        # a third of a short episode would be no window
+        episodes = [Span(r, 0, len(r)) for r in chosen if len(r) < FEWEST_SAMPLES]
+        for number, episode in enumerate(episodes):
+            (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
+    few = shortfall(list(map(len, fit)), list(map(len, held)))
     if few:
         raise DataError(
             f"{', '.join(str(r.path) for r in everything)}: {few}",
@@ -257,9 +281,19 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     # these tracks need no time scale: it is computed from them
     whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
     noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
-    jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
+    spreads = np.stack([state_spread(plain, r) for r in by_content])
+    known = np.isfinite(spreads)
+    count = known.sum(axis=0)
+    squares = (np.where(known, spreads, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
+    jump = STATE_JUMP * np.where(count, np.sqrt(squares), np.inf)
     tables = [(t.y, noise, t.period_s) for t in whole]
-    timescale_s = rig.timescale_s or _timescale_s(tables, (fit, held))
+    # at most what leaves enough windows to fit; as far as it is that of the envelope, of either
+    # part
+    fitted_s, held_s = (sum(s.seconds for s in part) for part in (fit, held))
+    ringing_s = min(fitted_s / FIT_WINDOW, held_s / REPLAY_WINDOW) / FEW_WINDOWS
+    timescale_s = rig.timescale_s or timescale_of(
+        tables, fitted_s / FIT_WINDOW / LEAST_WINDOWS, ringing_s
+    )
     growth_s = growth_time_s(
         Assembly(rig, outputs=channels), whole, noise, FIT_WINDOW * timescale_s
     )
@@ -277,16 +311,14 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     )
 
 
-def shortfall(fit: Sequence[Span], held_out: Sequence[Span]) -> str:
-    """Return why these are too few samples to fit a model and to judge it; empty where they are
-    enough. What counts is the number of independent stretches over all recordings."""
+def shortfall(fit: Sequence[int], held_out: Sequence[int]) -> str:
+    """Return why these numbers of samples, one per span, are too few to fit a model and to judge
+    it; empty where they are enough. What counts is the number of independent stretches over all
+    recordings."""
     roles = (fit, FEWEST_FITTED), (held_out, FEWEST_HELD_OUT)
-    if all(
-        sum((s.stop - s.start) // STRETCH_SAMPLES for s in spans) >= fewest
-        for spans, fewest in roles
-    ):
+    if all(sum(n // STRETCH_SAMPLES for n in spans) >= fewest for spans, fewest in roles):
         return ""
-    fitted, judged = (sum(s.stop - s.start for s in spans) for spans, _ in roles)
+    fitted, judged = (sum(spans) for spans, _ in roles)
     return (
         f"{fitted} samples to fit and {judged} held out are too few to fit and judge a model; at "
         f"least {FEWEST_FITTED * STRETCH_SAMPLES} and {FEWEST_HELD_OUT * STRETCH_SAMPLES} are "
@@ -297,31 +329,20 @@ def shortfall(fit: Sequence[Span], held_out: Sequence[Span]) -> str:
 def shortfall_alone(recording: Recording) -> str:
     """Return why a recording is too short to be fitted and judged without another one; empty where
     it is not."""
-    whole = [Span(recording, 0, len(recording))]
-    return shortfall(whole, []) if len(recording) < FEWEST_SAMPLES else ""
+    return shortfall([len(recording)], []) if len(recording) < FEWEST_SAMPLES else ""
 
 
-def _divided(rig: Rig, recordings: Sequence[Recording]) -> tuple[list[Span], list[Span]]:
-    """Fitted and held-out spans of recordings, in the order given."""
-    fit, held = list[Span](), list[Span]()
-    for recording in recordings:
-        if len(recording) >= FEWEST_SAMPLES:
-            fitted, held_out = _parts(rig, recording)
-            fit += fitted
-            held += held_out
-    # a third of a short episode would be no window
-    episodes = [Span(r, 0, len(r)) for r in recordings if len(r) < FEWEST_SAMPLES]
-    for number, episode in enumerate(episodes):
-        (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
-    return fit, held
-
-
-def _parts(rig: Rig, recording: Recording) -> tuple[list[Span], list[Span]]:
+def _parts(rig: Rig, recording: Data) -> tuple[list[Span], list[Span]]:
     """Fitted and held-out spans of a recording."""
     edges = [round(k / 10 * len(recording)) for k in range(11)]
-    names = [name for name in (*rig.inputs, *rig.outputs) if recording.has(name)]
-    table = np.stack([recording.signal(name) for name in names], axis=1)
-    held = SPREAD_TENTHS if _rests(table, edges[LAST_TENTHS[0]]) else LAST_TENTHS
+    names = [name for name in (*rig.inputs, *rig.outputs) if name in recording.values]
+    table = np.stack([recording.values[name] for name in names], axis=1)
+    moving = table.std(axis=0) > VISIBLE * noise_level(table)
+    edge = edges[LAST_TENTHS[0]]
+    before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
+    # every moving signal rests in one part, compared with the other
+    rests = moving.any() and ((after < QUIET * before).all() or (before < QUIET * after).all())
+    held = SPREAD_TENTHS if rests else LAST_TENTHS
     parts: dict[bool, list[Span]] = {False: [], True: []}
     for is_held, tenths in groupby(range(10), held.__contains__):
         tenth_spans = list(tenths)
@@ -334,7 +355,7 @@ def _stretches(
 ) -> tuple[Span, ...]:
     """Stretches of these spans, evenly spread, of so many correlation times at most in all and at
     least each; a span that would not give such a one stays whole."""
-    times = [(s.stop - s.start) * s.recording.sampling_period_s / timescale_s for s in spans]
+    times = [s.seconds / timescale_s for s in spans]
     share = most / sum(times)
     if share >= 1.0:
         return spans
@@ -344,7 +365,7 @@ def _stretches(
         if number == 0:
             stretches.append(s)
             continue
-        length = int(share * (s.stop - s.start)) // number
+        length = int(share * len(s)) // number
         for first in np.linspace(s.start, s.stop - length, number).astype(int).tolist():
             stretches.append(Span(s.recording, first, first + length))
     return tuple(stretches)
@@ -352,29 +373,19 @@ def _stretches(
 
 def _motion(spans: Sequence[Span], channel: str) -> float:
     """Standard deviation of a channel (SI), root mean square over the spans that have it."""
-    recorded = [s for s in spans if s.recording.has(channel)]
-    parts = [output_table((channel,), s.recording)[s.start : s.stop] for s in recorded]
+    recorded = [s for s in spans if channel in s.recording.values]
+    parts = [s.recording.values[channel][s.start : s.stop] for s in recorded]
     count = sum(map(len, parts))
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
 
-def _rests(table: Array, edge: int) -> bool:
-    """Whether every moving signal of a recording, sent or measured (samples x signals), rests
-    before this sample, or from it on, compared with the other part."""
-    moving = table.std(axis=0) > VISIBLE * noise_level(table)
-    before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
-    return bool(moving.any()) and bool(
-        (after < QUIET * before).all() or (before < QUIET * after).all()
-    )
-
-
-def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
+def _place(rig: Rig, recording: Data) -> tuple[float, str]:
     """Sort key of a recording: the times of largest motion, summed over the rig's columns. It does
     not depend on units and signs, on the order of the columns, nor on an unused one."""
     total = 0.0
     for name in sorted({*rig.inputs, *rig.outputs}):
-        if recording.has(name):
-            moved = (recording.signal(name) - recording.signal(name).mean()) ** 2
+        if (values := recording.values.get(name)) is not None:
+            moved = (values - values.mean()) ** 2
             most = float(moved.max())
             if most > 0.0:
                 moved = moved / most
@@ -382,24 +393,12 @@ def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
     return round(total, ALIKE_DIGITS), recording.sha256
 
 
-def _timescale_s(
-    tables: list[tuple[Array, Array, float]], parts: tuple[list[Span], list[Span]]
-) -> float:
-    """Correlation time of the recordings, at most what leaves enough windows to fit; as far as it
-    is that of the envelope, of either part."""
-    fitted, held = (
-        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
-    )
-    longest, ringing = fitted / FIT_WINDOW, min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
-    return timescale_of(tables, longest / LEAST_WINDOWS, ringing / FEW_WINDOWS)
-
-
-def require_informative(rig: Rig, recording: Recording) -> set[str]:
+def require_informative(rig: Rig, recording: Data) -> set[str]:
     """The outputs that change in this recording. DataError where nothing in it can teach: no output
     changes; or no input does while the outputs go on moving, which neither they nor the data
     sheet's run explain."""
-    inputs = [n for n in rig.inputs if recording.has(n)]
-    moving, still = _moving(recording, [n for n in rig.outputs if recording.has(n)])
+    inputs = [n for n in rig.inputs if n in recording.values]
+    moving, still = _moving(recording, [n for n in rig.outputs if n in recording.values])
     if not moving and still is not None:
         raise still
     sent, resting = _moving(recording, inputs)
@@ -414,25 +413,28 @@ def require_informative(rig: Rig, recording: Recording) -> set[str]:
     return moving
 
 
-def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError | None]:
+def _moving(recording: Data, names: list[str]) -> tuple[set[str], DataError | None]:
     """Those of these signals that change, and the error of the first that does not."""
     moving, still = set(), None
     for name in names:
-        try:
-            require_excited(recording, name)
-        except DataError as error:
-            still = still or error
-        else:
+        if motion(recording.values[name]) > 0.0:
             moving.add(name)
+        else:
+            still = still or DataError(
+                f"{recording.path}: {name} is constant ({recording.shown(name)[0]:g}) throughout.",
+                "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
+                "range.",
+                code="not-excited",
+            )
     return moving, still
 
 
-def _shows_free_response(rig: Rig, recording: Recording, channels: list[str]) -> bool:
+def _shows_free_response(rig: Rig, recording: Data, channels: list[str]) -> bool:
     """Nothing being sent, does what moves come to rest, or does the data sheet's run move as
     well?"""
     assembly = Assembly(rig)
     half = len(recording) // 2
-    y = output_table(tuple(channels), recording)
+    y = recording.outputs(channels)
     noise = noise_level(y)
     early, late = y[:half].std(axis=0), y[half:].std(axis=0)
     if not (early > VISIBLE * noise).any():
@@ -440,23 +442,10 @@ def _shows_free_response(rig: Rig, recording: Recording, channels: list[str]) ->
     if (late < np.maximum(DECAYED * early, VISIBLE * noise)).all():
         return True
     p, _ = known_values(assembly, recording.known)
-    run = free_run(assembly, input_table(assembly, recording), p, recording.sampling_period_s)
+    run = free_run(assembly, recording.inputs(assembly), p, recording.sampling_period_s)
     places = [assembly.program.outputs.index(c) for c in channels]
     moves = run.outputs[half:, places].std(axis=0)
     return run.blown_up < 0 and bool((moves > VISIBLE * noise).any())
-
-
-def _rms_spread(spreads: list[Array]) -> Array:
-    """Root mean square of every state's spread over the recordings that say something of it;
-    infinite where none does."""
-    table = np.stack(spreads)
-    known = np.isfinite(table)
-    count = known.sum(axis=0)
-    return np.where(
-        count,
-        np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)),
-        np.inf,
-    )
 
 
 def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
@@ -487,13 +476,11 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
         if many % 2:
             first[-1] = True
         dealt.append(first[blocks])
+
+    def imbalance(chosen: NDArray[np.bool_]) -> float:
+        first, other = losses[chosen], losses[~chosen]
+        error, largest = np.log(first.mean() / other.mean()), np.log(first.max() / other.max())
+        return float(abs(error) + 0.5 * abs(largest))
+
     # swapped halves are as balanced as before: the first dealt, whatever unit the last digit is in
-    return min(dealt, key=lambda chosen: round(_imbalance(losses, chosen), ALIKE_DIGITS))
-
-
-def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
-    """Difference of the halves in their error, and in their share of the largest one."""
-    first, other = losses[chosen], losses[~chosen]
-    return float(
-        abs(np.log(first.mean() / other.mean())) + 0.5 * abs(np.log(first.max() / other.max()))
-    )
+    return min(dealt, key=lambda chosen: round(imbalance(chosen), ALIKE_DIGITS))

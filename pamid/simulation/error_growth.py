@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.model.assembly import Assembly
 from pamid.simulation.free_runs import choose_stepping
-from pamid.simulation.initial_state import state_from_readings
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -57,15 +57,13 @@ def growth_time_s(
     ]
     chosen = np.unique(np.linspace(0, len(windows) - 1, PLACES).round().astype(int))
     looked_at = [windows[k] for k in chosen]
-    runners = {place: _runner(assembly, tracks[place]) for place, _ in looked_at}
+    runners = {}
+    for place in {place for place, _ in looked_at}:
+        t = tracks[place]
+        step = choose_stepping(assembly, t.u, t.p, t.period_s, assembly.start(t.p))
+        runners[place] = Runner(assembly, t, step)
     times = [_time_in(runners[place], window, noise) for place, window in looked_at]
     return min([most_s, *times])
-
-
-def _runner(assembly: Assembly, track: Track) -> Runner:
-    start = assembly.start(track.p)
-    stepping = choose_stepping(assembly, track.u, track.p, track.period_s, start)
-    return Runner(assembly, track, stepping)
 
 
 def _time_in(runner: Runner, window: Window, noise: Array) -> float:
@@ -75,7 +73,7 @@ def _time_in(runner: Runner, window: Window, noise: Array) -> float:
         return np.inf
     weight = np.where(track.seen, 1.0 / noise, 0.0)
     memory = runner.memory(track.p)
-    x = state_from_readings(runner, memory, window, track.p, weight, memory.x[:n])
+    x = WindowStart.of(runner, memory, window, track.p, weight, memory.x[:n]).from_readings()
     runner.enter(memory, x)
     Y, J, _ = runner.run(memory, window, track.p, True, weight)
     size = np.sqrt((J.reshape(*Y.shape, -1)[:, :, :n] ** 2).sum(axis=1))

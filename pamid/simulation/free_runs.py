@@ -4,19 +4,20 @@ at the ports."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, listed, nearest, quoted
+from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.model.executable import Executable, Lanes
 from pamid.recording.recording import Recording
+from pamid.simulation.rig_data import Data, data_of
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr
 
@@ -29,52 +30,6 @@ MOST_SUBSTEPS = 4  # beyond, the implicit step is cheaper
 LOOKED_AT = 3000  # samples along which it is looked for
 KEPT_CHOICES = 16
 _CHOSEN: dict[tuple[Hashable, ...], Stepping] = {}
-
-
-def input_table(
-    assembly: Assembly, recording: Recording, names: tuple[str, ...] | None = None
-) -> Array:
-    """The assembly's inputs (samples x inputs, SI), or those named, from a recording; missing
-    optional ones at their default."""
-    columns = []
-    for name in assembly.traced.inputs if names is None else names:
-        if recording.has(name):
-            columns.append(recording.si(name))
-        elif name in assembly.rig.optional:
-            columns.append(np.full(len(recording), assembly.rig.optional[name]))
-        elif name.startswith("noise_"):
-            columns.append(np.zeros(len(recording)))
-        else:
-            raise FileError(
-                f"{recording.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
-                nearest(name, list(recording.columns))
-                or f"columns: {', '.join(recording.columns)}",
-                code="missing-column",
-            )
-    return (
-        np.ascontiguousarray(np.stack(columns, axis=1))
-        if columns
-        else np.zeros((len(recording), 0))
-    )
-
-
-def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...]:
-    """The rig's outputs that this recording holds; at least one must be there."""
-    names = tuple(name for name in assembly.rig.outputs if recording.has(name))
-    if not names:
-        raise FileError(
-            f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
-            f"{', '.join(assembly.rig.outputs)}",
-            f"{nearest(next(iter(assembly.rig.outputs)), list(recording.columns))} Name another "
-            f"--rig, or rename the columns; there are {listed(recording.columns)}. "
-            f"`pamid new-rig {quoted(recording.path)}` writes a rig for them.".lstrip(),
-        )
-    return names
-
-
-def output_table(names: tuple[str, ...], recording: Recording) -> Array:
-    """Measured outputs, samples x names, SI."""
-    return np.ascontiguousarray(np.stack([recording.si(n) for n in names], axis=1))
 
 
 def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, list[int]]:
@@ -165,12 +120,14 @@ def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Outputs of a run (samples x outputs, SI); `blown_up` is the first sample without a finite
-    state, or -1."""
+    """Outputs of a run (samples x outputs, SI) and their names; `blown_up` is the first sample
+    without a finite state, or -1; further: the columns of further outputs."""
 
     outputs: Array
     blown_up: int
     memory: Memory
+    names: tuple[str, ...]
+    further: Array
 
 
 def free_run(
@@ -181,13 +138,19 @@ def free_run(
     *,
     start: Array | None = None,
     stepping: Stepping | None = None,
+    further: Mapping[str, Expr] | None = None,
 ) -> FreeRun:
-    """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs)."""
+    """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs).
+
+    further: values by name that are the last columns of the outputs.
+    """
     x = assembly.start(p) if start is None else start
     step = stepping or choose_stepping(assembly, u, p, period_s, x)
-    memory = assembly.program.memory(x, stepping=step, period_s=period_s)
-    outputs, _, bad = assembly.program.run(memory, u, p, period_s=period_s, stepping=step)
-    return FreeRun(outputs, bad, memory)
+    program = assembly.program_with(dict(further)) if further else assembly.program
+    memory = program.memory(x, stepping=step, period_s=period_s)
+    outputs, _, bad = program.run(memory, u, p, period_s=period_s, stepping=step)
+    names = program.outputs
+    return FreeRun(outputs, bad, memory, names, outputs[:, len(names) - len(further or ()) :])
 
 
 def virtual_recording(
@@ -206,21 +169,19 @@ def virtual_recording(
     """
     rig, period = assembly.rig, excitation.sampling_period_s
     jitter = sensor_noise(assembly, len(excitation), noise, seed)
-    u = noisy_inputs(input_table(assembly, excitation), assembly.traced.inputs, jitter)
+    u = noisy_inputs(data_of(rig, excitation).inputs(assembly), assembly.traced.inputs, jitter)
     extra = _loop_commands(assembly)
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     step = replace(step, substeps=step.substeps * fineness)
-    program = assembly.program_with(extra) if extra else assembly.program
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    if bad >= 0:
+    run = free_run(assembly, u, p, period, stepping=step, further=extra)
+    if run.blown_up >= 0:
         raise DataError(
-            f"the virtual rig {rig.name!r} became unstable at {bad * period:.3f} s",
+            f"the virtual rig {rig.name!r} became unstable at {run.blown_up * period:.3f} s",
             "lower the amplitude, or mend the parameters of the effects",
         )
-    columns = {name: excitation.columns[name] for name in excitation.columns}
-    for i, name in enumerate(program.outputs):
-        clean = from_si(Y[:, i], split_column(name)[1])
+    columns = dict(excitation.columns)
+    for i, name in enumerate(run.names):
+        clean = from_si(run.outputs[:, i], split_column(name)[1])
         columns[name] = clean if name in extra else clean + jitter[name]
     return columns
 
@@ -235,7 +196,7 @@ def noiseless_recordings(
     """
     period, extra = excitations[0].sampling_period_s, _loop_commands(assembly)
     lanes = assembly.lane_program_with(extra)
-    u = np.stack([input_table(assembly, r) for r in excitations], axis=2)
+    u = np.stack([data_of(assembly.rig, r).inputs(assembly) for r in excitations], axis=2)
     begun = [assembly.begin(q) for q in p.T]
     x = np.array([[begin.get(name, 0.0) for begin in begun] for name in lanes.states])
     x = x.reshape(len(lanes.states), len(excitations))
@@ -325,25 +286,20 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
     time = longest_time([len(u) * period for u, _, period in runs])
     if not probes:
         return time
-    program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
+    further = {f"{where}.{n}": x for (_, where, n), x in probes.items()}
     tables = []
     for u, p, period in runs:
-        step = choose_stepping(assembly, u, p, period, assembly.start(p))
-        memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-        Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-        tables.append((Y[:bad] if bad >= 0 else Y)[:, Y.shape[1] - len(probes) :])
+        run = free_run(assembly, u, p, period, further=further)
+        tables.append(run.further[: run.blown_up] if run.blown_up >= 0 else run.further)
     return time | sizes_of(list(probes), tables)
 
 
-def state_spread(assembly: Assembly, recording: Recording) -> Array:
+def state_spread(assembly: Assembly, recording: Data) -> Array:
     """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
     infinite where the run has no time scale: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
-    u, period = input_table(assembly, recording), recording.sampling_period_s
-    names = assembly.rig.states
-    program = assembly.program_with({f"state.{s.name}": symbol("state", s.name) for s in names})
-    step = choose_stepping(assembly, u, p, period, assembly.start(p))
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    spread = Y[:, Y.shape[1] - len(names) :].std(axis=0) if bad < 0 else np.zeros(len(names))
+    states = {f"state.{s.name}": symbol("state", s.name) for s in assembly.rig.states}
+    u, period = recording.inputs(assembly), recording.sampling_period_s
+    run = free_run(assembly, u, p, period, further=states)
+    spread = run.further.std(axis=0) if run.blown_up < 0 else np.zeros(len(states))
     return np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)

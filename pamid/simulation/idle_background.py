@@ -19,8 +19,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
-from pamid.recording.recording import Recording
-from pamid.simulation.free_runs import choose_stepping, input_table, known_values
+from pamid.simulation.free_runs import free_run, known_values
+from pamid.simulation.rig_data import Data
 from pamid.symbolic.expression import symbols
 from pamid.symbolic.vocabulary import Expr
 
@@ -54,9 +54,7 @@ class IdleTerm:
         )
 
 
-def without_idle_terms(
-    rig: Rig, recordings: Sequence[Recording]
-) -> tuple[Rig, tuple[IdleTerm, ...]]:
+def without_idle_terms(rig: Rig, recordings: Sequence[Data]) -> tuple[Rig, tuple[IdleTerm, ...]]:
     """The rig without the background terms that these recordings cannot determine, and these terms.
 
     Only quantities that follow from inputs are judged: what depends on a state moves between its
@@ -79,18 +77,13 @@ def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
     return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
 
 
-def _over(term: Effect) -> str:
-    """The signal that a term is a curve over, "" where it is none."""
-    over = getattr(term, "over", "")
-    return over if isinstance(over, str) else str(over[0])
-
-
-def _idle_terms(rig: Rig, recordings: Sequence[Recording]) -> list[IdleTerm]:
+def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
+    # the signal that a term is a curve over, "" where it is none
     curves = [
-        (port, term.name, over)
+        (port, term.name, over if isinstance(over, str) else str(over[0]))
         for port, terms in _listed(rig).items()
         for term in terms
-        if (over := _over(term))
+        if (over := getattr(term, "over", ""))
     ]
     if not curves or isinstance(rig, StepRig):
         return []
@@ -127,17 +120,13 @@ def _idle_terms(rig: Rig, recordings: Sequence[Recording]) -> list[IdleTerm]:
     ]
 
 
-def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Recording]) -> Array:
+def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Data]) -> Array:
     """The probes over the recordings' inputs, samples x probes."""
-    program, tables = assembly.program_with(probes), []
+    tables = []
     for recording in recordings:
         p, _ = known_values(assembly, recording.known)
-        u, period = input_table(assembly, recording), recording.sampling_period_s
-        start = assembly.start(p)
-        stepping = choose_stepping(assembly, u, p, period, start)
-        memory = program.memory(start, stepping=stepping, period_s=period)
-        outputs, _, _ = program.run(memory, u, p, period_s=period, stepping=stepping)
-        tables.append(outputs[:, outputs.shape[1] - len(probes) :])
+        u, period = recording.inputs(assembly), recording.sampling_period_s
+        tables.append(free_run(assembly, u, p, period, further=probes).further)
     return np.concatenate(tables)
 
 

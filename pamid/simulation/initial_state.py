@@ -40,7 +40,7 @@ class _StatePoint(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _InitialState(LeastSquares[_StatePoint, Array]):
+class WindowStart(LeastSquares[_StatePoint, Array]):
     """The least squares of one window over its initial state, with the carried state as prior (the
     arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2)).
 
@@ -94,120 +94,103 @@ class _InitialState(LeastSquares[_StatePoint, Array]):
     def settled(self, gain: float, before: _StatePoint, after: _StatePoint) -> bool:
         return gain < 1e-4 * after.cost + 1e-9
 
+    @classmethod
+    def of(
+        cls,
+        runner: Runner,
+        memory: Memory,
+        window: Window,
+        p: Array,
+        weight: Array,
+        carried: Array,
+        jump: Array | None = None,
+    ) -> WindowStart:
+        """The least squares of a window. memory is left untouched. weight: 1/sigma per channel.
+        jump: by what each state may depart from the carried value (standard deviation; None or
+        infinite where nothing is known of it: a weak pull remains)."""
+        own = Runner(
+            runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
+        ).keeping()
+        y, seen = runner.track.y[window.start : window.stop], runner.track.seen
+        if not seen.all():
+            weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
+        known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
+        return cls(own, own.widened(memory), window, p, y, weight, carried, known, carried)
 
-def estimate_initial_state(
-    runner: Runner,
-    memory: Memory,
-    window: Window,
-    p: Array,
-    weight: Array,
-    carried: Array,
-    jump: Array | None,
-    steps: int = 11,
-) -> tuple[Array, bool]:
-    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried
-    state.
+    def estimate(self, steps: int = 11) -> tuple[Array, bool]:
+        """Rig state at the start of the window from its data, by Gauss-Newton with a pull to the
+        carried state, and whether it is usable.
 
-    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
-    the carried value (standard deviation; None or infinite where nothing is known of it: a weak
-    pull remains). Where a reading does not show the sign of a state (a speed read as |v|), both
-    signs are tried: no derivative leads from one to the other. The same holds where an effect
-    flattens a reading, as a limit does beyond it: if that fits badly, a start is sought with the
-    slopes of the rig without the effects at its readings. Returns the state, and whether it is
-    usable.
-    """
-    problem = _problem(runner, memory, window, p, weight, carried, jump)
-    begun = problem.at(carried.copy())
-    if not runner.start_states:
-        return begun.x, bool(np.isfinite(begun.cost))
-    # an error of the carried state grows with the window, so that no derivative may lead back
-    if not begun.cost <= TURNED * problem.y.size:
-        x = _read_state(problem)
-        read = replace(problem, resting=x)
-        if not begun.cost <= (point := read.at(x)).cost:
-            problem, begun = read, point
-    if not np.isfinite(begun.cost):
-        return carried.copy(), False
-    best = iterate(problem, Iteration(begun, problem.rule.start), steps).point
-    for i in runner.assembly.even_states:
-        x, from_there = best.x.copy(), carried.copy()
-        x[i], from_there[i] = -x[i], -from_there[i]
-        turned = replace(problem, carried=from_there, resting=from_there)
-        begun = turned.at(x)
-        if np.isfinite(begun.cost):
-            other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
-            best = other if other.cost < best.cost - TURNED else best
-    followed = _Followed.of(problem) if best.cost > TURNED * problem.y.size else None
-    if followed is not None:
-        for x in (carried, _plain_start(followed)):
-            begun = followed.at(x)
-            if np.isfinite(begun.cost):
-                x = iterate(followed, Iteration(begun, followed.rule.start), steps).point.x
-                other = iterate(problem, Iteration(problem.at(x), problem.rule.start), steps).point
-                best = other if other.cost < best.cost - TURNED else best
-    return best.x, True
-
-
-def state_from_readings(
-    runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array
-) -> Array:
-    """Rig state at the start of a window as its readings show it; arguments as of
-    `estimate_initial_state`."""
-    return _read_state(_problem(runner, memory, window, p, weight, carried, None))
-
-
-def _read_state(problem: _InitialState) -> Array:
-    """The state that fits the first reading, then ever longer beginnings of the window.
-
-    One reading shows the states that the output map holds, whatever the model does from there; few
-    of them show the slopes, too, before its errors have grown. A state that they do not show stays
-    where it was carried to.
-    """
-    x, first = problem.carried, problem.window.start
-    length = 1
-    while length < len(problem.y):
-        window = Window(first, first + length)
-        part = replace(problem, window=window, y=problem.y[:length], resting=x)
-        begun = part.at(x)
+        Where a reading does not show the sign of a state (a speed read as |v|), both signs are
+        tried: no derivative leads from one to the other. The same holds where an effect flattens a
+        reading, as a limit does beyond it: if that fits badly, a start is sought with the slopes of
+        the rig without the effects at its readings.
+        """
+        problem, carried, runner = self, self.carried, self.runner
+        begun = problem.at(carried.copy())
+        if not runner.start_states:
+            return begun.x, bool(np.isfinite(begun.cost))
+        # an error of the carried state grows with the window, so that no derivative may lead back
+        if not begun.cost <= TURNED * self.y.size:
+            x = self.from_readings()
+            read = replace(problem, resting=x)
+            if not begun.cost <= (point := read.at(x)).cost:
+                problem, begun = read, point
         if not np.isfinite(begun.cost):
-            break
-        x = iterate(part, Iteration(begun, part.rule.start), READING_STEPS).point.x
-        length *= 2
-    return x
+            return carried.copy(), False
+        best = problem.solved(begun, steps)
+        for i in runner.assembly.even_states:
+            x, from_there = best.x.copy(), carried.copy()
+            x[i], from_there[i] = -x[i], -from_there[i]
+            turned = replace(problem, carried=from_there, resting=from_there)
+            begun = turned.at(x)
+            if np.isfinite(begun.cost):
+                other = turned.solved(begun, steps)
+                best = other if other.cost < best.cost - TURNED else best
+        followed = _Followed.of_flat(problem) if best.cost > TURNED * self.y.size else None
+        if followed is not None:
+            # the start at which the rig without the effects at its readings fits the window
+            without, _ = WindowStart.of(
+                followed.plain,
+                followed.plain_memory,
+                self.window,
+                followed.plain_p,
+                self.weight,
+                carried,
+            ).estimate()
+            for x in (carried, without):
+                begun = followed.at(x)
+                if np.isfinite(begun.cost):
+                    x = followed.solved(begun, steps).x
+                    other = problem.solved(problem.at(x), steps)
+                    best = other if other.cost < best.cost - TURNED else best
+        return best.x, True
 
+    def from_readings(self) -> Array:
+        """The state that fits the first reading, then ever longer beginnings of the window.
 
-def _problem(
-    runner: Runner,
-    memory: Memory,
-    window: Window,
-    p: Array,
-    weight: Array,
-    carried: Array,
-    jump: Array | None,
-) -> _InitialState:
-    """The least squares of a window; arguments as of `estimate_initial_state`."""
-    runner_by_states = Runner(
-        runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
-    ).keeping()
-    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
-    if not seen.all():
-        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    known = np.zeros(runner_by_states.start_states) if jump is None else 1.0 / jump**2
-    return _InitialState(
-        runner_by_states,
-        runner_by_states.widened(memory),
-        window,
-        p,
-        y,
-        weight,
-        carried,
-        known,
-        carried,
-    )
+        One reading shows the states that the output map holds, whatever the model does from there;
+        few of them show the slopes, too, before its errors have grown. A state that they do not
+        show stays where it was carried to.
+        """
+        x, first, length = self.carried, self.window.start, 1
+        while length < len(self.y):
+            window = Window(first, first + length)
+            part = replace(self, window=window, y=self.y[:length], resting=x)
+            begun = part.at(x)
+            if not np.isfinite(begun.cost):
+                break
+            x = part.solved(begun, READING_STEPS).x
+            length *= 2
+        return x
+
+    def solved(self, begun: _StatePoint, steps: int) -> _StatePoint:
+        """The point to which so many steps lead at most."""
+        return iterate(self, Iteration(begun, self.rule.start), steps).point
 
 
 @dataclass(frozen=True, eq=False)
-class _Followed(_InitialState):
+class _Followed(WindowStart):
     """The same with the slopes that the rig has without the effects at its readings, at samples
     that a flat reading misses: beyond a limit its own slope leads nowhere. What it does not miss
     says nothing there, as it should.
@@ -220,7 +203,7 @@ class _Followed(_InitialState):
     plain_p: Array
 
     @classmethod
-    def of(cls, problem: _InitialState) -> _Followed | None:
+    def of_flat(cls, problem: WindowStart) -> _Followed | None:
         """None where no effect acts at a reading, or a step is too expensive to be tried twice."""
         runner = problem.runner
         plain = runner.assembly.with_plain_readings
@@ -245,16 +228,3 @@ class _Followed(_InitialState):
         missed = np.abs(r) > MISSED
         flat = (np.abs(A[:, :n]) < FLAT * np.abs(B[:, :n])).any(axis=1)
         return np.where((flat & missed)[:, None], B[:, :n], A[:, :n])
-
-
-def _plain_start(followed: _Followed) -> Array:
-    """The start at which the rig without the effects at its readings fits the window."""
-    return estimate_initial_state(
-        followed.plain,
-        followed.plain_memory,
-        followed.window,
-        followed.plain_p,
-        followed.weight,
-        followed.carried,
-        None,
-    )[0]

@@ -19,7 +19,7 @@ from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.executable import Executable
 from pamid.recording.noise import NEGLIGIBLE_ERROR
-from pamid.simulation.initial_state import estimate_initial_state
+from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut, window_starts
 
@@ -169,7 +169,7 @@ def replay_track(
         if ahead or (k - leading) % per_run == 0:
             whole = ahead or per_run > 1
             stop = window.stop if whole else window.start + warm_up(window)
-            x, usable = estimate_initial_state(
+            x, usable = WindowStart.of(
                 runner,
                 memory,
                 Window(window.start, stop),
@@ -177,7 +177,7 @@ def replay_track(
                 1.0 / noise,
                 carried[k] if jumps is None else carried[k] + jumps[k],
                 track.jump if k else None,
-            )
+            ).estimate()
             starts[k] = x if usable else carried[k]
             runner.enter(memory, starts[k])
         Y, _, fine = runner.run(memory, window, values, False)

@@ -14,9 +14,9 @@ from pamid.base.units import NONE, column_size, size_to_si, split_column
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level, sensor_noise
-from pamid.recording.recording import Recording
 from pamid.simulation.correlation_time import timescale_of
-from pamid.simulation.free_runs import input_table, known_values, output_table
+from pamid.simulation.free_runs import known_values
+from pamid.simulation.rig_data import Data
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Track:
 
 def track_of(
     assembly: Assembly,
-    recording: Recording,
+    recording: Data,
     channels: tuple[str, ...],
     jump: Array | None = None,
     timescale_s: float | None = None,
@@ -77,12 +77,12 @@ def track_of(
     as they like, without `timescale_s` it is that of this recording by itself."""
     p, known = known_values(assembly, recording.known)
     free = np.full(len(assembly.rig.states), np.inf)
-    y, period_s = _measured(channels, recording), recording.sampling_period_s
+    y, period_s = recording.outputs(channels), recording.sampling_period_s
     if timescale_s is None:
         timescale_s = timescale_of([(y, noise_level(y), period_s)])
     return Track(
         recording.name,
-        input_table(assembly, recording),
+        recording.inputs(assembly),
         y,
         p,
         tuple(known),
@@ -102,16 +102,6 @@ def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
             for name, unit in zip(channels, units, strict=True)
         ]
     )
-
-
-def _measured(channels: tuple[str, ...], recording: Recording) -> Array:
-    """The channels, NaN those that were not recorded."""
-    seen = tuple(c for c in channels if recording.has(c))
-    if seen == channels:
-        return output_table(channels, recording)
-    y = np.full((len(recording), len(channels)), np.nan)
-    y[:, [channels.index(c) for c in seen]] = output_table(seen, recording)
-    return y
 
 
 def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
@@ -146,18 +136,17 @@ class NoiseRemark:
 
 
 def noise_remarks(
-    rig: Rig, recordings: Sequence[Recording], channels: Sequence[str]
+    rig: Rig, recordings: Sequence[Data], channels: Sequence[str]
 ) -> list[NoiseRemark]:
     """Remarks on the noise of these channels, each over the recordings that have it."""
     remarks = []
     for channel in channels:
-        seen = [r for r in recordings if r.has(channel)]
+        seen = [r for r in recordings if channel in r.values]
         inputs = [
-            np.stack([r.si(n) for n in names], axis=1) if names else np.empty((len(r), 0))
+            np.array([r.values[n] for n in rig.inputs if n in r.values]).reshape(-1, len(r)).T
             for r in seen
-            for names in [[n for n in rig.inputs if r.has(n)]]
         ]
-        parts = [output_table((channel,), r) for r in seen]
+        parts = [r.outputs((channel,)) for r in seen]
         noise = sensor_noise(parts, stated_noise(rig, (channel,)), inputs)
         unit = split_column(channel)[1]
         symbol = "" if unit == NONE else f" {unit}"

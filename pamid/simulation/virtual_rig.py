@@ -20,7 +20,8 @@ from pamid.model.registry import effects_with, in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import Recording
-from pamid.simulation.free_runs import input_table, port_sizes, virtual_recording
+from pamid.simulation.free_runs import port_sizes, virtual_recording
+from pamid.simulation.rig_data import data_of
 
 Array = NDArray[np.float64]
 
@@ -100,6 +101,21 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     )
 
 
+def stated_tables(
+    rig: str, excitation: Recording, known: dict[str, float], controller: dict[str, float] | None
+) -> dict[str, Any]:
+    """Tables of the TOML next to a simulated recording. rig: stated if it is one of the catalogue;
+    controller: its settings, None for an open loop."""
+    named = {"rig": rig} if in_catalogue(rig) else {}
+    loop = {
+        "loop": "open" if controller is None else "closed",
+        "sampling_period_s": excitation.sampling_period_s,
+    }
+    tables = {"known": known, "controller": controller, "between": excitation.between}
+    filled = {title: t for title, t in tables.items() if t or (title == "controller" and t == {})}
+    return {"recording": named | loop, **filled}
+
+
 def simulate_virtual_rig(
     rig_name: str | Rig,
     excitation: Recording,
@@ -122,7 +138,7 @@ def simulate_virtual_rig(
     sizes = {}
     plain = Assembly(rig)
     if not closed:
-        u = input_table(plain, excitation)
+        u = data_of(rig, excitation).inputs(plain)
         sizes = port_sizes(plain, [(u, plain.values(known), excitation.sampling_period_s)])
     assembly = Assembly(
         rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes
@@ -144,20 +160,7 @@ def simulate_virtual_rig(
         labels.append(f"{a.label}:{given}")
     tell("running")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
-    named = name_of(rig_name)
-    meta: dict[str, Any] = {
-        "recording": {
-            **({"rig": named} if in_catalogue(named) else {}),
-            "loop": "closed" if closed else "open",
-            "sampling_period_s": excitation.sampling_period_s,
-        }
-    }
-    if known:
-        meta["known"] = known
-    if closed:
-        meta["controller"] = settings
-    if excitation.between:
-        meta["between"] = excitation.between
+    meta = stated_tables(name_of(rig_name), excitation, known, settings if closed else None)
     remarks = tuple(fault.text for fault in plain.known_objections(known))
     remarks += form_remarks(rig, excitation, columns)
     return VirtualRecording(columns, meta, labels, remarks)

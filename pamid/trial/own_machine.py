@@ -36,11 +36,11 @@ from pamid.parallel.result_store import digest
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
-    choose_stepping,
-    input_table,
+    free_run,
     port_sizes,
     virtual_recording,
 )
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.symbolic.vocabulary import Expr
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
@@ -392,12 +392,9 @@ def _read(
     assembly: Assembly, probe: Recording, p: Array, extra: Mapping[str, Expr] = MappingProxyType({})
 ) -> Array:
     """Outputs and further ones of a free run (samples x outputs, SI), up to its end."""
-    program = assembly.program_with(dict(extra))
-    u, period = input_table(assembly, probe), probe.sampling_period_s
-    step = choose_stepping(assembly, u, p, period, assembly.start(p))
-    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
-    outputs, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    return outputs[:bad] if bad >= 0 else outputs
+    u, period = data_of(assembly.rig, probe).inputs(assembly), probe.sampling_period_s
+    run = free_run(assembly, u, p, period, further=extra)
+    return run.outputs[: run.blown_up] if run.blown_up >= 0 else run.outputs
 
 
 def _rms(x: Array) -> float:
@@ -418,7 +415,7 @@ def draw_specimen(
     plain = Assembly(rig, controller=tuple(sorted(settings.items())))
     p = plain.values(probe.known)
     read = _read(plain, probe, p)
-    run = (input_table(plain, probe), p, machine.period_s)
+    run = (data_of(rig, probe).inputs(plain), p, machine.period_s)
     quiet = np.zeros(read.shape[1])
     sizes = port_sizes(plain, [run])
     sizes["", "timescale"] = timescale_of([(read, quiet, machine.period_s)])

@@ -22,7 +22,6 @@ from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.port_guide import driving_words, stated_roughness
 from pamid.model.registry import effects, rigs
-from pamid.recording.recording import match_column
 from pamid.schemas.diagnosis_file import Reach, Remainder
 from pamid.simulation.input_effects import IDLE_CURE
 from pamid.simulation.tracks import noise_remarks
@@ -46,7 +45,7 @@ def remark(d: Diagnosis) -> str:
     moving = (
         name
         for name in d.evidence.rig.inputs
-        if any(r.has(name) and np.ptp(r.signal(name)) > 0.0 for r in d.evidence.recordings)
+        if any(name in r.values and np.ptp(r.values[name]) > 0.0 for r in d.evidence.recordings)
     )
     sent = joined(moving, "or")
     if d.response is None:
@@ -144,16 +143,12 @@ def _signs(d: Diagnosis) -> list[str]:
 def _unused(d: Diagnosis) -> list[str]:
     """Recorded columns outside the rig that move, and the one that a lagged regression finds in the
     remaining error."""
-    rig = d.evidence.rig
-    known = (*rig.inputs, *rig.outputs, *(q.reference for q in rig.loops))
-    names = dict[str, float]()
-    for r in d.evidence.recordings:
-        used = {match_column(r.columns, name) for name in known}
-        names |= {c: 0.0 for c, x in r.columns.items() if c not in used and motion(x) > 0.0}
+    moving = (c for r in d.evidence.recordings for c in r.unused if motion(r.columns[c]) > 0.0)
+    names = list(dict.fromkeys(moving))
     if not names:
         return []
-    shares = {name: _share_of_remainder(d, name) for name in list(names)[:UNUSED_TRIED]}
-    listed = joined(list(names)[:UNUSED_LISTED], "and")
+    shares = {name: _share_of_remainder(d, name) for name in names[:UNUSED_TRIED]}
+    listed = joined(names[:UNUSED_LISTED], "and")
     more = f" and {len(names) - UNUSED_LISTED} more" * (len(names) > UNUSED_LISTED)
     notes = [f"Recorded, but not part of the rig: {listed}{more}."]
     name, (channel, share) = max(shares.items(), key=lambda item: item[1][1])

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.units import NONE, display_unit, from_si, with_unit
-from pamid.diagnosis.comparison import Share
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.estimation.smoother import (
@@ -159,16 +158,12 @@ def _family_form(d: Diagnosis, f: FreeForm) -> result.FamilyForm:
         family=f.family,
         port=f.port,
         known_by=f.known_by,
-        removes=gap_share(f.removes),
+        removes=f.removes,
         shrinkage=share,
         low=low,
         high=high,
         curve=f.curve,
     )
-
-
-def gap_share(s: Share) -> result.GapShare:
-    return result.GapShare(share=s.share, low=s.low, high=s.high, standard_errors=s.z)
 
 
 def missing_csv(m: Missing) -> bytes:

@@ -11,7 +11,7 @@ from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.answer import Answer, NamedCause, features, forecast_interval, probability
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.comparison import Share, error_removed
+from pamid.diagnosis.comparison import NOTHING, error_removed
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
 from pamid.estimation.identifiable_combinations import reported_parameters
@@ -23,7 +23,7 @@ from pamid.schemas import diagnosis_file as result
 from pamid.simulation.data_split import Span
 from pamid.verdict.localise import frequency_band, regimes, worst_windows
 from pamid.verdict.notes import notes_of, remark, roughness, unexplained
-from pamid.verdict.remainder import Missing, described, gap_share
+from pamid.verdict.remainder import Missing, described
 from pamid.verdict.verdict_words import sentence
 
 AMPLITUDE_FACTOR = 1.5  # ratio of an output's spreads from which on they are other amplitudes
@@ -53,7 +53,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         where=_where(d, isolable, port, shares),
         how_far=reached,
         transfer=transfer(d),
-        parameters=_rig_parameters(final),
+        parameters={b.name: e for b, e in reported_parameters(final.fit).items() if not b.owner},
         background=_background(d, final),
         unknown=unknown if d.cause is None else None,
         notes=(*unexplained(reached), *notes, *roughness(d, remainder)),
@@ -86,7 +86,7 @@ def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
             effect=c.label,
             family=c.family,
             port=c.group,
-            removes=gap_share(d.comparison.removed(c, reference)),
+            removes=d.comparison.removed(c, reference),
             losses=tuple(map(float, d.comparison.loss(c))),
         )
 
@@ -217,7 +217,7 @@ def _cause(c: NamedCause, share: float) -> result.Cause:
         instead=c.instead,
         parameters=_parameters(c.model, c.effect.label),
         probability=probability(c.figures),
-        removes=gap_share(c.removes),
+        removes=c.removes,
         figures=c.figures,
         share=share,
     )
@@ -229,7 +229,7 @@ def _remainder(
     """Gap that remains with the causes; without causes the gap itself, at the leading port."""
     if d.answer is None:
         return None
-    rest = d.removed.rest if d.removed else Share(1.0, 1.0, 1.0)
+    rest = d.removed.rest if d.removed else NOTHING.rest
     # of recordings that do not suffice, too: what they leave is there, only not its cause
     material = d.left_over or d.verdict == "cannot-tell"
     at = unknown.port if unknown else ""
@@ -308,7 +308,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         port=c.group,
         probability=0.0 if d.silent else probability(figures),
         held_out=held,
-        removes=gap_share(removed),
+        removes=removed,
         behind=0.0 if c is first else d.comparison.removed(first, c).z,
         shrinkage=share,
         low=low,
@@ -362,7 +362,7 @@ def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
         errors = {
             channel: (before[rows, i].mean(), after[rows, i].mean())
             for i, channel in enumerate(d.evidence.channels)
-            if span.recording.has(channel)
+            if channel in span.recording.values
         }
         channels = {
             channel: result.ChannelTransfer(
@@ -393,13 +393,13 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
             if all(r.controller.get(k) != v for r in fitted)
         }
     channel = next(
-        (c for c in d.evidence.channels if all(r.has(c) for r in (recording, *fitted))), None
+        (c for c in d.evidence.channels if all(c in r.values for r in (recording, *fitted))), None
     )
     if channel is None:
         return new
-    spread = recording.si(channel)[span.start : span.stop].std()
+    spread = recording.values[channel][span.start : span.stop].std()
     ratios = [
-        spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
+        spread / max(s.recording.values[channel][s.start : s.stop].std(), 1e-300)
         for s in d.evidence.fit
     ]
     if all(not 1.0 / AMPLITUDE_FACTOR < r < AMPLITUDE_FACTOR for r in ratios):
@@ -424,10 +424,6 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
         k: result.Pull(pull=v, share_of_gap=gained * v**2 / everything if everything > 0 else 0.0)
         for k, v in pulls.items()
     }
-
-
-def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
-    return {b.name: e for b, e in reported_parameters(model.fit).items() if not b.owner}
 
 
 def _parameters(c: CandidateModel, label: str) -> dict[str, result.Estimate]:

@@ -109,19 +109,12 @@ KIND = Kind("numbers", (".num",), read_numbers, (b"%numbers",))
 
 OUTPUT = '''"""What `pamid say-hello` might print with --json."""
 
-from typing import Literal
-
-from pydantic import ConfigDict, Field
-
 from pamid.schemas.model import Model, Text
 
 
-class Greeting(Model):
+class Greeting(Model, schema="pamid.greeting/1", title="pamid say-hello: a greeting"):
     """A greeting."""
 
-    model_config = ConfigDict(title="pamid say-hello: a greeting")
-
-    schema_: Literal["pamid.greeting/1"] = Field(default="pamid.greeting/1", alias="schema")
     name: Text
 '''
 

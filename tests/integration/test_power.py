@@ -14,8 +14,8 @@ from pamid_cli.frame import run as run_command
 import pamid
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
-from pamid.planning.detectable_effects import EffectPower
 from pamid.recording.recording import Recording, recording_of
+from pamid.schemas.power_file import ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 
 PENDULUM = "servo-pendulum"  # its weight holds it: nothing drifts without end
@@ -35,7 +35,7 @@ def found(excitation: Recording) -> pamid.PowerResult:
     return pamid.power(excitation, PENDULUM, noise=NOISE, progress=False)
 
 
-def effect(found: pamid.PowerResult, label: str) -> EffectPower:
+def effect(found: pamid.PowerResult, label: str) -> ShownEffect:
     return next(e for e in found.effects if e.effect == label)
 
 
@@ -56,7 +56,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     for effects in ((planted,), ()):
         recording = pamid.simulate(excitation, PENDULUM, effects=effects, noise=NOISE, seed=5)
         split = split_recordings(rig_named(PENDULUM), [recording], [])
-        split = replace(split, fit=(Span(recording, 0, len(recording)),))
+        split = replace(split, fit=(Span(split.recordings[0], 0, len(recording)),))
         (left,) = fit_model(split).fit.residuals
         errors.append(float(np.sqrt(np.mean(left**2))))
     above = [np.sqrt(v**2 - 1.0) for v in (errors[0] / errors[1], told.visible[2])]

@@ -19,7 +19,8 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of, write_recording
 from pamid.replications.demonstration import TRUTH_FILE, write_rig_recording
 from pamid.report.trial_results import read_trial
-from pamid.simulation.free_runs import free_run, input_table
+from pamid.simulation.free_runs import free_run
+from pamid.simulation.rig_data import data_of
 from pamid.trial.case_machine import CaseMachine
 from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
 from pamid.trial.own_excitation import MOST_OWN_SAMPLES, made_excitation, sampled
@@ -153,7 +154,7 @@ def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
     signals = [s for port in a.ports for s in rig.ports[port].signals]
     bent = Attachment(in_another_form(type(a.effect), signals)(), a.ports, "bent")
     healthy, other = Assembly(rig), Assembly(rig, (bent,))
-    u, p = input_table(healthy, sent), other.values()
+    u, p = data_of(healthy.rig, sent).inputs(healthy), other.values()
     for b in other.parameters:
         if b.null is not None:
             p[other.keys[b.key]] = b.null

@@ -15,7 +15,6 @@ from pamid.diagnosis.comparison import (
     LEAST_ERROR,
     NOTHING,
     Comparison,
-    Share,
     paired_ratio,
 )
 from pamid.diagnosis.settings import Settings
@@ -122,7 +121,7 @@ def test_two_windows_are_compared_with_a_wide_interval() -> None:
 
 def test_without_a_gap_nothing_is_removed() -> None:
     found = comparison(np.full(WINDOWS, 0.99))
-    assert found.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == Share(0.0, 0.0, 0.0, 0.0)
+    assert found.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == NOTHING
 
 
 # ---- invariance ---------------------------------------------------------------------------------

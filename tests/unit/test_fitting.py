@@ -31,6 +31,7 @@ from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.schemas.estimates import Estimate
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
 
@@ -41,7 +42,7 @@ JOINT = rig_named("one-dof")
 def problem_of(rig: Rig, *recordings: Recording, window_s: float = 1.5) -> Problem:
     channels = tuple(c for c in rig.outputs if all(r.has(c) for r in recordings))
     a = Assembly(rig, outputs=channels)
-    tracks = tuple(track_of(a, r, channels) for r in recordings)
+    tracks = tuple(track_of(a, data_of(a.rig, r), channels) for r in recordings)
     return Problem(a, tracks, free_parameters(a, tracks), window_s)
 
 

@@ -18,7 +18,8 @@ from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import FIT_WINDOW, split_recordings
 from pamid.simulation.error_growth import GROWTH_LIMIT, growth_time_s
 from pamid.simulation.free_runs import free_run
-from pamid.simulation.initial_state import estimate_initial_state
+from pamid.simulation.initial_state import WindowStart
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Number, cos, sin
@@ -88,13 +89,13 @@ def swung() -> tuple[Recording, Assembly, Array]:
 def test_start_is_found_far_from_the_rest_through_a_known_map() -> None:
     """From the rig's start no derivative over the whole window leads to the state that was read."""
     recording, model, true = swung()
-    track = track_of(model, recording, ("sum", "slider"))
+    track = track_of(model, data_of(model.rig, recording), ("sum", "slider"))
     runner = Runner(model, track, Stepping(2))
     memory = runner.memory(track.p)
     window = Window(0, 120)
-    x, usable = estimate_initial_state(
-        runner, memory, window, track.p, np.full(2, 1.0 / NOISE), memory.x.copy(), None
-    )
+    x, usable = WindowStart.of(
+        runner, memory, window, track.p, np.full(2, 1.0 / NOISE), memory.x.copy()
+    ).estimate()
     assert usable
     assert x == pytest.approx(FAR, abs=0.01)
     runner.enter(memory, x)
@@ -119,7 +120,7 @@ def held_back(rate: float, period_s: float = PERIOD_S, noise: float = NOISE) -> 
 def test_growth_time_is_that_of_the_exponential(rate: float) -> None:
     """exp(rate t)/exp(rate t/2) reaches the limit at 2 ln(limit)/rate; what decays, never."""
     model = Assembly(Unstable())
-    track = track_of(model, held_back(rate), ("read",))
+    track = track_of(model, data_of(model.rig, held_back(rate)), ("read",))
     track.p[model.index_of("rate")] = rate
     expected = 2.0 * np.log(GROWTH_LIMIT) / rate if rate > 0.0 else np.inf
     found = growth_time_s(model, [track], np.array([NOISE]), 1.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.model.registry import rig_named
 from pamid.recording.noise import (
     noise_level,
-    plateau_spacing,
+    plateaus,
     quantisation_step,
     sensor_noise,
 )
@@ -200,7 +200,7 @@ def test_plateaus_are_seen_through_the_noise_behind_them(
     step, noise = 4.0, np.random.default_rng(5).normal(size=SAMPLES)
     y = step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
     y = recorded * np.round(y / recorded) if recorded else y
-    assert plateau_spacing(unit * y) == pytest.approx(unit * step, rel=3e-3)
+    assert plateaus(unit * y)[0] == pytest.approx(unit * step, rel=3e-3)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])

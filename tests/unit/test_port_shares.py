@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from pamid.diagnosis.comparison import Share
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
+from pamid.schemas.diagnosis_file import GapShare
 from pamid.verdict.verdict_figures import _port_shares
 
 RIG = rig_named("two-masses")
@@ -27,7 +27,7 @@ def shares(removed: float, **causes: float) -> dict[str, float]:
         causes=tuple(
             SimpleNamespace(
                 effect=attach(RIG, label.replace("_at_", "@").replace("_", "-", 1), effects()),
-                removes=Share(share, share, share),
+                removes=GapShare(share=share, low=share, high=share),
             )
             for label, share in causes.items()
         ),
@@ -37,7 +37,7 @@ def shares(removed: float, **causes: float) -> dict[str, float]:
         evidence=SimpleNamespace(rig=RIG),
         answer=answer,
         cause=object() if causes else None,
-        removed=Share(removed, removed, removed) if causes else None,
+        removed=GapShare(share=removed, low=removed, high=removed) if causes else None,
         located=located(carriage_1=3.0, carriage_2=1.0),
         left_at=located(carriage_1=1.0, carriage_2=1.0),
     )

@@ -15,6 +15,7 @@ from pamid.model.attachment import attach
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import recording_of
+from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -34,7 +35,7 @@ def cart(stepping: Stepping, all_states: bool = False) -> tuple[Runner, Array]:
     specs = "dead-time@sensor", "play@sensor", "maxwell-slip-hysteresis"
     added = tuple(attach(rig, spec, effects()) for spec in specs)
     assembly = Assembly(rig, added).for_fitting()
-    track = track_of(assembly, recording, ("position_m",))
+    track = track_of(assembly, data_of(assembly.rig, recording), ("position_m",))
     free = tuple(i for i, b in enumerate(assembly.parameters) if b.fitted)
     return Runner(assembly, track, stepping, free, all_states), assembly.values()
 
