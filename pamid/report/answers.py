@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pamid.base.errors import quoted
 from pamid.base.share_words import minutes_text, times_text
-from pamid.checks.row_order import OF_THE_LOG
+from pamid.checks.sampling_slips import OF_THE_LOG
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_leaders
 from pamid.report.captions import (
