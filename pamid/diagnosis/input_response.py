@@ -60,18 +60,32 @@ def silent_channels(
     inputs in them.
 
     All of them where the model explains none, unless one clearly responds: then the machine is
-    there, and its model is wrong. None where the recordings are too short for that regression. Of
-    several, those that are not at their noise floor.
+    there, and its model is wrong. Of several, those that neither follow the inputs nor are at their
+    noise floor.
     """
     names = np.array(budget.model.evidence.channels)
     if not explained.any():
         wrong_model = response is not None and response.is_clear and not response.is_reversed
-        undecided = response is not None and not response.decisive
-        return () if wrong_model or undecided else tuple(names)
+        return () if wrong_model else tuple(names)
     if response is None:
         return ()
     far = seen_mean(model.absolutes) > budget.settings.naive_near_floor * seen_mean(budget.floor)
-    return tuple(names[~explained & response.absent & far])
+    silent = ~explained & response.absent & far
+    return tuple(names[silent & ~following_channels(budget, model)]) if silent.any() else ()
+
+
+def following_channels(budget: Budget, model: CandidateModel) -> Channels:
+    """Channels that the inputs as recorded predict better over windows, by the margin, than the
+    same inputs at every other time: those of another machine would do as well as these."""
+    errors = []
+    for shift in INPUT_SHIFTS:
+        tracks = [r.full_track for r in model.replays]
+        tracks = [_without_inputs(t, shift) for t in tracks] if shift else tracks
+        replays = _replays(budget, model, tracks)
+        errors.append(np.nansum([r.losses().sum(axis=0) for r in replays], axis=0))
+    recorded, *shifted = errors
+    most = 1.0 - budget.settings.naive_margin
+    return np.asarray(recorded < most * np.min(shifted, axis=0))
 
 
 def _replays(budget: Budget, model: CandidateModel, tracks: Sequence[Track]) -> list[Replay]:

@@ -17,7 +17,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import free_forms
 from pamid.diagnosis.guards import Guards
-from pamid.diagnosis.input_response import explained_channels, silent_channels
+from pamid.diagnosis.input_response import explained_channels, following_channels, silent_channels
 from pamid.diagnosis.search import Search, opposite_signs, run_round
 from pamid.diagnosis.selection import Selection, select_effects, with_plainer_effects
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -161,8 +161,8 @@ def diagnose(
     # recordings that neither the model nor any lag of the inputs predicts need no search: whatever
     # effect reproduces them does so without the inputs. A single channel may lack but an effect: a
     # joint that its friction holds follows no model without it, and no linear one
-    hopeless = response is not None and bool(response.absent.all())
-    if comparison.at_floor(base) or (silent and hopeless):
+    hopeless = silent and response is not None and bool(response.absent.all())
+    if comparison.at_floor(base) or (hopeless and not following_channels(budget, base).any()):
         return Diagnosis(evidence, budget, seed, silent, response)
     attached, left_out = determined(
         evidence.rig,

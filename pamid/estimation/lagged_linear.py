@@ -20,8 +20,6 @@ Array = NDArray[np.float64]
 # Chance correlations of smooth outputs reach 0.73 (benchmarks/nonsense.py).
 ABSENT_RATIO, CLEAR_RATIO = 0.9, 0.7
 LONGEST_LAG_SHARE = 0.2  # of the longest recording
-PAST = 3  # regressors of the output itself
-ENOUGH = 2.0  # horizons per regressor: with fewer a regression fits chance
 FOLDS = 5  # of the cross-validation
 RIDGE_DAMPING = 1e-3  # damping per row, of standardised regressors
 GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
@@ -34,17 +32,15 @@ STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constan
 @dataclass(frozen=True, eq=False)
 class LaggedResponse:
     """Error of the regression with inputs over that without, per channel; `backwards`: the same
-    with time reversed; decisive: whether the recordings hold enough horizons for its regressors."""
+    with time reversed."""
 
     forward: Array
     backwards: Array
-    decisive: bool = True
 
     @property
     def absent(self) -> NDArray[np.bool_]:
-        """Channels that the inputs do not help to predict; none where the recordings are too short
-        to show it."""
-        return (self.forward >= ABSENT_RATIO) & self.decisive
+        """Channels that the inputs do not help to predict."""
+        return self.forward >= ABSENT_RATIO
 
     @property
     def is_clear(self) -> bool:
@@ -97,9 +93,7 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
     forward, backwards = (
         np.array([ratio(c, direction) for c in channels]) for direction in (1, -1)
     )
-    horizons = sum(len(t) * t.period_s for t in tracks) / data.timescale_s
-    regressors = PAST + u.shape[1] * (len(edges_s) - 1)
-    return LaggedResponse(forward, backwards, horizons > ENOUGH * regressors)
+    return LaggedResponse(forward, backwards)
 
 
 def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.estimation.lagged_linear import LaggedResponse, inputs_move, lagged_response
+from pamid.estimation.lagged_linear import inputs_move, lagged_response
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -94,12 +94,3 @@ def test_an_input_moves_to_and_fro(u: Array, moves: bool) -> None:
     y = np.zeros((len(u), 1))
     track = Track("rec", u[:, None], y, np.zeros(0), (), 1.0, np.zeros(0), 1.0)
     assert inputs_move([track]) == moves
-
-
-def test_a_short_recording_of_many_inputs_shows_no_absence() -> None:
-    found = LaggedResponse(np.array([1.4]), np.array([1.2]), decisive=False)
-    assert not found.absent.any() and not found.is_clear
-
-
-def test_a_recording_of_one_input_is_decisive(force: Array, tmp_path: Path) -> None:
-    assert response(tmp_path, force, moved(force)).decisive
