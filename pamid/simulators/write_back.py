@@ -351,14 +351,15 @@ class _Writer:
             self.left.append(f"effects at {joint.name}: {why}")
             return
         dry = not new.dof_frictionloss[joint.dof]
+        # both before either is written: one element of a URDF holds them
+        new.dof_frictionloss[joint.dof] += terms.friction
+        total = self._polynomial("dof_damping", joint.dof)
+        self._set_polynomial("dof_damping", joint.dof, total + terms.damping)
         if terms.friction:
-            new.dof_frictionloss[joint.dof] += terms.friction
             self._write_all(j, "frictionloss")
             if dry and not self.is_urdf:
                 self._write_onset(tag, joint, terms)
         if terms.damping.any():
-            total = self._polynomial("dof_damping", joint.dof)
-            self._set_polynomial("dof_damping", joint.dof, total + terms.damping)
             self._write_all(j, "damping")
         if terms.spring.any():
             self._spring(tag, j, joint, terms)

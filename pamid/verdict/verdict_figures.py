@@ -403,7 +403,7 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
         for s in d.evidence.fit
     ]
     if all(not 1.0 / AMPLITUDE_FACTOR < r < AMPLITUDE_FACTOR for r in ratios):
-        new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
+        new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(max(r, 1e-300)))))
     return new
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scripts import load_script
 
 from pamid.base.errors import DataError
 from pamid.correction.trained_force_law import (
@@ -256,16 +255,3 @@ def test_guard_says_where_a_law_moves_the_wrong_way(along, words):
     fall = 2.0 * (150.0 * math.sin(4.0 * turn) - 250.0 * turn)
     assert found[1 - along] == pytest.approx(fall, rel=0.02)
     assert found[along] < 5.0
-
-
-@pytest.mark.skipif(
-    not (DATA / "festo_force_map").is_dir(),
-    reason="the measured force map is not beside the project",
-)
-@pytest.mark.parametrize("first", [0, 1, 2])
-def test_measured_map_of_a_20_mm_muscle(first):
-    """Every third point held out; 10 N is 0.6 % of the largest force."""
-    benchmark = load_script("anfis.py")
-    network, table, held_out = benchmark.map_network(DATA, first)
-    error = benchmark.pulled(network, table) - table[:, 2]
-    assert math.sqrt(np.mean(error[held_out] ** 2)) <= 10.0

@@ -270,7 +270,7 @@ def deaf(*_):
     os.write(event, b"halted")
     while True:
         libc.pthread_mutex_lock(lock)
-checking.check = deaf
+checking.check.of = deaf
 """
 #: halts in a callback of native code, where an exception is lost
 IN_CALLBACK = """
@@ -284,7 +284,7 @@ def called_back(*_):
     ctypes.CDLL(None).qsort(numbers, 2, 4, kind(lambda *_: happened("before", "callback") or 0))
     while True:
         time.sleep(0.01)
-checking.check = called_back
+checking.check.of = called_back
 """
 
 

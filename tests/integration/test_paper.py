@@ -4,6 +4,7 @@ it is."""
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -119,13 +120,13 @@ def test_an_interrupted_training_is_kept_and_goes_on(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def stopped(*given: Any, progress: Any, **options: Any) -> Any:
-        def told(step: Any, start: int) -> None:
-            progress(step, start)
+    def stopped(residual: Any, *, options: Any) -> Any:
+        def report(step: Any, start: int) -> None:
+            options.progress(step, start)
             if step.iteration == 2:
                 raise KeyboardInterrupt
 
-        return unpatched(*given, progress=told, **options)
+        return unpatched(residual, options=replace(options, progress=report))
 
     def stop(*given: Any) -> Any:
         raise KeyboardInterrupt
