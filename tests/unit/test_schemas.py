@@ -20,7 +20,9 @@ def kinds(of: type[Model]) -> list[type[Model]]:
 def test_no_two_models_bear_one_name() -> None:
     found = all_schemas()
     named = [
-        kind.model_fields["schema_"] for kind in kinds(Model) if "schema_" in kind.model_fields
+        kind.model_fields["schema_"]
+        for kind in kinds(Model)  # results of the Python API are the models that they print
+        if "schema_" in kind.model_fields and kind.__module__.startswith("pamid.schemas.")
     ]
     names = [field.default for field in named]
     assert sorted(names) == sorted(one["$id"] for one in found.values())
