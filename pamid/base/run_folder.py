@@ -345,7 +345,7 @@ def _begun(
     inputs: Sequence[str | Path],
     options: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """What a run and a step of it hold when they begin."""
+    """Initial record of a run or of one of its steps."""
     return {
         "command": tuple(_command_line(command)),
         "seed": seed,

@@ -1,5 +1,5 @@
-"""The diagnosis from end to end: baseline, latent evidence at the ports, screening, refits,
-comparison, answer."""
+"""Diagnosis pipeline: baseline, latent evidence at the ports, screening, refits, comparison,
+answer."""
 
 from __future__ import annotations
 
@@ -38,28 +38,30 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """A diagnosis.
+    """Result of a diagnosis.
 
-    located: evidence at the ports before any effect; ranking: models of single effects, the lowest
-    held-out loss first; selection, answer and these two: None where the recordings do not show this
-    machine or the baseline is at the noise floor.
+    located: evidence at the ports before any effect is added; ranking: models of single effects,
+    the lowest held-out loss first. If the recordings do not show this machine, or the baseline is
+    at the noise floor, located, selection and answer are None and the ranking is empty.
     """
 
     evidence: DataSplit
     budget: Budget
     seed: int = 0
     silent: tuple[str, ...] = ()  # channels that do not show this machine: `silent_channels`
-    response: LaggedResponse | None = None  # of outputs to inputs; None where no input moves
+    response: LaggedResponse | None = (
+        None  # linear response of outputs to inputs; None if no input moves
+    )
     located: PortEvidence | None = None
     ranking: tuple[CandidateModel, ...] = ()
-    # physical reasons for which candidates of the ranking are set aside, by label
+    # physical reasons for rejecting candidates of the ranking, by label
     set_aside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     selection: Selection | None = None
     answer: Answer | None = None
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
-    # effects that remove much with the opposite sign, and the share of the error that they remove
+    # models that remove much of the error with the opposite sign, and that share
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
-    # candidates that act on a signal that the recordings do not determine, and the reason
+    # candidates whose signals the recordings do not determine, and the reason
     left_out: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -75,7 +77,7 @@ class Diagnosis:
 
     @property
     def left_over(self) -> bool:
-        """Whether a material part of the gap remains, with the causes or for want of any."""
+        """Whether a material part of the gap remains, with or without causes."""
         return self.answer is not None and not self.silent and self.answer.left_over
 
     @property
@@ -88,35 +90,35 @@ class Diagnosis:
 
     @cached_property
     def half(self) -> NDArray[np.bool_]:
-        """One of the two halves of the held-out windows."""
+        """Mask of one half of the held-out windows, for cross-validation."""
         base = self.budget.baseline
         return half_of_windows(list(base.replays), self.budget.channel_losses(base.absolutes))
 
     @cached_property
     def rivals(self) -> tuple[CandidateModel, ...]:
-        """Models among which the windows choose: the answer's and those of the same step."""
+        """Models compared on the held-out windows: the answer and the candidates of all steps."""
         if self.selection is None:
             return ()
         models = (self.cause, *(c for step in self.selection.steps for c in step.candidates))
         return tuple(dict.fromkeys(c for c in models if c is not None))
 
     def reported(self, model: CandidateModel) -> Array:
-        """Errors of a model per held-out window and channel (SI). Those of the answer are free of
-        the choice: each half is scored with the model that the other half would have chosen."""
+        """Errors of a model per held-out window and channel (SI). Those of the answer are
+        cross-validated: each half is scored with the model chosen on the other half."""
         if model is not self.cause or len(self.rivals) < 2:
             return model.absolutes
         errors = model.absolutes.copy()
         size = len(model.additions)
         rivals = [c for c in self.rivals if len(c.additions) == size]
-        for part in (self.half, ~self.half):
-            if part.any() and not part.all():
-                losses = [self.comparison.loss(c)[~part].sum() for c in rivals]
-                errors[part] = rivals[int(np.argmin(losses))].absolutes[part]
+        for half in (self.half, ~self.half):
+            if half.any() and not half.all():
+                losses = [self.comparison.loss(c)[~half].sum() for c in rivals]
+                errors[half] = rivals[int(np.argmin(losses))].absolutes[half]
         return errors
 
     @cached_property
     def removed(self) -> GapShare | None:
-        """Share of the gap that the causes remove together, free of the choice."""
+        """Cross-validated share of the gap that the causes remove together."""
         if self.cause is None:
             return None
         losses = self.budget.channel_losses(self.reported(self.cause))
@@ -124,16 +126,16 @@ class Diagnosis:
 
     @property
     def left_at(self) -> PortEvidence | None:
-        """Evidence at the ports next to the causes; without causes, that of the baseline."""
+        """Evidence at the ports with the causes modelled; without causes, that of the baseline."""
         return self.answer.left_at if self.answer and self.cause else self.located
 
     @property
     def nameless_at(self) -> list[str]:
-        """Ports at one of which an unknown effect enters: those of a free form that absorbs it,
-        else those with the largest latent evidence, which the recordings cannot separate."""
+        """Ports at one of which an unknown effect enters. These are the ports of nonparametric
+        curves that absorb it, or else the inseparable ports with the largest latent evidence."""
         forms = self.answer.free_forms if self.answer else ()
-        formed = dict.fromkeys(f.attachment.ports[0] for f in forms)
-        return list(formed or (self.left_at.classes[0] if self.left_at else ()))
+        form_ports = dict.fromkeys(f.attachment.ports[0] for f in forms)
+        return list(form_ports or (self.left_at.classes[0] if self.left_at else ()))
 
 
 def diagnose(
@@ -146,11 +148,27 @@ def diagnose(
     pool: WorkerPool | None = None,
     settings: Settings = DEFAULT,
 ) -> Diagnosis:
-    """Find where the gap lies, which effect causes it and how far it shrinks. progress: what is
-    going on, in words; pool: who does the jobs (default: `jobs` processes of this machine);
-    settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
+    """Find where the gap lies, which effect causes it and how far it shrinks.
+
+    Parameters
+    ----------
+    evidence
+        Recordings of a rig, divided into a fitted and a held-out part.
+    catalogue
+        Effects by name.
+    seed
+        Seed of all random draws.
+    jobs
+        Number of processes on this machine, unless `pool` is given.
+    progress
+        Callback for progress messages.
+    pool
+        Workers for the fits.
+    settings
+        Thresholds, counts and times (see `pamid.diagnosis.settings`).
+    """
     pool = pool or WorkerPool(jobs)
-    # Cost grows with the length, certainty only with its root.
+    # The cost grows with the length of the data, the certainty only with its square root.
     evidence = with_linear_windows(evidence.excerpt(settings.fitted_most, settings.held_out_most))
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     evidence = budget.evidence  # with the horizon of the comparison
@@ -158,19 +176,20 @@ def diagnose(
     response = lagged_response(evidence, base.assembly)
     explained = explained_channels(budget, base, response, seed)
     silent = silent_channels(budget, base, explained, response)
-    # recordings that neither the model nor any lag of the inputs predicts need no search: whatever
-    # effect reproduces them does so without the inputs. A single channel may lack but an effect: a
-    # joint that its friction holds follows no model without it, and no linear one
-    hopeless = silent and response is not None and bool(response.absent.all())
-    if comparison.at_floor(base) or (hopeless and not following_channels(budget, base).any()):
+    # If neither the model nor a lagged linear response predicts any channel, we do not search: an
+    # effect could reproduce the recordings only without the inputs. A single unpredicted channel
+    # may just lack an effect. A joint held by friction, for example, follows neither a model
+    # without friction nor a linear one.
+    unpredictable = silent and response is not None and bool(response.absent.all())
+    if comparison.at_floor(base) or (unpredictable and not following_channels(budget, base).any()):
         return Diagnosis(evidence, budget, seed, silent, response)
-    attached, left_out = determined(
+    usable, left_out = determined(
         evidence.rig,
         evidence.channels,
         evidence.still_inputs,
         attachments(evidence.rig, catalogue.values()),
     )
-    candidates = additions_of(evidence.rig, attached)
+    candidates = additions_of(evidence.rig, usable)
     search = Search(
         evidence,
         budget,
@@ -182,25 +201,25 @@ def diagnose(
         response,
     )
     progress("looking where something is missing")
-    # Before any effect is tried, so that the location does not depend on the catalogue.
+    # Locate before any effect is tried: the location must not depend on the catalogue.
     located = locate(evidence, base, pool, alike=settings.port_alike)
-    screened = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
-    first = with_plainer_effects(search, comparison, run_round(search, base, screened))
+    to_screen = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
+    first_round = with_plainer_effects(search, comparison, run_round(search, base, to_screen))
     guards = Guards(search)
-    selection = select_effects(search, comparison, guards, located, first)
+    selection = select_effects(search, comparison, guards, located, first_round)
     reduced = selection.steps[0].reduced
-    ranking = comparison.ordered([reduced.get(c, c) for c in first.models])
-    # A wrong sign of a port is a fault of the set-up. It is considered only where no effect
-    # explains the gap.
+    ranking = comparison.ordered([reduced.get(c, c) for c in first_round.models])
+    # A wrong sign of a port is a fault of the set-up. We consider it only if no effect explains the
+    # gap.
     opposite = [] if selection.best.attached else opposite_signs(search, ranking)
     progress("looking for the family of what remains")
-    rest = comparison.removed(selection.best).rest.share
-    material = rest >= settings.material_rest and not comparison.at_floor(selection.best)
+    remaining_share = comparison.removed(selection.best).rest.share
+    material = remaining_share >= settings.material_rest and not comparison.at_floor(selection.best)
     ports = list(selection.after.classes[0]) if material else []
     forms = free_forms(search, comparison, selection.best, ports)
     set_aside = {c.label: why for c in ranking if (why := guards.objections(c))}
     decision = answer(comparison, selection, ranking, forms, set_aside)
-    # whether the recordings show this machine is a matter of the best model, named or not
+    # The best model, named or not, decides whether the recordings show this machine.
     best, leader = decision.model, decision.leader
     if leader and not decision.causes and comparison.removed(leader).share > 0.0:
         best = leader
@@ -216,7 +235,7 @@ def diagnose(
         set_aside,
         selection,
         decision,
-        tuple(first.failed),
+        tuple(first_round.failed),
         tuple(opposite),
         tuple(left_out.items()),
     )
@@ -228,19 +247,30 @@ def candidates_to_screen(
     located: PortEvidence,
     settings: Settings = DEFAULT,
 ) -> list[Addition]:
-    """All candidates, up to `held_background_from` of them. Of more, those at the ports with most
-    latent evidence among the ports of a kind.
+    """Return the candidates to screen.
 
-    A slowly varying value cannot mimic play in a stiff gear, and evidence at the motor next to it
-    is no reason to leave the gear out; of one joint or another it decides.
+    Up to `held_background_from` candidates are all screened. Of more, we screen those at the ports
+    with the largest latent evidence among the ports of their kind. Evidence selects between joints,
+    but not between a motor and its gear: a slowly varying value cannot mimic play in a stiff gear.
+
+    Parameters
+    ----------
+    candidates
+        Effects at their ports.
+    ports
+        Ports of the rig by name.
+    located
+        Latent evidence at the ports.
+    settings
+        Thresholds of the diagnosis.
     """
     if len(candidates) <= settings.held_background_from:
         return candidates
-    most: dict[str, float] = {}
+    best_gain: dict[str, float] = {}
     for name, gain in located.gains.items():
-        most[ports[name].kind] = max(gain, most.get(ports[name].kind, 0.0))
+        best_gain[ports[name].kind] = max(gain, best_gain.get(ports[name].kind, 0.0))
 
     def reaches(name: str) -> bool:
-        return located.gains[name] >= settings.port_reach * most[ports[name].kind]
+        return located.gains[name] >= settings.port_reach * best_gain[ports[name].kind]
 
     return [a for a in candidates if any(map(reaches, a.ports))]

@@ -1,10 +1,10 @@
 """Screening: a few Gauss-Newton steps per candidate select those worth a refit.
 
-All candidates take the first steps, from each of their starting points. Those that can still be
-refitted take further ones (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240).
-A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
-recordings where the baseline is worst, against the baseline after as many steps. It only selects
-the refits, and the refit on held-out windows decides.
+All candidates take the first steps, from each of their starting points. The best of them take
+further steps (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240). The gain of a
+candidate is the drop of the fit's cost (-2 log posterior) against the baseline after as many steps.
+It counts only the part of the recordings that the baseline fits worst. The gain selects candidates
+for a refit; the refitted model is judged on held-out windows.
 """
 
 from __future__ import annotations
@@ -48,25 +48,26 @@ from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
-CHANCE = 0.05  # probability of a gain by chance, which is distributed as chi square
-FEWEST_SCREENED = 3  # windows of every recording
-# typical sizes: an effect is also started as a trace of itself, next to the baseline, where the
-# cost falls wherever the effect helps
+CHANCE = 0.05  # significance level of a gain, which by chance is chi-square distributed
+FEWEST_SCREENED = 3  # minimum number of windows per recording
+# Share of its typical size at which an effect is also started. So close to the baseline, the cost
+# falls whenever the effect helps.
 TRACE = 0.1
-ADVANCED = 2  # times as many candidates as are refitted take the further steps
-SCAN_GAIN = 0.1  # share of the cost that pulses remove before their shape is scanned
-# cost ratio to the data sheet's parameters, from which on a baseline is screened from these
+ADVANCED = 2  # candidates with further steps per refitted candidate
+SCAN_GAIN = 0.1  # share of the cost that an effect must remove before it is scanned
+# cost ratio above which screening starts from the data-sheet parameters, not from the fitted ones
 SHEET_ADVANTAGE = 1.05
 
 
 @dataclass(frozen=True)
 class ScreenedCandidate:
-    """A candidate with its best start.
+    """A candidate after screening from its best starting point.
 
-    gain: drop of the training cost (nats) against the baseline after these steps; p, starts,
-    stepping: their end (parameters in SI, states at the windows screened per track); rival: the
-    candidate from another start with a larger promise; promised: the gain that the linear model
-    predicts.
+    first: starting values (SI) by key; gain: drop of the training cost against the baseline after
+    as many steps; why: reason for a failure; p, starts, stepping: end point of the steps
+    (parameters in SI, states at the screened windows per track); rival: the same candidate from
+    another starting point with a larger predicted gain; promised: gain predicted by the linear
+    model.
     """
 
     added: Addition
@@ -82,12 +83,12 @@ class ScreenedCandidate:
 
     @property
     def prospect(self) -> float:
-        """Gain that further steps may reach, by the linear model."""
+        """Gain reached, or the predicted gain of the rival if that is larger."""
         return max(self.gain, self.rival.promised if self.rival else -np.inf)
 
     @property
     def by_chance(self) -> bool:
-        """Whether as many parameters gain as much in one of twenty cases by chance."""
+        """Whether the gain is insignificant, by a chi-square test over the fitted parameters."""
         count = sum(
             b.fitted and b.owner in self.added.labels
             for b in (self.assembly.parameters if self.assembly else ())
@@ -96,12 +97,12 @@ class ScreenedCandidate:
 
     @property
     def usable(self) -> bool:
-        """Whether it stayed stable."""
+        """Whether the model was built and stayed stable."""
         return self.assembly is not None and bool(np.isfinite(self.gain))
 
     @property
     def ended(self) -> tuple[Assembly, Array]:
-        """Its model, and the parameters (SI) to which screening has led: of a usable one."""
+        """Model of a usable candidate, and its parameters (SI) after screening."""
         assert self.assembly is not None and self.p is not None
         return self.assembly, self.p
 
@@ -109,23 +110,23 @@ class ScreenedCandidate:
 def starting_points(
     assembly: Assembly, added: Addition, hints: GapHints
 ) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
-    """Starting values: typical ones, a trace of them, and one variation per parameter that declares
-    `tries`; then those that the effect makes of the hints. At several ports all begin alike.
+    """Return starting values (SI, by key) of a candidate: general ones, and those from hints.
 
-    A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
-    wherever the effect helps.
+    The general ones are the typical values, a small effect (`TRACE`), and the variations that
+    parameters declare as `tries`. All ports of a candidate have the same values. A small effect
+    stays close to the baseline, where the cost falls along the effect's gradient if it helps.
     """
     bounds = {b.key: b for b in assembly.parameters if b.owner in added.labels}
-    slight = {
+    small = {
         key: b.null + TRACE * (b.value - b.null) for key, b in bounds.items() if b.null is not None
     }
-    points = [{}, slight]
+    points = [{}, small]
     varied: dict[tuple[str, int], dict[str, float]] = {}
     for key, b in bounds.items():
         for k, value in enumerate(b.tries):
             varied.setdefault((key.removeprefix(f"{b.owner}:"), k), {})[key] = value
     points += varied.values()
-    started = [
+    hints_per_port = [
         [
             {f"{a.label}:{name}": value for name, value in start.items()}
             for start in a.effect.starts(hints.at(a.ports[0]))
@@ -133,10 +134,10 @@ def starting_points(
         for a in added.members
     ]
     hinted = []
-    for starts in zip_longest(*started, fillvalue={}):
+    for starts in zip_longest(*hints_per_port, fillvalue={}):
         first = {key: value for start in starts for key, value in start.items()}
-        hinted += [first, slight | first]
-    # of an effect without a null its trace is itself
+        hinted += [first, small | first]
+    # an effect without a null has no small version, so starting points may coincide
     return _distinct(points), _distinct(hinted)
 
 
@@ -146,14 +147,16 @@ def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ScreeningBaseline:
-    """Reference for screening: the baseline over the part of every fitted recording where it fits
-    worst.
+    """Reference for screening: the baseline over the worst-fitted part of every recording.
 
     spans: begin and end of that part, per track; starts: states at its windows, per track; p:
-    parameters from which the baseline does best there, its own or the data sheet's (a gap can drive
-    a fit into a corner that no effect leads out of); cost: the baseline's, after as many steps as a
-    candidate takes; held: whether the background stays as fitted. Among many candidates it does,
-    which makes a step several times as cheap.
+    starting parameters (SI), fitted or from the data sheet, whichever give the lower cost; cost:
+    cost of the baseline after as many steps as a candidate takes; held: whether the background
+    parameters stay as fitted.
+
+    A gap can drive the fit of the baseline into a local minimum that no effect leaves. The data
+    sheet is then the better start. With many candidates the background is held, which makes a step
+    several times cheaper.
     """
 
     baseline: CandidateModel
@@ -168,7 +171,7 @@ class ScreeningBaseline:
     def of(
         cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
     ) -> ScreeningBaseline:
-        problem, base = baseline.fit.problem, baseline.fit
+        problem, base_fit = baseline.fit.problem, baseline.fit
         length = settings.screen_further if baseline.attached else settings.screen_length
         share = (
             length
@@ -176,12 +179,17 @@ class ScreeningBaseline:
             / sum(len(t) * t.period_s for t in problem.tracks)
         )
         spans, starts = [], []
-        for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
-            # Where the baseline fits worst the missing effect acts most, and a part is much
+        for track, window_starts, residuals in zip(
+            problem.tracks, base_fit.starts, base_fit.residuals, strict=True
+        ):
+            # The missing effect acts most where the baseline fits worst. A part is also much
             # cheaper than the whole.
             windows = problem.windows(track)
             losses = np.array(
-                [np.nansum((r[w.start : w.stop] * base.weights.root) ** 2) for w in windows]
+                [
+                    np.nansum((residuals[w.start : w.stop] * base_fit.weights.root) ** 2)
+                    for w in windows
+                ]
             )
             first, last = _worst_run(
                 problem,
@@ -191,50 +199,50 @@ class ScreeningBaseline:
                 max(FEWEST_SCREENED, round(share * len(windows))),
             )
             spans.append((windows[first].start, windows[last].stop))
-            starts.append(x[first : last + 1])
-        # Background terms are many. Held at their fit they cost nothing, at the price that a
-        # candidate cannot trade with them.
+            starts.append(window_starts[first : last + 1])
+        # There are many background terms. Holding them saves time, but a candidate then cannot
+        # trade off against them.
         held = candidates > settings.held_background_from
-        short = _short(problem, tuple(spans), held)
-        sheet, stepping = problem.assembly.values(), _screened_by(base)
+        restricted = _restricted(problem, tuple(spans), held)
+        sheet, stepping = problem.assembly.values(), _screening_stepping(base_fit)
         costs = [
             fit(
-                short,
+                restricted,
                 p=p,
                 starts=tuple(starts),
-                weights=base.weights,
-                continuity=base.continuity,
+                weights=base_fit.weights,
+                continuity=base_fit.continuity,
                 stepping=stepping,
                 iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
             ).cost
-            for p in (base.p, sheet)
+            for p in (base_fit.p, sheet)
         ]
-        p = base.p if costs[0] <= SHEET_ADVANTAGE * costs[1] else sheet
+        p = base_fit.p if costs[0] <= SHEET_ADVANTAGE * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
 
     @cached_property
     def stepping(self) -> Stepping:
-        return _screened_by(self.baseline.fit)
+        return _screening_stepping(self.baseline.fit)
 
     @cached_property
     def frozen(self) -> FrozenJacobian | None:
-        """The baseline's Jacobian along these parts, for chord steps of the candidates; None of a
-        rig that is stepped, whose slopes are reused (`known`)."""
-        base = self.baseline.fit
-        if isinstance(base.problem.assembly.rig, StepRig):
+        """Jacobian of the baseline over these spans, for chord steps of the candidates. None for a
+        stepped rig, which reuses slopes instead (`known`)."""
+        base_fit = self.baseline.fit
+        if isinstance(base_fit.problem.assembly.rig, StepRig):
             return None
-        short = _short(base.problem, self.spans, self.held)
-        return FrozenJacobian.of(short, self.p, self.starts, base.weights, self.stepping)
+        restricted = _restricted(base_fit.problem, self.spans, self.held)
+        return FrozenJacobian.of(restricted, self.p, self.starts, base_fit.weights, self.stepping)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
-        """Slopes of a simulator's steps along these parts, as a start for the candidates."""
+        """Initial slopes of a simulator's steps over these spans, for the candidates."""
         base = self.baseline.fit
         return known_along(
             replace(
                 base,
-                problem=_short(base.problem, self.spans, self.held),
+                problem=_restricted(base.problem, self.spans, self.held),
                 p=self.p,
                 starts=self.starts,
             ),
@@ -242,7 +250,7 @@ class ScreeningBaseline:
         )
 
     def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
-        """The baseline with a candidate; ranges widened for the baseline stay wide."""
+        """Return the baseline with a candidate. Ranges widened for the baseline stay wide."""
         assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
         return with_ranges_of(assembly, self.baseline.assembly)
 
@@ -251,37 +259,41 @@ class ScreeningBaseline:
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
         )
         return Problem(
-            assembly, tracks, _free(assembly, free_parameters(assembly, tracks), self.held)
+            assembly, tracks, _varied(assembly, free_parameters(assembly, tracks), self.held)
         )
 
 
-def _screened_by(base: Fit) -> Stepping:
-    """The stepping of the fit; where a step is expensive no finer one than the recordings need."""
+def _screening_stepping(base: Fit) -> Stepping:
+    """Stepping of the fit; if steps are expensive, the coarsest that the recordings allow."""
     expensive = base.problem.assembly.program.keeps_slopes
     return careful_stepping(base.problem, base.p) if expensive else base.stepping
 
 
-def _short(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
-    """The fit's problem over these parts of its tracks."""
+def _restricted(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
+    """Restrict a problem to these spans of its tracks."""
     return replace(
         problem,
         tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
-        free=_free(problem.assembly, problem.free, held),
+        free=_varied(problem.assembly, problem.free, held),
     )
 
 
-def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
-    """Those of these parameters that a screening moves."""
+def _varied(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
+    """Return the places of the parameters that screening varies."""
     return tuple(i for i in places if not held or not assembly.parameters[i].nuisance)
 
 
 def _worst_run(
     problem: Problem, track: Track, windows: list[Window], losses: Array, few: int
 ) -> tuple[int, int]:
-    """First and last of the `few` (or somewhat more) windows in a row with the largest loss, such
-    that this part alone is cut into the same windows; all windows where there is none."""
+    """Return the first and last of `few` (or slightly more) consecutive windows with the largest
+    loss.
+
+    This part alone must be cut into the same windows. If there is no such part, it is the whole
+    track.
+    """
     for count in range(min(few, len(windows)), len(windows)):
-        # sums of the loss over every run of so many windows, the largest first
+        # total losses of `count` consecutive windows, the largest first
         for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
             last = int(first) + count - 1
             if len(problem.windows(track.part(windows[first].start, windows[last].stop))) == count:
@@ -296,15 +308,15 @@ def screen(
     sizes: Sizes,
     hints: GapHints,
 ) -> ScreenedCandidate:
-    """Gain of one candidate after the first steps from the best of its starting points."""
+    """Take the first steps of a candidate from every starting point, and return the best."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
         assembly = reference.extended_model(evidence, added, sizes)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return ScreenedCandidate(added, None, {}, -np.inf, str(error))
-    # The baseline's states fit its own error. They are the best guess where the candidate reads
-    # states the same way.
+    # Start from the baseline's states, unless the baseline measures the sign of a state and the
+    # candidate only its magnitude.
     starts = window_starts_from(baseline.fit, assembly).starts and reference.starts
     # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
     # starting points near the baseline.
@@ -312,23 +324,25 @@ def screen(
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
-    # an effect beyond a limit has many minima, which few steps or outdated derivatives miss
-    more = steps + reference.settings.screen_steps
-    probes = [(first, by_chords, steps) for first in points]
-    probes += [(first, exact, more) for first in hinted]
+    # An effect beyond a limit has many minima. Few steps or an outdated Jacobian would miss the
+    # best one, so hinted starts take more steps with exact derivatives.
+    exact_steps = steps + reference.settings.screen_steps
+    probes = [(start_values, by_chords, steps) for start_values in points]
+    probes += [(start_values, exact, exact_steps) for start_values in hinted]
     ends = []
-    for first, probing, count in probes:
+    for start_values, probe, step_count in probes:
         p = transferred(assembly, (baseline.assembly, reference.p))
-        set_within_bounds(assembly, p, first)
-        probed = probing(p, starts, count, reference.stepping)
-        # the baseline's integration steps are too long for this effect
-        if not np.isfinite(probed.fit.cost):
-            probed = probing(p, starts, count, None)
-        ends.append(_screened(reference, added, first, *probed))
+        set_within_bounds(assembly, p, start_values)
+        result = probe(p, starts, step_count, reference.stepping)
+        # The baseline's integration steps may be too long for this effect: choose them anew.
+        if not np.isfinite(result.fit.cost):
+            result = probe(p, starts, step_count, None)
+        ends.append(_screened(reference, added, start_values, *result))
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
         return ScreenedCandidate(added, assembly, {}, -np.inf, "unstable at every starting value")
-    # an outdated Jacobian may lead away from the better starting point, of which it promises most
+    # An outdated Jacobian may lead away from a better starting point. The one with the largest
+    # predicted gain is kept as a rival.
     rival = max(ends, key=lambda s: s.promised)
     better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
     return replace(best, rival=rival if better else None)
@@ -337,7 +351,7 @@ def screen(
 def advance(
     evidence: DataSplit, reference: ScreeningBaseline, screened: ScreenedCandidate
 ) -> ScreenedCandidate:
-    """A candidate after further steps with exact derivatives, where they lower its cost."""
+    """Take further steps with exact derivatives, and keep them if they lower the cost."""
     added, (assembly, _) = screened.added, screened.ended
     exact = _Probe(reference, reference.problem(evidence, assembly), None)
     steps, best = reference.settings.screen_steps, replace(screened, rival=None)
@@ -348,7 +362,7 @@ def advance(
         further = _screened(reference, added, start.first, *exact_fit)
         best = further if further.gain > best.gain else best
         fits.append(exact_fit.fit)
-    # A scan starts at the best end only: each scan costs as many runs as its grid has values.
+    # Scan from the best end point only: a scan costs one run per grid value.
     fitted = min(fits, key=lambda f: f.cost)
     scanned = _scanned_with_effect(reference, added, fitted, exact)
     if scanned is fitted:
@@ -384,27 +398,30 @@ def _scanned_at_null(
     starts: tuple[Array, ...] | None,
     added: Addition,
 ) -> list[dict[str, float]]:
-    """Starting points at the best values of parameters that are scanned where all else of the
-    effect is amounts, which are projected out as they are at their null."""
-    assembly, base = problem.assembly, reference.baseline.fit
-    wanted = _wanted(assembly, added)
-    if not wanted or starts is None or _shaping(problem, added):
+    """Return starting points at the best values of scanned parameters.
+
+    All other parameters of the effect must be amounts. These are linearised at their null and
+    projected out.
+    """
+    assembly, base_fit = problem.assembly, reference.baseline.fit
+    scanned = _scanned_places(assembly, added)
+    if not scanned or starts is None or _has_shape_parameters(problem, added):
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    part = ScanPart(problem, p, starts, base.weights, reference.stepping, SCAN_SAMPLES)
-    all_of_it = Problem(assembly, tracks, problem.free)
-    fitted = transferred(assembly, (reference.baseline.assembly, base.p))
-    whole = ScanPart(all_of_it, fitted, base.starts, base.weights, reference.stepping)
+    part = ScanPart(problem, p, starts, base_fit.weights, reference.stepping, SCAN_SAMPLES)
+    full_problem = Problem(assembly, tracks, problem.free)
+    fitted = transferred(assembly, (reference.baseline.assembly, base_fit.p))
+    whole = ScanPart(full_problem, fitted, base_fit.starts, base_fit.weights, reference.stepping)
     return [
         {assembly.parameters[i].key: value}
-        for i in wanted
+        for i in scanned
         for value in scanned_values(part, whole, i)
     ]
 
 
-def _wanted(assembly: Assembly, added: Addition) -> list[int]:
-    """Places of the candidate's parameters that are scanned."""
+def _scanned_places(assembly: Assembly, added: Addition) -> list[int]:
+    """Return the places of the candidate's parameters that are scanned."""
     return [
         i
         for i, b in enumerate(assembly.parameters)
@@ -412,9 +429,9 @@ def _wanted(assembly: Assembly, added: Addition) -> list[int]:
     ]
 
 
-def _shaping(problem: Problem, added: Addition) -> bool:
-    """Whether the candidate has further parameters that are not amounts, which have no influence at
-    the null of these."""
+def _has_shape_parameters(problem: Problem, added: Addition) -> bool:
+    """Whether the candidate has parameters that are neither scanned nor amounts. At the null of the
+    amounts they have no influence."""
     free = [problem.assembly.parameters[i] for i in problem.free]
     return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 
@@ -422,19 +439,20 @@ def _shaping(problem: Problem, added: Addition) -> bool:
 def _scanned_with_effect(
     reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probe
 ) -> Fit:
-    """The fit, or a better one from another value of a scanned parameter.
+    """Return the fit, or a better one from another value of a scanned parameter.
 
-    For a parameter that shows only together with the effect's other amounts, such as the ticks of a
-    duty with its pulses. Only where these amounts reduce the cost.
+    Some scanned parameters have an influence only if the amounts of the effect are not zero, for
+    example the ticks of a duty and its pulses. They are scanned only if the effect already reduces
+    the cost.
     """
     problem, settings = fitted.problem, reference.settings
     helps = fitted.cost < (1.0 - SCAN_GAIN) * reference.cost
-    wanted = _wanted(problem.assembly, added)
-    if not helps or not _shaping(problem, added):
+    scanned = _scanned_places(problem.assembly, added)
+    if not helps or not _has_shape_parameters(problem, added):
         return fitted
     best = fitted
-    for i in wanted:
-        where = ScanPart(
+    for i in scanned:
+        part = ScanPart(
             problem,
             fitted.p,
             fitted.starts,
@@ -443,18 +461,17 @@ def _scanned_with_effect(
             SCAN_SAMPLES,
             with_effect=True,
         )
-        for value in scanned_values(where, where, i):
+        for value in scanned_values(part, part, i):
             p = fitted.p.copy()
             p[i] = value
             steps = settings.probe_steps + settings.screen_steps
-            done = probe(p, fitted.starts, steps, fitted.stepping).fit
-            best = done if done.cost < best.cost else best
+            refitted = probe(p, fitted.starts, steps, fitted.stepping).fit
+            best = refitted if refitted.cost < best.cost else best
     return best
 
 
 class _Probed(NamedTuple):
-    """A fit of a few steps, and the cost that one undamped step from its start was expected to
-    reach."""
+    """A fit of a few steps, and the cost predicted for one undamped step from its start."""
 
     fit: Fit
     predicted_cost: float
@@ -462,8 +479,8 @@ class _Probed(NamedTuple):
 
 @dataclass(frozen=True)
 class _Probe:
-    """Fits of a few steps each: chord steps with the baseline's Jacobian, or exact ones where
-    `frozen` is None."""
+    """Fits of a few steps: chord steps with the baseline's Jacobian, or exact steps if `frozen` is
+    None."""
 
     reference: ScreeningBaseline
     problem: Problem
@@ -476,28 +493,28 @@ class _Probe:
         steps: int,
         stepping: Stepping | None,
     ) -> _Probed:
-        """So many steps from p (SI) and these window starts."""
-        base = self.reference.baseline.fit
-        continuity = window_starts_from(base, self.problem.assembly).continuity
+        """Take `steps` steps from p (SI) and these window starts."""
+        base_fit = self.reference.baseline.fit
+        continuity = window_starts_from(base_fit, self.problem.assembly).continuity
         if self.frozen is None or starts is None:
-            exact = fit(
+            exact_fit = fit(
                 self.problem,
                 p=p,
                 starts=starts,
-                weights=base.weights,
+                weights=base_fit.weights,
                 continuity=continuity,
                 known=self.reference.known,
                 iterations=steps,
                 probe=True,
                 stepping=stepping,
             )
-            return _Probed(exact, exact.cost)
+            return _Probed(exact_fit, exact_fit.cost)
         shooting, begun = begin_chords(
             self.problem,
             self.frozen,
             p=p,
             starts=starts,
-            weights=base.weights,
+            weights=base_fit.weights,
             continuity=continuity,
             stepping=stepping or careful_stepping(self.problem, p),
         )
@@ -508,18 +525,18 @@ class _Probe:
 
 
 def by_gain(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
-    """The largest gain, or the prospect of it, first; among equal ones by name."""
+    """Sort by prospect, the largest first, then by name."""
     return sorted(screened, key=lambda s: (-s.prospect, s.added.label))
 
 
 def advancing(
     family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
 ) -> list[ScreenedCandidate]:
-    """Return the candidates that take further steps: twice as many leaders as are refitted and, on
-    top of the baseline, the best of every further family.
+    """Return the candidates that take further steps.
 
-    The family counts whatever its first steps gained: an end stop shows its gain only once its
-    steps have found the limit.
+    These are twice as many leaders as are refitted. In the first round the best candidate of every
+    other family is added, whatever its gain: an end stop gains only after its steps have found the
+    limit.
     """
     return _leaders(family_of, screened, reference, ADVANCED, -np.inf)
 
@@ -527,11 +544,11 @@ def advancing(
 def promising(
     family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
 ) -> list[ScreenedCandidate]:
-    """Return the candidates to refit: the leaders by gain and, on top of the baseline, the best of
-    every further family that helps.
+    """Return the candidates to refit: the leaders by gain, and in the first round the best of every
+    other family that gains.
 
-    Over the short windows of a screen the gain of the right family may be a hundredth of the
-    largest: a free pendulum restarts from an estimated state before friction has slowed it.
+    Over short windows the right family may gain a hundredth of the largest gain. For example, a
+    free pendulum restarts from an estimated state before friction has slowed it.
     """
     return _leaders(family_of, screened, reference, 1, 0.0)
 
@@ -543,7 +560,7 @@ def _leaders(
     times: int,
     least: float,
 ) -> list[ScreenedCandidate]:
-    """The first by gain, and the best of every further family that gains more than `least`."""
+    """Leaders by gain, and the best of every other family that gains more than `least`."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
     count = times * (settings.refits if first_round else settings.refits_further)

@@ -1,5 +1,4 @@
-"""One round of the search: screen all candidates on top of a model, refit the promising ones, order
-them."""
+"""A round of the search: screen all candidates on top of a model and refit the promising ones."""
 
 from __future__ import annotations
 
@@ -44,15 +43,16 @@ from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
-WIDENINGS = 2  # of a range that is a guess, by 4 each: sixteen times a typical magnitude
-STEP_HALVINGS = 3  # of the integration steps of a model, at most
-# candidates fitted with the opposite sign, and the share of the error that puts a sign in doubt
+WIDENINGS = 2  # of a guessed range at most, by 4 each: up to 16 times a typical magnitude
+STEP_HALVINGS = 3  # maximum number of halvings of a model's integration step
+# maximum number of models refitted with the opposite sign, and the share of the error that one must
+# remove to put a sign in doubt
 MIRRORED_MOST, MIRRORED_SHARE = 3, 0.2
 
 
 @dataclass(frozen=True)
 class Search:
-    """Data, candidates and means of one diagnosis, shared by all of its steps."""
+    """Data, candidates and resources of one diagnosis, shared by all of its steps."""
 
     evidence: DataSplit
     budget: Budget
@@ -61,7 +61,7 @@ class Search:
     seed: int
     pool: WorkerPool
     progress: Progress
-    response: LaggedResponse | None = None  # of outputs to inputs
+    response: LaggedResponse | None = None  # linear response of outputs to inputs
 
     @property
     def settings(self) -> Settings:
@@ -73,7 +73,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class _ScreeningWork(Work[Addition, ScreenedCandidate]):
-    """A candidate on top of a model."""
+    """Job that screens a candidate on top of a model."""
 
     what = "screening"
     evidence: DataSplit
@@ -90,7 +90,7 @@ class _ScreeningWork(Work[Addition, ScreenedCandidate]):
 
 @dataclass(frozen=True, eq=False)
 class _AdvanceWork(Work[ScreenedCandidate, ScreenedCandidate]):
-    """A screened candidate some steps further."""
+    """Job that takes further steps with a screened candidate."""
 
     what = "screening further"
     evidence: DataSplit
@@ -107,9 +107,9 @@ class _AdvanceWork(Work[ScreenedCandidate, ScreenedCandidate]):
 class RefitStart:
     """A model to refit.
 
-    p: its start (SI; default: the data sheet); first: further starting values (SI) by key; ranges:
-    of parameters, in place of their own (SI, by key); assembly: the model itself, where it exists
-    already.
+    p: starting parameters (SI; default: the data sheet); first: starting values (SI) by key that
+    replace those in p; ranges: ranges (SI) by key that replace those of the parameters; assembly:
+    the model, if it is already built.
     """
 
     attached: tuple[Attachment, ...]
@@ -121,7 +121,7 @@ class RefitStart:
 
 @dataclass(frozen=True, eq=False)
 class RefitWork(Work[RefitStart, CandidateModel]):
-    """A model refitted from a fit of another one, and replayed over the held-out part."""
+    """Job that refits a model after the fit of another, and replays it on held-out data."""
 
     what = "refitting"
     evidence: DataSplit
@@ -134,18 +134,17 @@ class RefitWork(Work[RefitStart, CandidateModel]):
 
     def __call__(self, item: RefitStart) -> CandidateModel:
         assembly, known = self._assembly(item), self.known
-        # All parameters are fitted jointly. With the rig's parameters held, an effect would also
-        # explain their errors.
-        done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
-        # Bounded, because an effect without an upper limit would be widened for ever as a
-        # parameter runs away.
+        # All parameters are fitted jointly, else the effect would absorb the errors of the others.
+        fitted = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
+        # The number of widenings is limited, because a diverging parameter without an upper bound
+        # would be widened forever.
         for _ in range(WIDENINGS):
-            wider = widened(assembly, done)
+            wider = widened(assembly, fitted)
             if wider is None:
                 break
             assembly = wider
-            done = refit(self.evidence, assembly, self.after, p=done.p, known=known)
-        return replayed(self.evidence, assembly, done)
+            fitted = refit(self.evidence, assembly, self.after, p=fitted.p, known=known)
+        return replayed(self.evidence, assembly, fitted)
 
     def _assembly(self, item: RefitStart) -> Assembly:
         assembly = item.assembly or model_with(self.evidence, item.attached, self.sizes)
@@ -161,9 +160,12 @@ class RefitWork(Work[RefitStart, CandidateModel]):
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """Candidates screened and refitted on top of a model. models: refitted and replayed; failed:
-    candidates that could not be, and why; reference: of the screening; screened: all candidates
-    that stayed stable in it."""
+    """Result of a round on top of a model.
+
+    models: refitted and replayed candidates; failed: candidates that could not be screened or
+    refitted, with reasons; reference: baseline of the screening; screened: all candidates that
+    stayed stable in it.
+    """
 
     models: list[CandidateModel]
     failed: list[tuple[str, str]]
@@ -175,42 +177,42 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Addition]) 
     """Screen all candidates on top of `base`, refit the promising ones, and replay them over the
     held-out part."""
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
-    screened, leading = screened_candidates(search, reference, candidates)
-    models, failed = refit_screened(search, base, leading)
-    hopeless = [(s.added.label, s.why) for s in screened if not s.usable]
-    return Round(models, hopeless + failed, reference, [s for s in screened if s.usable])
+    screened, to_refit = screened_candidates(search, reference, candidates)
+    models, failed = refit_screened(search, base, to_refit)
+    unusable = [(s.added.label, s.why) for s in screened if not s.usable]
+    return Round(models, unusable + failed, reference, [s for s in screened if s.usable])
 
 
 def screened_candidates(
     search: Search, reference: ScreeningBaseline, candidates: list[Addition]
 ) -> tuple[list[ScreenedCandidate], list[ScreenedCandidate]]:
-    """The candidates screened, and those of them to refit.
+    """Screen candidates; return all of them, and those to refit.
 
-    At many ports of a kind an effect is screened at all of them together first. Every member is a
-    special case of it: where the whole gains no more than chance, so does each.
+    If a rig has many ports of a kind, an effect is first screened at all of them together. An
+    effect at a single port is a special case of this. If all ports together gain no more than
+    chance, we do not screen them one by one.
     """
     evidence, run, progress = search.evidence, search.pool.run, search.progress
     work = _ScreeningWork(evidence, reference, search.budget.sizes, search.hints)
 
-    def screened_by_label(several: list[Addition]) -> dict[str, ScreenedCandidate]:
-        tried = run(work, several, progress)
+    def screened_by_label(additions: list[Addition]) -> dict[str, ScreenedCandidate]:
+        results = run(work, additions, progress)
         return {
             a.label: ScreenedCandidate(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-            for a, s in zip(several, tried, strict=True)
+            for a, s in zip(additions, results, strict=True)
         }
 
-    wholes = screened_by_label(wholes_of(evidence.rig, candidates))
-    idle = {label for s in wholes.values() if s.by_chance for label in s.added.labels}
-    screened = screened_by_label([a for a in candidates if a.label not in idle])
-    # Families, not labels: a family with many laws would otherwise take all places of the next
-    # steps.
+    joint = screened_by_label(wholes_of(evidence.rig, candidates))
+    insignificant = {label for s in joint.values() if s.by_chance for label in s.added.labels}
+    screened = screened_by_label([a for a in candidates if a.label not in insignificant])
+    # Select by family. Otherwise a family with many laws would take all places of the next steps.
     families = {a.label: search.family(a) for a in candidates}
-    leading = advancing(families, list(screened.values()), reference)
-    further = run(_AdvanceWork(evidence, reference), leading, progress)
-    screened |= {s.added.label: s for s in further if not isinstance(s, Failed)}
-    # a candidate that was left behind has the gain that it has reached, and no promise
-    ended = [replace(s, rival=None) for s in screened.values()]
-    return ended, promising(families, ended, reference)
+    leaders = advancing(families, list(screened.values()), reference)
+    advanced = run(_AdvanceWork(evidence, reference), leaders, progress)
+    screened |= {s.added.label: s for s in advanced if not isinstance(s, Failed)}
+    # from here on only the gain reached counts, not the predicted one
+    final = [replace(s, rival=None) for s in screened.values()]
+    return final, promising(families, final, reference)
 
 
 def refit_screened(
@@ -235,11 +237,14 @@ def refit_screened(
 def opposite_signs(
     search: Search, models: list[CandidateModel]
 ) -> list[tuple[CandidateModel, float]]:
-    """Models whose effect ended at nothing and that remove much of the error with the opposite
-    sign, the best first, with the share they remove: the sign of their port is in doubt."""
-    tried = [(c, ranges) for c in models if (ranges := mirrored(c))]
-    # Each one costs a refit.
-    tried = tried[:MIRRORED_MOST]
+    """Return models that remove much of the error only with the opposite sign, best first.
+
+    With the declared sign their effect was fitted to zero, so the sign of their port is doubtful.
+    The second entry is the share of the error that they remove.
+    """
+    mirrored_models = [(c, ranges) for c in models if (ranges := mirrored(c))]
+    # each one costs a refit
+    mirrored_models = mirrored_models[:MIRRORED_MOST]
     starts = [
         RefitStart(
             c.attached,
@@ -247,7 +252,7 @@ def opposite_signs(
             first={key: 0.5 * low for key, (low, _) in ranges.items()},
             assembly=None,
         )
-        for c, ranges in tried
+        for c, ranges in mirrored_models
     ]
     work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     shares = [
@@ -259,8 +264,9 @@ def opposite_signs(
 
 
 def _start(s: ScreenedCandidate, base: CandidateModel) -> RefitStart:
-    """Start of a screened candidate's refit: the fit of the model below it, or the data sheet. For
-    a rig that is stepped always the fit, which a fit from the data sheet may not reach."""
+    """Start of a screened candidate's refit: the base model's fit if it has effects, else the data
+    sheet. A stepped rig always starts from the base fit, which a fit from the data sheet may not
+    reach."""
     assert s.assembly is not None
     continues = base.attached or s.assembly.program.keeps_slopes
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None
@@ -268,14 +274,14 @@ def _start(s: ScreenedCandidate, base: CandidateModel) -> RefitStart:
 
 
 def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
-    """The model with integration steps so fine that halving them changes nothing, refitted where
-    they were not."""
+    """Return the model with integration steps so fine that halving them changes nothing, refitted
+    with these."""
     return search.pool.one(_StepRefinement(search.evidence), best)
 
 
 @dataclass(frozen=True, eq=False)
 class _StepRefinement(Work[CandidateModel, CandidateModel]):
-    """A model with finer steps, where it needs them."""
+    """Job that refines the integration steps of a model if necessary."""
 
     what = "refining the integration steps of"
     evidence: DataSplit
@@ -285,11 +291,11 @@ class _StepRefinement(Work[CandidateModel, CandidateModel]):
         for _ in range(STEP_HALVINGS):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             noise = self.evidence.noise
-            # Refinement costs refits, so that only the model to be named is refined.
+            # Each halving costs a refit, so only the model to be named is refined.
             change = rechecked(best.assembly, best.fit, tracks, noise)[1]
             if change <= COARSE or not settles(best.assembly, best.fit, tracks, noise, change):
                 break
-            done = fit(
+            refined = fit(
                 best.fit.problem,
                 p=best.fit.p,
                 starts=best.fit.starts,
@@ -299,10 +305,10 @@ class _StepRefinement(Work[CandidateModel, CandidateModel]):
                 iterations=REFIT_ITERATIONS,
                 tolerance=REFIT_TOLERANCE,
             )
-            # a delay of an input that is held between samples becomes a staircase at finer steps
-            if done.cost > best.fit.cost:
+            # with finer steps a delay of a held input becomes a staircase, which may fit worse
+            if refined.cost > best.fit.cost:
                 break
-            best = replayed(self.evidence, best.assembly, done)
+            best = replayed(self.evidence, best.assembly, refined)
         return best
 
     def name(self, item: CandidateModel) -> str:

@@ -1,4 +1,4 @@
-"""A model made executable: compiled equations, their sparsity, and runs over recorded inputs."""
+"""Compiled equations of a model: machine code, sparsity, and simulation over recorded inputs."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the pack
 
 Array = NDArray[np.float64]
 
-# sensitivities of the windows that are run at a time: 1 MiB, which stays in the cache
+# floats in the sensitivities of a block of windows: 1 MiB, which stays in the cache
 BLOCK_NUMBERS = 2**17
 
 
 @dataclass
 class Memory:
-    """Everything a run carries from one call to the next: states, cells, delay lines and their
-    sensitivities.
+    """State of a simulation between two calls: states, cells, delay lines and their sensitivities.
 
-    x (nx), cells (nc), buffers (delays, length), S (nx + 2 nc, columns), heads (delays); begin
-    until the first run.
+    x (nx): states; cells, past (nc): values of the cells now and one step before; S (nx + 2 nc,
+    columns): sensitivities of x, cells and past; buffers (delays, length), buffer_S (delays,
+    length, columns), heads (delays): delay lines, their sensitivities and their newest entries.
     """
 
     x: Array
@@ -49,14 +49,14 @@ class Memory:
     buffers: Array
     buffer_S: Array
     heads: NDArray[np.int64]
-    begin: bool = True
-    join: bool = False  # the state was set anew since the last run
-    # what a simulator that keeps its states to itself has saved: of the plain run, and by column
-    # of a copy whose values are moved
+    begin: bool = True  # before the first run
+    join: bool = False  # the state was reset after the last run
+    # snapshots of a simulator that hides its states: of the nominal run, and by column of each
+    # perturbed copy
     saved: tuple[Any, dict[int, Any]] | None = None
 
     def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
-        """The arrays themselves; without room for sensitivities where these are not wanted."""
+        """Return the arrays of this memory; without sensitivity columns if `sensitive` is False."""
         from pamid.engine.integrator import MemoryArrays
 
         S, buffer_S = self.S, self.buffer_S
@@ -66,12 +66,15 @@ class Memory:
 
     def copy(self) -> Memory:
         x, cells, past, S, buffers, buffer_S, heads = (array.copy() for array in self.arrays())
-        carried = self.saved and (self.saved[0], dict(self.saved[1]))
-        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join, carried)
+        snapshots = self.saved and (self.saved[0], dict(self.saved[1]))
+        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join, snapshots)
 
     def enter(self, x: Array, first: int) -> None:
-        """Set the first states to x (n,): sensitivities to these begin here, from column `first`
-        on; those to parameters live on in memories."""
+        """Set the first n states to x (n,) and restart their sensitivities.
+
+        These are the identity in the columns from `first` on. Cells and delay lines keep their
+        sensitivities to the parameters.
+        """
         n = len(x)
         self.x[:n] = x
         self.join = True
@@ -82,13 +85,12 @@ class Memory:
         self.S[:n, first : first + n] = np.eye(n)
 
     def forget(self, first: int) -> None:
-        """The sensitivities from column `first` on become those of a state that nothing has moved:
-        zero."""
+        """Reset the sensitivities from column `first` on to zero."""
         self.S[:, first:] = 0.0
         self.buffer_S[:, :, first:] = 0.0
         if self.saved:
-            plain, copies = self.saved
-            self.saved = (plain, {k: copy for k, copy in copies.items() if k < first})
+            nominal, copies = self.saved
+            self.saved = (nominal, {k: copy for k, copy in copies.items() if k < first})
 
 
 @dataclass(frozen=True)
@@ -104,11 +106,11 @@ class Stepping:
 
 @dataclass(frozen=True, eq=False)
 class WindowStarts:
-    """Windows of a recording in order, each begun at states that are set anew.
+    """Windows of a recording in time order, each with its initial states.
 
-    edges (windows, 2): the first sample, and the one behind the last; states (windows, n): the
-    first n ones at the start of each; column: of the first of them among the sensitivities; first:
-    number of the recording's first sample, which gives the time.
+    edges (windows, 2): first sample, and the sample after the last; states (windows, n): the first
+    n states at the start of each window; column: sensitivity column of the first of these states;
+    first: index of the recording's first sample, from which the time follows.
     """
 
     edges: NDArray[np.int64]
@@ -121,8 +123,8 @@ class WindowStarts:
 
 
 class RunParts(NamedTuple):
-    """Arguments of a run in single steps. What it works on stands in `arrays`: states may be set
-    between two steps, and their rows of S with them."""
+    """Arguments of a run in single steps. Between two steps the caller may set the states in
+    `arrays`, together with their rows of S."""
 
     equations: CompiledEquations
     arrays: MemoryArrays
@@ -132,13 +134,16 @@ class RunParts(NamedTuple):
     def step(
         self, k: int, sub: int, times: tuple[float, float, Stepping], first: tuple[bool, bool]
     ) -> tuple[Array, Array]:
-        """Step `sub` of sample k; the outputs at its start (outputs,) and their sensitivities
-        (outputs, columns). times: of the first sample, s; of a sample, s; how it is divided;
-        first: `begin` and `join` of the memory."""
+        """Make step `sub` of sample k.
+
+        Returns the outputs at its start (outputs,) and their sensitivities (outputs, columns).
+        times: time of the first sample (s), sampling period (s) and stepping; first: `begin` and
+        `join` of the memory.
+        """
         from pamid.engine.integrator import Times, sweep
 
         time_s, period_s, step = times
-        now = Times(
+        timing = Times(
             float(time_s + k * period_s),
             float(period_s),
             step.substeps,
@@ -147,14 +152,17 @@ class RunParts(NamedTuple):
             sub,
         )
         inputs = self.inputs._replace(u=self.inputs.u[k : k + 1])
-        sweep(self.equations, self.arrays, inputs, now, self.results)
+        sweep(self.equations, self.arrays, inputs, timing, self.results)
         return self.results.Y[0], self.results.JY[0]
 
 
 class SimulatedWindow(NamedTuple):
-    """Outputs of a window (samples, outputs), their sensitivities (samples, outputs, columns; empty
-    without), the states behind its last sample (nx,), their sensitivities (start states, columns),
-    and whether all stayed finite."""
+    """Result of a window's simulation.
+
+    Y (samples, outputs): outputs; JY (samples, outputs, columns): their sensitivities, empty if not
+    computed; end (nx,): states after the last sample; S (start states, columns): sensitivities of
+    the first of these states; fine: whether all values stayed finite.
+    """
 
     Y: Array
     JY: Array
@@ -164,20 +172,20 @@ class SimulatedWindow(NamedTuple):
 
     @property
     def J(self) -> Array:
-        """The sensitivities as a Jacobian: samples x outputs of one after the other, columns."""
+        """Sensitivities as a Jacobian (samples x outputs, columns), sample by sample."""
         samples, outputs, columns = self.JY.shape
         return self.JY.reshape(samples * outputs, columns)
 
 
 class EquationSteps:
-    """The stepping of compiled equations."""
+    """Choice of integration steps for compiled equations."""
 
     def least_substeps(self, period_s: float) -> int:
-        """Least steps per sample of the model."""
+        """Minimum number of integration steps per sample."""
         return 1
 
     def careful(self, substeps: int) -> Stepping:
-        """Stepping of a sample that would need this many explicit steps."""
+        """Return the stepping for a sample that would need `substeps` explicit steps."""
         return Stepping(1, implicit=True)
 
 
@@ -186,8 +194,9 @@ class Program(EquationSteps):
     """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
     array.
 
-    ordered: do finer steps change less and less? keeps_slopes: are there any expensive enough
-    to be kept?"""
+    ordered: whether results converge regularly with finer steps; keeps_slopes: whether steps are
+    so expensive that their slopes are reused.
+    """
 
     ordered: ClassVar[bool] = True
     keeps_slopes: ClassVar[bool] = False
@@ -200,25 +209,25 @@ class Program(EquationSteps):
     delays: tuple[float, ...]
     operations: int
     sensitive: frozenset[str]
-    linear: tuple[int, ...]  # places of the inputs that are linear over a sample; others are held
+    linear: tuple[int, ...]  # indices of inputs that are linear over a sample; others are held
     code: ProgramCode = field(repr=False)
 
     def memory(
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
     ) -> Memory:
-        """Fresh memory at state x with room for `columns` sensitivities (all zero), padded to full
-        lanes."""
+        """Return a new memory at state x with `columns` sensitivities (all zero), padded to full
+        SIMD lanes."""
         columns = -(-columns // LANES) * LANES
         nx, nc = len(self.states), len(self.cells)
-        nd, size = len(self.delays), line_length(self.delays, stepping, period_s)
+        lines, length = len(self.delays), line_length(self.delays, stepping, period_s)
         return Memory(
             np.array(x, float),
             np.zeros(nc),
             np.zeros(nc),
             np.zeros((nx + 2 * nc, columns)),
-            np.zeros((nd, size)),
-            np.zeros((nd, size, columns)),
-            np.zeros(nd, np.int64),
+            np.zeros((lines, length)),
+            np.zeros((lines, length, columns)),
+            np.zeros(lines, np.int64),
         )
 
     def run(
@@ -234,29 +243,47 @@ class Program(EquationSteps):
         weights: Array | None = None,
         after: Array | None = None,
     ) -> tuple[Array, Array, int]:
-        """Simulate over the rows of u (samples x inputs), carrying `memory` on.
+        """Simulate over the rows of u and advance `memory`.
 
-        after: the inputs (inputs,) one sample behind the last row, where there are any: inputs that
-        are linear over a sample lead there; without it the last row is held. Columns of u behind
-        the inputs, where there are any, are what each linear one rises over the sample.
-        columns: for each parameter its sensitivity column or -1; None runs without sensitivities.
-        The Jacobian is as wide as the memory's (padded) sensitivities. weights: factor per output
-        on its sensitivities. Returns outputs (samples x outputs), their sensitivities (samples x
-        outputs x columns; empty without), and the first sample at which the state blew up (-1:
-        none).
+        Parameters
+        ----------
+        memory
+            State at the first sample; after the run, the state after the last sample.
+        u
+            Inputs (samples x inputs). Additional columns, if any, hold the rise of each linear
+            input over the sample.
+        p
+            Parameters (SI).
+        period_s, time_s
+            Sampling period and time of the first sample (s).
+        stepping
+            Integration steps per sample; default: one explicit step.
+        columns
+            Sensitivity column of each parameter, or -1. None runs without sensitivities.
+        weights
+            Factor per output on its sensitivities.
+        after
+            Inputs (inputs,) of the sample after the last row, where linear inputs end. Without it
+            the last row is held.
+
+        Returns
+        -------
+        Outputs (samples x outputs), their sensitivities (samples x outputs x columns, as wide as
+        the padded ones of `memory`; empty without `columns`), and the first sample at which the
+        state diverged (-1: none).
         """
         from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
 
         step = stepping or Stepping()
         equations, inputs = self._prepared(memory, u, p, columns, after, partials=step.implicit)
-        wide = memory.S.shape[1]
+        width = memory.S.shape[1]
         shape = len(u), len(self.outputs)
-        Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, wide))
+        Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, width))
         times = float(time_s), float(period_s), step.substeps, step.implicit
-        held = memory.arrays(sensitive=inputs.sensitive)
-        _, bad = sweep_windows(
+        arrays = memory.arrays(sensitive=inputs.sensitive)
+        _, diverged_at = sweep_windows(
             equations,
-            held,
+            arrays,
             inputs,
             Times(*times, memory.begin, memory.join, -1),
             Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
@@ -264,13 +291,13 @@ class Program(EquationSteps):
                 np.array([[0, len(u)]], np.int64),
                 np.array([times[0]]),
                 np.empty((1, 0)),
-                wide,
+                width,
                 np.empty((1, len(memory.x))),
-                np.empty((1, 0, held.S.shape[1])),
+                np.empty((1, 0, arrays.S.shape[1])),
             ),
         )
         memory.begin = memory.join = False
-        return Y, JY, int(bad)
+        return Y, JY, int(diverged_at)
 
     def run_windows(
         self,
@@ -284,51 +311,64 @@ class Program(EquationSteps):
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
     ) -> Iterator[SimulatedWindow]:
-        """Simulate windows of the recording u (samples x inputs), carrying on in `memory` what is
-        not set anew. See `run` for the others.
+        """Simulate windows of the recording u (samples x inputs). See `run` for other arguments.
 
-        Windows are run several at a time, ahead of the one that is yielded: `memory` is that of the
-        last window once all have been taken. After a window that is not finite the next ones are
-        run only when they are taken.
+        Cells, delay lines and states that a window does not set continue from the window before.
+        Windows are simulated in blocks, ahead of the one that is yielded. `memory` therefore
+        belongs to the last window only after the iteration has ended. A window that diverges ends
+        its block; the next block is simulated on demand.
         """
         from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
 
         if not len(windows):
             return
         step, edges, n = stepping or Stepping(), windows.edges, windows.states.shape[1]
-        begun, ended = edges[0, 0], edges[-1, 1]
-        behind = u[ended] if ended < len(u) else None
+        first_sample, stop_sample = edges[0, 0], edges[-1, 1]
+        next_inputs = u[stop_sample] if stop_sample < len(u) else None
         equations, inputs = self._prepared(
-            memory, u[begun:ended], p, columns, behind, partials=step.implicit
+            memory, u[first_sample:stop_sample], p, columns, next_inputs, partials=step.implicit
         )
-        held, seen = memory.arrays(sensitive=inputs.sensitive), len(self.outputs)
-        wide = held.S.shape[1]
-        weights = np.ones(seen) if weights is None else weights
+        arrays, output_count = memory.arrays(sensitive=inputs.sensitive), len(self.outputs)
+        width = arrays.S.shape[1]
+        weights = np.ones(output_count) if weights is None else weights
         time_s = (windows.first + edges[:, 0]) * period_s
-        rows, starts = edges - begun, np.ascontiguousarray(windows.states, float)
+        rows, starts = edges - first_sample, np.ascontiguousarray(windows.states, float)
         # Blocks bound the memory of the Jacobian, and each is read while it is still in the cache.
-        most, at = BLOCK_NUMBERS // max(1, seen * wide), 0
-        while at < len(rows):
-            to = max(at + 1, int(np.searchsorted(rows[:, 1], rows[at, 0] + most, side="right")))
-            first = rows[at, 0]
-            shape = int(rows[to - 1, 1] - first), seen
-            Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, wide))
-            end, S = np.empty((to - at, len(memory.x))), np.empty((to - at, n, wide))
+        block_samples, window = BLOCK_NUMBERS // max(1, output_count * width), 0
+        while window < len(rows):
+            block_end = max(
+                window + 1,
+                int(np.searchsorted(rows[:, 1], rows[window, 0] + block_samples, side="right")),
+            )
+            block_start = rows[window, 0]
+            shape = int(rows[block_end - 1, 1] - block_start), output_count
+            Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, width))
+            end_states, S = (
+                np.empty((block_end - window, len(memory.x))),
+                np.empty((block_end - window, n, width)),
+            )
             times = float(period_s), step.substeps, step.implicit, memory.begin, True, -1
-            stopped, _ = sweep_windows(
+            diverged_window, _ = sweep_windows(
                 equations,
-                held,
+                arrays,
                 inputs,
                 Times(0.0, *times),
                 Results(Y, JY, weights),
-                WindowTable(rows[at:to], time_s[at:to], starts[at:to], windows.column, end, S),
+                WindowTable(
+                    rows[window:block_end],
+                    time_s[window:block_end],
+                    starts[window:block_end],
+                    windows.column,
+                    end_states,
+                    S,
+                ),
             )
             memory.begin = memory.join = False
-            count = to - at if stopped < 0 else stopped + 1
-            for k, (a, b) in enumerate((rows[at : at + count] - first).tolist()):
+            count = block_end - window if diverged_window < 0 else diverged_window + 1
+            for k, (a, b) in enumerate((rows[window : window + count] - block_start).tolist()):
                 slopes = JY if columns is None else JY[a:b]
-                yield SimulatedWindow(Y[a:b], slopes, end[k], S[k], k != stopped)
-            at += count
+                yield SimulatedWindow(Y[a:b], slopes, end_states[k], S[k], k != diverged_window)
+            window += count
 
     def driver(
         self,
@@ -339,26 +379,28 @@ class Program(EquationSteps):
         after: Array | None,
         first: int,
     ) -> RunParts:
-        """The same run in single steps, between which `first` states are set from outside: those
-        that `memory` lacks. See `run` for the others."""
+        """Prepare a run in single steps; other arguments as of `run`.
+
+        Between two steps the caller sets the first `first` states. `memory` does not contain them.
+        """
         from pamid.engine.integrator import Results
 
-        held = memory.arrays(sensitive=columns is not None)
+        arrays = memory.arrays(sensitive=columns is not None)
         states = len(memory.x)
-        x, S = np.zeros(first + states), np.zeros((first + len(memory.S), held.S.shape[1]))
-        x[first:], S[first:] = memory.x, held.S
+        x, S = np.zeros(first + states), np.zeros((first + len(memory.S), arrays.S.shape[1]))
+        x[first:], S[first:] = memory.x, arrays.S
         shape = (1, len(self.outputs), S.shape[1])
-        # whether steps are implicit is known when they are made
+        # The caller may choose an implicit step at any time, so the partials are always compiled.
         equations, inputs = self._prepared(memory, u, p, columns, after, partials=True)
         results = Results(
             np.empty(shape[:2]),
             np.empty((1, 1, 0) if columns is None else shape),
             np.ones(len(self.outputs)),
         )
-        return RunParts(equations, held._replace(x=x, S=S), inputs, results)
+        return RunParts(equations, arrays._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """Table for slopes of a track's steps, for `with_slopes`. None where steps cost little."""
+        """Return an empty slope table of a track for `with_slopes`; None if steps are cheap."""
         return None
 
     def with_slopes(self, known: KnownSlopes | None) -> Program:
@@ -368,14 +410,14 @@ class Program(EquationSteps):
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
-        """df/dx (nx x nx) where `memory` stands, at the input u (inputs,)."""
+        """State Jacobian df/dx (nx x nx) at the state of `memory` and the input u (inputs,)."""
         from pamid.engine.integrator import rate_matrix
 
         equations, values = self.code.at(p, partials=True)
         u = self._with_rises(u[None, :], None)[0]
         return rate_matrix(equations, memory.arrays(), u, values, time_s, period_s, period_s)
 
-    exchange_matrix = rate_matrix  # by which the length of a step is chosen
+    exchange_matrix = rate_matrix  # matrix from which the step length is chosen
 
     def _prepared(
         self,
@@ -387,8 +429,8 @@ class Program(EquationSteps):
         *,
         partials: bool,
     ) -> tuple[CompiledEquations, Inputs]:
-        """The compiled functions and the inputs of a run; see `run`. partials: are they needed even
-        without sensitivities?"""
+        """Return the compiled functions and the inputs of a run; arguments as of `run`. partials:
+        compile partial derivatives even for a run without sensitivities."""
         from pamid.engine.integrator import Inputs
 
         # the vector loop needs at least one lane
@@ -407,24 +449,26 @@ class Program(EquationSteps):
 
 
 def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: int) -> Array:
-    """u (samples, inputs, ...) and, behind its inputs, by how much every linear one rises over each
-    sample, unless that is there already."""
-    plain = np.ascontiguousarray(u, float)
-    if not linear or plain.shape[1] > inputs:
-        return plain
-    # The last sample has no successor in the recording, so that its input is held unless the
-    # caller has the next one.
-    moving = plain[:, linear]
-    end = moving[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
+    """Append the rise of every linear input over each sample to the columns of u (samples, inputs,
+    ...), unless u already contains the rises."""
+    recorded = np.ascontiguousarray(u, float)
+    if not linear or recorded.shape[1] > inputs:
+        return recorded
+    # The last sample has no successor in the recording. Its input is held, unless the caller
+    # passes the next one.
+    linear_inputs = recorded[:, linear]
+    end_point = (
+        linear_inputs[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
+    )
     return np.ascontiguousarray(
-        np.concatenate([plain, np.diff(moving, axis=0, append=end)], axis=1)
+        np.concatenate([recorded, np.diff(linear_inputs, axis=0, append=end_point)], axis=1)
     )
 
 
 def line_length(delays: tuple[float, ...], stepping: Stepping | None, period_s: float) -> int:
-    """Steps that the longest of these delays (s) takes, with what is read between them."""
-    step = period_s / (stepping or Stepping()).substeps
-    return max([int(np.ceil(d / step)) + 3 for d in delays], default=1)
+    """Entries of a delay line for the longest of these delays (s), with a margin to interpolate."""
+    step_s = period_s / (stepping or Stepping()).substeps
+    return max([int(np.ceil(d / step_s)) + 3 for d in delays], default=1)
 
 
 @lru_cache(maxsize=256)
@@ -436,12 +480,18 @@ def build_program(
     sensitive: frozenset[str] | None = None,
     linear: tuple[str, ...] = (),
 ) -> Program:
-    """Compile equations (from the cache on disk where they were compiled before; in one
-    process only once).
+    """Compile equations, or load their code from the cache on disk.
 
-    sensitive: parameters with sensitivities (default: all); fewer are cheaper.
-    linear: the inputs that the equations were lowered for as linear over a sample
-    (`expand_memory`).
+    Parameters
+    ----------
+    equations
+        State equations from `expand_memory`.
+    inputs, parameters, outputs
+        Names in the order of the arrays.
+    sensitive
+        Parameters with sensitivities (default: all); fewer are cheaper.
+    linear
+        Inputs that `expand_memory` has treated as linear over a sample.
     """
     text = ProgramText(equations, inputs, parameters, sensitive, linear)
     return Program(
@@ -460,15 +510,17 @@ def build_program(
 
 @dataclass(frozen=True, eq=False)
 class ProgramCode:
-    """Machine code of a program. The functions without partials are compiled at once, those with
-    partials when they are first needed: they take four fifths of the time, and a model that is
-    only simulated needs none."""
+    """Machine code of a program, compiled on first use.
+
+    Functions with partial derivatives take four fifths of the compile time. They are compiled
+    separately, because a model that is only simulated does not need them.
+    """
 
     text: ProgramText | ModuleTexts
 
     def at(self, p: Array, *, partials: bool) -> tuple[CompiledEquations, Array]:
-        """The compiled functions, and the parameters p (SI) followed by what depends on them alone.
-        partials: for sensitivities, implicit steps or `rate_matrix`."""
+        """Return the compiled functions, and the parameters p (SI) followed by values derived from
+        them. partials: needed for sensitivities, implicit steps and `rate_matrix`."""
         from pamid.engine.integrator import prepare
 
         equations = self._complete if partials else self._plain
@@ -487,15 +539,15 @@ class ProgramCode:
         *values, prepare = addresses("\n".join(plain.parts), plain.names)
         _, phase_n, phase_first, phase_delay, _ = self.text.phases
         # Empty tables of the right shape let one compiled driver serve both kinds of code.
-        none = [0] * (len(values) + 1)
+        zeros = [0] * (len(values) + 1)
         return CompiledEquations(
-            _int_array([*(n for f in values for n in (f, 0, 0)), prepare]),
+            _int_array([*(name for f in values for name in (f, 0, 0)), prepare]),
             _int_array(phase_n),
             _int_array(phase_first),
             _int_array(phase_delay),
             _int_array([]),
             _int_array([]),
-            _int_array(none),
+            _int_array(zeros),
             _int_array([]).reshape(-1, 3),
         )
 
@@ -507,7 +559,7 @@ class ProgramCode:
         *partials, prepare = addresses("\n".join(module.parts), module.names)
         address = self._plain.address.copy()
         address[1:-1:3], address[2:-1:3], address[-1] = partials[::2], partials[1::2], prepare
-        # the driver sizes its scratch by the array of columns
+        # The driver allocates scratch as long as `columns`: pad it to the widest function.
         columns = _int_array(module.columns + [-1] * (module.widest - len(module.columns)))
         return self._plain._replace(
             address=address,
@@ -524,8 +576,8 @@ def _int_array(values: object) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Places of symbols: in the array of their space, first column of each space among the
-    partials, and the parameters' first column (those before it are the rows of S)."""
+    """Positions of symbols. place: index in the array of a symbol's space; base: first column of
+    each space among the partials. The columns before `first_parameter` are the rows of S."""
 
     place: dict[tuple[str, str], int]
     base: dict[str, int]
@@ -550,7 +602,7 @@ class Layout:
         return cls(place, {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc})
 
     def with_derived(self, count: int) -> Layout:
-        """The same with so many values behind the parameters that follow from these alone."""
+        """Return a layout with `count` derived values after the parameters."""
         first = sum(space == "parameter" for space, _ in self.place)
         return Layout(
             self.place | {("derived", str(i)): first + i for i in range(count)}, self.base
@@ -570,9 +622,9 @@ class Layout:
 class PlainModule(NamedTuple):
     """LLVM IR of the functions without partials.
 
-    parts: the declarations, then a function per group of equations, f0 of the rates, f1 of the
-    outputs, the others of the cells, last `prepare`; names: of the functions; derived: number of
-    values that `prepare` fills.
+    parts: declarations, one function per group of equations (f0: rates, f1: outputs, others:
+    cells), and `prepare`; names: names of the functions; derived: number of values that `prepare`
+    computes.
     """
 
     parts: list[str]
@@ -581,12 +633,13 @@ class PlainModule(NamedTuple):
 
 
 class PartialsModule(NamedTuple):
-    """LLVM IR of the functions with partials: per group of equations d, values and partials, and s,
-    the product of the partials with S; last `prepare` of what they and the plain functions need.
+    """LLVM IR of the functions with partials.
 
-    What the driver has to know of them is as in `CompiledEquations`: sparsity of the rates'
-    (pointer, columns), entries by parameters of all (direct_at, direct). widest: largest number of
-    partials of a function.
+    Each group of equations has two functions: d computes values and partials, s the product of the
+    partials with S. The last function, `prepare`, computes the derived values for these and for the
+    plain functions. As in `CompiledEquations`, pointer and columns are the sparsity of the rates,
+    direct_at and direct the entries by parameters of all groups. widest: largest number of partials
+    of a function.
     """
 
     parts: list[str]
@@ -600,7 +653,7 @@ class PartialsModule(NamedTuple):
 
 
 class ModuleTexts(NamedTuple):
-    """The modules of a program that were written in another process."""
+    """LLVM IR modules of a program, generated in another process."""
 
     phases: tuple[Any, list[int], list[int], list[int], list[float]]
     plain: PlainModule
@@ -609,7 +662,7 @@ class ModuleTexts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ProgramText:
-    """The modules that a program is compiled from, written when they are needed; arguments as of
+    """LLVM IR modules of a program, generated on first use; fields as the arguments of
     `build_program`."""
 
     equations: StateEquations
@@ -650,7 +703,7 @@ class ProgramText:
     def partials(self) -> PartialsModule:
         layout, groups = self._layout, self._groups
         tables = [with_partials(roots, layout.column, self.sensitive) for roots in groups]
-        # those of the plain functions first, which read them at the same places
+        # derived values of the plain functions come first: these read them at the same indices
         values, derived = extract_derived([v for v, _, _ in tables], self._plain_values[1])
         layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
         part = part_of(values)
@@ -689,29 +742,34 @@ class ProgramText:
 def cell_phases(
     equations: StateEquations,
 ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
-    """Cut the ordered cells after every delay line: the driver moves the line between two phases.
+    """Split the ordered cells into phases, one after every delay line.
 
-    Inside a phase a cell may read another one's new value only if that one stands in an earlier
-    phase; where it reads one of its own phase the new value is written out.
+    The driver advances the line between two phases. A cell reads the new values of earlier phases.
+    The new value of a cell in its own phase is replaced by its expression.
+
+    Returns
+    -------
+    Per phase: expressions, number of cells, first cell and delay line (-1: none). Last, the
+    longest delay of each line (s).
     """
     from pamid.symbolic.expression import substitute
 
     phases: list[list[Expr]] = []
     counts: list[int] = []
     firsts: list[int] = []
-    delayed: list[int] = []
+    lines: list[int] = []
     lengths: list[float] = []
     current: list[Expr] = []
     inline: dict[Expr, Expr] = {}
     first = 0
     for i, cell in enumerate(equations.cells):
         if cell.buffer_s > 0.0:
-            waits = expression(0.0 if cell.seconds is None else cell.seconds)
-            goes_in, seconds = substitute([cell.update, waits], inline)
-            phases.append([*current, goes_in, seconds])
+            delay_s = expression(0.0 if cell.seconds is None else cell.seconds)
+            line_input, line_delay = substitute([cell.update, delay_s], inline)
+            phases.append([*current, line_input, line_delay])
             counts.append(len(current))
             firsts.append(first)
-            delayed.append(len(lengths))
+            lines.append(len(lengths))
             lengths.append(cell.buffer_s)
             current, inline, first = [], {}, i + 1
         else:
@@ -722,5 +780,5 @@ def cell_phases(
         phases.append(current)
         counts.append(len(current))
         firsts.append(first)
-        delayed.append(-1)
-    return phases, counts, firsts, delayed, lengths
+        lines.append(-1)
+    return phases, counts, firsts, lines, lengths

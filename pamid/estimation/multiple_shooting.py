@@ -42,45 +42,46 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
-#: of a track's window starts: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+#: normal equations of a track's window starts: diagonal blocks D (w,n,n), off-diagonal blocks
+#: (w-1,n,n), border B (w,n,k) and gradient gx (w,n)
 Blocks: TypeAlias = tuple[Array, Array, Array, Array]
 
 ITERATIONS, TOLERANCE = 40, 1e-4
-LAST_STEPS = 3  # at least, with slopes of where a fit has ended
-CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
+LAST_STEPS = 3  # steps that a fit may always take after its slopes are recomputed
+CALM = 0.02  # squared step in posterior deviations; two consecutive steps below it end a fit
 
 
 def initial_states(
     problem: Problem, p: Array, weights: Weights, stepping: Stepping
 ) -> tuple[Array, ...]:
-    """State at the start of every window, one window after the other (moving-horizon
+    """Estimate the state at the start of every window, one window after another (moving-horizon
     estimation)."""
-    out = []
+    starts = []
     for track in problem.tracks:
         runner = Runner(problem.assembly, track, stepping)
         values = runner.parameters(p)
         memory = runner.memory(values)
-        rows: list[Array] = []
+        track_starts: list[Array] = []
         for window in problem.windows(track):
-            carried = memory.x[: runner.start_states].copy()
+            predicted = memory.x[: runner.start_states].copy()
             x, usable = WindowStart.of(
                 runner,
                 memory,
                 window,
                 values,
                 1.0 / weights.sigma,
-                carried,
-                track.jump if rows else None,
+                predicted,
+                track.jump if track_starts else None,
             ).estimate()
-            x = x if usable else rows[-1] if rows else carried
+            x = x if usable else track_starts[-1] if track_starts else predicted
             runner.enter(memory, x)
             runner.run(memory, window, values, False)
             if not np.isfinite(memory.x).all():
                 memory.x[:] = 0.0
                 memory.x[: runner.start_states] = x
-            rows.append(x)
-        out.append(np.array(rows))
-    return tuple(out)
+            track_starts.append(x)
+        starts.append(np.array(track_starts))
+    return tuple(starts)
 
 
 @dataclass
@@ -112,35 +113,42 @@ class WindowSums(NamedTuple):
     residuals: Array
 
 
-def _joined(sums: WindowSums, weight: Array, H: Array, g: Array) -> Blocks:
-    """Blocks of the window starts with the joints |L (x_(w+1) - f_w(s, x_w))|^2; the part of the
-    parameters is added to H and g in place. weight: the diagonal of L'L."""
+def _add_continuity(sums: WindowSums, weight: Array, H: Array, g: Array) -> Blocks:
+    """Return the blocks of the window starts with the terms |L (x_(w+1) - f_w(s, x_w))|^2 added.
+
+    The part of the parameters is added to H and g in place. weight: diagonal of L'L.
+    """
     k, n = len(g), sums.ends.shape[1]
     D, B, gx = sums.N[:, k:, k:].copy(), sums.N[:, k:, :k].copy(), sums.v[:, k:].copy()
     by_s, by_x = sums.ends[:-1, :, :k], sums.ends[:-1, :, k:]
-    P, pulled, turned = weight[:, None], weight * sums.jumps, by_x.transpose(0, 2, 1)
+    P, weighted_jumps, by_xT = weight[:, None], weight * sums.jumps, by_x.transpose(0, 2, 1)
     H += sums.N[:, :k, :k].sum(axis=0) + (by_s.transpose(0, 2, 1) @ (P * by_s)).sum(axis=0)
-    g += sums.v[:, :k].sum(axis=0) - np.einsum("wnk,wn->k", by_s, pulled)
-    D[:-1] += turned @ (P * by_x)
-    B[:-1] += turned @ (P * by_s)
-    gx[:-1] -= np.einsum("wnm,wn->wm", by_x, pulled)
+    g += sums.v[:, :k].sum(axis=0) - np.einsum("wnk,wn->k", by_s, weighted_jumps)
+    D[:-1] += by_xT @ (P * by_x)
+    B[:-1] += by_xT @ (P * by_s)
+    gx[:-1] -= np.einsum("wnm,wn->wm", by_x, weighted_jumps)
     D[1:, range(n), range(n)] += weight
     B[1:] -= P * by_s
-    gx[1:] += pulled
+    gx[1:] += weighted_jumps
     return D, -P * by_x, B, gx
 
 
 def reduced(
     normal: ShootingNormal, s: Array, scale: Scale, damping: float
 ) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
-    """Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters alone (Schur
-    complement: window starts at their best), which of them a bound holds, and the starts' parts."""
+    """Eliminate the window starts from the normal equations (Schur complement).
+
+    Returns
+    -------
+    Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters; mask of parameters
+    held at a bound; per track T^-1 B, T^-1 gx, B' T^-1 B and B' T^-1 gx.
+    """
     H, g = normal.H.copy(), normal.g.copy()
     k, parts = len(g), []
     for D, off, B, gx in normal.blocks:
         # the block-tridiagonal part solved for [B | gx]
-        out, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
-        X, x = out[:, :, :k], out[:, :, k]
+        solution, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
+        X, x = solution[:, :, :k], solution[:, :, k]
         inner, right = np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
         H -= inner
         g -= right
@@ -150,7 +158,7 @@ def reduced(
 
 class ShootingPoint(NamedTuple):
     """Scaled free parameters, states at the start of every window per track, and the normal
-    equations there; linearised: are derivatives in these?"""
+    equations there; linearised: whether these include derivatives."""
 
     s: Array
     starts: tuple[Array, ...]
@@ -172,9 +180,12 @@ class _ShootingStep(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
-    """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
-    which the free ones are replaced; runners: of the tracks, which may keep a simulator's slopes
-    from point to point; probe: the last point is not differentiated."""
+    """Least-squares problem over scaled parameters and window starts.
+
+    p: all parameters (SI), of which the free ones are replaced; continuity: diagonal of L'L per
+    track; runners: one per track, which may reuse a simulator's slopes from point to point; probe:
+    whether the derivatives at the last point are skipped.
+    """
 
     problem: Problem
     p: Array
@@ -194,28 +205,27 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         sums = self.window_sums(s, starts, derivatives)
         return ShootingPoint(s, starts, self.assembled(s, sums, derivatives), derivatives)
 
-    # where a model runs away, sums of its sensitivities may overflow: that is looked for at the end
+    # If a model diverges, sums of its sensitivities may overflow. `assembled` checks them.
     @np.errstate(over="ignore", invalid="ignore")
     def window_sums(
         self, s: Array, starts: tuple[Array, ...], derivatives: bool
     ) -> list[WindowSums] | None:
-        """Every window simulated at scaled parameters and window starts; None where the model runs
-        away."""
+        """Simulate every window and sum its products per track; None if the model diverges."""
         problem, scale, weights = self.problem, self.scale, self.weights
         k = len(problem.free)
         values = self.p.copy()
         values[list(problem.free)] = scale.outside(s)
         slope, root = scale.slope(values[list(problem.free)]), weights.root
-        out: list[WindowSums] = []
-        at = 0
+        track_sums: list[WindowSums] = []
+        first_window = 0
         for i, track in enumerate(problem.tracks):
             runner = self.runners[i]
             track_values = runner.parameters(values)
             windows, n = problem.windows(track), runner.start_states
             count, unknowns, cost = len(windows), (k + n) * derivatives, 0.0
             N, v = np.empty((count, unknowns, unknowns)), np.empty((count, unknowns))
-            end, ends = np.empty((count, n)), np.empty((count, n, unknowns))
-            whole, left = bool(track.seen.all()), np.empty_like(track.y)
+            end_states, end_slopes = np.empty((count, n)), np.empty((count, n, unknowns))
+            complete, residuals = bool(track.seen.all()), np.empty_like(track.y)
             seen_root = np.where(track.seen, root, 0.0)
             simulated = runner.run_windows(
                 runner.memory(track_values),
@@ -226,70 +236,77 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
                 seen_root,
             )
             for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
-                # One window that runs away makes the cost infinite, so that the damping rule
-                # rejects the step as a whole.
+                # One diverging window makes the cost infinite, and the damping rule rejects the
+                # whole step.
                 if not run.fine:
                     return None
-                important = 1.0 if problem.importance is None else float(problem.importance[at + w])
-                away = left[window.start : window.stop]
-                np.subtract(run.Y, track.y[window.start : window.stop], out=away)
-                r = (away * root if whole else np.nan_to_num(away * root)).ravel()
-                cost += important * float(r @ r)
-                end[w] = run.end[:n]
+                importance = 1.0
+                if problem.importance is not None:
+                    importance = float(problem.importance[first_window + w])
+                window_residuals = residuals[window.start : window.stop]
+                np.subtract(run.Y, track.y[window.start : window.stop], out=window_residuals)
+                r = (
+                    window_residuals * root if complete else np.nan_to_num(window_residuals * root)
+                ).ravel()
+                cost += importance * float(r @ r)
+                end_states[w] = run.end[:n]
                 if derivatives:
                     # rows beyond the unknowns are the padding of the sensitivities
                     A = run.J
-                    N[w] = important * (A.T @ A)[:unknowns, :unknowns]
-                    v[w] = important * (A.T @ r)[:unknowns]
-                    ends[w] = run.S[:, :unknowns]
+                    N[w] = importance * (A.T @ A)[:unknowns, :unknowns]
+                    v[w] = importance * (A.T @ r)[:unknowns]
+                    end_slopes[w] = run.S[:, :unknowns]
             # Scaling after the products costs one multiplication per entry of the sums, not one per
             # sample.
-            if derivatives:  # by scaled parameters, not by those in SI
+            if derivatives:  # from SI to scaled parameters
                 N[:, :k] *= slope[:, None]
                 N[:, :, :k] *= slope
                 v[:, :k] *= slope
-                ends[:, :, :k] *= slope
-            at += count
-            out.append(WindowSums(cost, N, v, ends, starts[i][1:] - end[:-1], left))
-        return out
+                end_slopes[:, :, :k] *= slope
+            first_window += count
+            track_sums.append(
+                WindowSums(cost, N, v, end_slopes, starts[i][1:] - end_states[:-1], residuals)
+            )
+        return track_sums
 
     @np.errstate(over="ignore", invalid="ignore")
     def assembled(
         self, s: Array, tracks: list[WindowSums] | None, derivatives: bool
     ) -> ShootingNormal:
-        """Cost at scaled parameters and window starts, and with derivatives the normal equations,
-        of the windows simulated there."""
+        """Assemble the cost, and with derivatives the normal equations, from the tracks' sums."""
         problem = self.problem
         cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
         blocks: list[Blocks] = []
         if tracks is None:
             return ShootingNormal(np.inf, H, g, blocks, [], False)
         residuals = [sums.residuals for sums in tracks]
-        fine = True
+        finite = True
         for sums, weight in zip(tracks, self.continuity, strict=True):
             cost += sums.cost + float((sums.jumps**2 * weight).sum())
             if derivatives:
-                blocks.append(_joined(sums, weight, H, g))
+                blocks.append(_add_continuity(sums, weight, H, g))
                 D, _, B, _ = blocks[-1]
-                fine = fine and bool(np.isfinite(B).all() and np.isfinite(D).all())
-        fine = fine and bool(np.isfinite(cost) and np.isfinite(H).all())
-        return ShootingNormal(cost if fine else np.inf, H, g, blocks, residuals, fine)
+                finite = finite and bool(np.isfinite(B).all() and np.isfinite(D).all())
+        finite = finite and bool(np.isfinite(cost) and np.isfinite(H).all())
+        return ShootingNormal(cost if finite else np.inf, H, g, blocks, residuals, finite)
 
     def step(self, at: ShootingPoint, damping: float) -> _ShootingStep:
-        """Eliminating the window starts block by block leaves the reduced system of the parameters
-        (Schur complement); of these, one at a bound that the gradient would push it through
-        stays."""
+        """Solve for the damped step.
+
+        The window starts are eliminated block by block, which leaves a reduced system of the
+        parameters (Schur complement). A parameter at a bound stays if its gradient points outwards.
+        """
         H, g, held, parts = reduced(at.normal, at.s, self.scale, damping)
         ds = np.zeros(len(at.s))
         free = np.logical_not(held)
         if free.any():
             A = H[np.ix_(free, free)]
-            # lambda counts twice: of the starts' own diagonal in the elimination, and here of the
-            # reduced Hessian's, which scales each parameter by what is known of it once the starts
-            # follow it
+            # Lambda acts twice: on the diagonal of the starts in the elimination, and here on the
+            # diagonal of the reduced Hessian. The latter is the information on each parameter after
+            # the starts have adapted.
             A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
             ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
-        # the starts belong to the step as the bounds have cut it
+        # The starts follow the parameter step after its clipping to the bounds.
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
         return _ShootingStep(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
 
@@ -300,55 +317,58 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         return self.at(s, starts, not (self.probe and last))
 
     def settled(self, gain: float, before: ShootingPoint, after: ShootingPoint) -> bool:
-        # -2 log posterior: a gain far below 1 is no evidence; of a cost beyond 1000 a share of it
+        # The cost is -2 log posterior, so a gain far below 1 is not significant. Above 1000, the
+        # limit grows with the cost.
         return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
 
     def calm(self, step: _ShootingStep, damping: float) -> bool:
-        # strong damping makes any step short
+        # under strong damping every step is short, so a short one proves nothing
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
     def stuck(self, at: ShootingPoint, step: _ShootingStep) -> bool:
         if float(np.abs(step.s).max(initial=0.0)) < 1e-7:
             return True
-        # by slopes that were used again the cost need not fall at all, as near as this to the end
+        # So close to the optimum, a step from reused slopes may not lower the cost at all.
         return any(self.known) and float(step.s @ step.H @ step.s) < CALM
 
     @property
     def known(self) -> tuple[KnownSlopes | None, ...]:
-        """Slopes that are kept, per track."""
+        """Slopes for reuse, per track."""
         return tuple(runner.known for runner in self.runners)
 
     def exactly(self, ended: Iteration[ShootingPoint], iterations: int) -> Iteration[ShootingPoint]:
-        """Continue a fit that has reused or predicted slopes, with new slopes and all steps made. A
-        fit that has used up its steps is only evaluated there."""
+        """Continue a fit that has reused slopes or predicted steps, now without either.
+
+        A fit that has used up its iterations is only evaluated again at its last point.
+        """
         if not any(known and known.counts[1] for known in self.known):
             return ended
         if not ended.settled:
             if not any(known and known.counts[2] for known in self.known):
                 return ended
-            simulated = self._keeping([k and k.without_prediction() for k in self.known])
+            simulated = self._with_slopes([k and k.without_prediction() for k in self.known])
             return replace(ended, point=simulated.at(ended.point.s, ended.point.starts))
-        exact = self._keeping([k and k.forgotten() for k in self.known])
+        exact = self._with_slopes([k and k.forgotten() for k in self.known])
         point = exact.at(ended.point.s, ended.point.starts)
         restarted = replace(ended, point=point, damping=self.rule.start, calm=0, settled=False)
         if not point.normal.fine:  # a predicted step was wrong
             return restarted
         return iterate(exact, restarted, max(iterations, ended.steps + LAST_STEPS))
 
-    def _keeping(self, known: list[KnownSlopes | None]) -> MultipleShooting:
-        """The same with these slopes, per track."""
+    def _with_slopes(self, known: list[KnownSlopes | None]) -> MultipleShooting:
+        """Return the same problem with these slopes per track."""
         pairs = zip(self.runners, known, strict=True)
         return replace(self, runners=tuple(replace(r, known=k) for r, k in pairs))
 
     def resumed(self, probe: Iteration[ShootingPoint]) -> Fit:
-        """The fit to which a probe comes that goes on."""
+        """Continue a probe as a full fit."""
         full, point = replace(self, probe=False), probe.point
         point = point if point.linearised else full.at(point.s, point.starts)
         ended = iterate(full, replace(probe, point=point), ITERATIONS)
         return full.fit(full.exactly(ended, ITERATIONS))
 
     def fit(self, ended: Iteration[ShootingPoint]) -> Fit:
-        s, starts, now, _ = ended.point
+        s, starts, normal, _ = ended.point
         p, free = self.p.copy(), list(self.problem.free)
         p[free] = self.scale.outside(s)
         result = Fit(
@@ -356,7 +376,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             p,
             starts,
             self.weights,
-            now.cost,
+            normal.cost,
             np.eye(len(free)),
             ended.steps,
             ended.settled,
@@ -368,12 +388,12 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
             return result
         # Laplace's approximation: the inverse of the half Hessian of -2 log posterior, with the
         # starts marginalised (the Schur complement does that)
-        H, g, held, _ = reduced(now, s, self.scale, 0.0)
+        H, g, held, _ = reduced(normal, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
         return replace(
             result,
             covariance=covariance,
-            residuals=tuple(now.residuals),
+            residuals=tuple(normal.residuals),
             held=np.where(held, g, 0.0),
         )
 
@@ -390,35 +410,35 @@ def begin(
     known: tuple[KnownSlopes | None, ...] = (),
     probe: bool = False,
 ) -> tuple[MultipleShooting, Iteration[ShootingPoint]]:
-    """The least squares of a fit and the point where it begins; arguments as of `fit`."""
+    """Return the least-squares problem of a fit and its starting point; arguments as of `fit`."""
     p = problem.start() if p is None else p.copy()
     stepping = stepping or careful_stepping(problem, p)
     weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
     starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
-    none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
+    unweighted = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
     runners = tuple(
         Runner(problem.assembly, track, stepping, problem.free).keeping(known[i] if known else None)
         for i, track in enumerate(problem.tracks)
     )
     shooting = MultipleShooting(
-        problem, p, weights, continuity or none, stepping, runners, tolerance, probe
+        problem, p, weights, continuity or unweighted, stepping, runners, tolerance, probe
     )
     sums = shooting.window_sums(s, starts, True)
     point = ShootingPoint(s, starts, shooting.assembled(s, sums, True), True)
     if point.normal.fine and not continuity:
-        # the factor by which residuals exceed what the sensors' noise explains: by as much more the
-        # states of a wrong model may depart from where they were carried to
-        off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
+        # Residuals of a wrong model exceed the sensor noise by this factor. Its states may jump
+        # between windows by the same factor more.
+        noise_ratio = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         continuity = tuple(
             np.maximum(
                 CARRIED_INFORMATION * np.einsum("wii->wi", b[0]).mean(axis=0),
-                1.0 / (off * t.jump) ** 2,
+                1.0 / (noise_ratio * t.jump) ** 2,
             )
             for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
         )
-        # the same runs, with another weight of where they end
+        # the same simulations, with a new weight of the jumps between windows
         shooting = replace(shooting, continuity=continuity)
         point = point._replace(normal=shooting.assembled(s, sums, True))
     return shooting, Iteration(point, shooting.rule.start)
@@ -439,14 +459,36 @@ def fit(
     progress: Progress | None = None,
     probe: bool = False,
 ) -> Fit:
-    """Levenberg-Marquardt from p (default: `Problem.start`) with fixed weights (default: the sensor
-    noise).
+    """Fit the free parameters by Levenberg-Marquardt steps with fixed weights.
 
-    The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
-    probe: only the cost and the parameters matter; the last step is then not differentiated and has
-    no covariance. known: slopes along the same tracks of a rig that is stepped, to begin with; on
-    the way they are used again where they hold. exact: it ends with those of its last point; else,
-    and as a probe, it hands them on, to a fit that goes on from there.
+    A fit that does not converge is returned as well; see `converged` and `why`.
+
+    Parameters
+    ----------
+    problem
+        Model, tracks, priors and free parameters.
+    p
+        Starting parameters (SI; default: `Problem.start`). The priors do not depend on them.
+    starts
+        States at the start of every window, per track (default: estimated).
+    weights
+        Weights of the residuals (default: the sensor noise).
+    iterations, tolerance
+        Maximum number of steps; gain of the cost below which the fit has converged.
+    stepping
+        Integration steps per sample (default: chosen for the recordings).
+    continuity
+        Weights of the jumps between windows, per track (default: from the first point).
+    known
+        Initial slopes of a stepped rig along the same tracks, reused while they hold.
+    exact
+        Whether the fit ends with newly computed slopes. Otherwise, and as a probe, it returns its
+        slopes for a later fit.
+    progress
+        Callback of the iteration.
+    probe
+        Whether only the cost and the parameters are needed. The last step then has no derivatives
+        and no covariance.
     """
     shooting, begun = begin(
         problem,

@@ -1,14 +1,14 @@
 """Effects whose signals the recordings determine.
 
-A state is determined where a measured output depends on it, or the rate of another determined state
-does, or where it acts back on its rate. The absolute angle of a shaft of which only the speed is
-measured is not: its rate is known, its zero is not. An effect that acts on increments alone (a
-bristle, a stop) needs no zero and stays. One that acts on the value itself (a spring, cogging)
-would be fitted to a zero that each window chooses anew.
+A state is determined if a measured output or the rate of another determined state depends on it. A
+state that acts back on its own rate is determined, too. The absolute angle of a shaft is not
+determined if only the speed is measured: its rate is known, its zero is not. An effect that acts on
+increments alone (a bristle, a stop) needs no zero and remains a candidate. An effect that acts on
+the value itself (a spring, cogging) is left out, because each window would have a different zero.
 
-Whether an expression changes when an undetermined state is shifted by s is found by passing s
-through it. Every node is c s off: c is an expression, and nodes that are shifted otherwise than in
-proportion to s are `ABSOLUTE`.
+To test whether an expression depends on the zero, we propagate a shift s of the state through it.
+Every node then shifts by c s, where c is an expression. Nodes whose shift is not proportional to s
+are `ABSOLUTE`.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from pamid.symbolic.expression import ONE, ZERO, symbol, symbols, walk
 from pamid.symbolic.vocabulary import Expr
 
 NOT_MEASURED = "it changes nothing that was measured"
-ABSOLUTE = None  # an expression that depends on the shifted value itself
-SHIFTED_ALONG = frozenset({"play", "lag", "delay"})  # memories that follow a constant shift
+ABSOLUTE = None  # shift of an expression that is not proportional to s
+SHIFTED_ALONG = frozenset({"play", "lag", "delay"})  # memories whose output shifts with their input
 
 
 def determined(
@@ -41,7 +41,7 @@ def determined(
     rig
         Rig that the candidates attach to.
     outputs
-        Its measured outputs.
+        Measured outputs of the rig.
     still
         Inputs that are 0 in all recordings.
     candidates
@@ -51,12 +51,12 @@ def determined(
     -------
     list of Attachment, dict of label to reason
     """
-    plain = trace(rig, lambda port, place: [], {})
-    stepped = isinstance(rig, StepRig)  # its equations are not known
-    check = None if stepped else _Determination(rig, tuple(outputs), plain)
+    traced = trace(rig, lambda port, place: [], {})
+    is_stepped = isinstance(rig, StepRig)  # the equations of a stepped rig are unknown
+    check = None if is_stepped else _Determination(rig, tuple(outputs), traced)
     usable, reasons = list[Attachment](), dict[str, str]()
     for candidate in candidates:
-        reason = _still(plain, candidate, frozenset(still))
+        reason = _at_rest(traced, candidate, frozenset(still))
         if not reason and check:
             reason = check.objection(candidate)
         if reason:
@@ -67,55 +67,57 @@ def determined(
 
 
 def undetermined_states(traced: Traced, outputs: Collection[str]) -> frozenset[str]:
-    """Integrator states on which neither these outputs depend nor the rates of states that they
-    depend on. What acts back on its rate forgets where it started: a filter is determined by what
-    it filters."""
-    loose = unobserved_states(traced, outputs)
-    return frozenset(n for n in loose if n not in _reached(traced, [traced.rates[n]]))
+    """Return integrator states that these outputs do not determine.
+
+    Neither the outputs nor the rates of states behind them depend on such a state. A state that
+    acts back on its own rate is excluded, because it forgets its initial value: the input of a
+    filter determines its state.
+    """
+    unobserved = unobserved_states(traced, outputs)
+    return frozenset(n for n in unobserved if n not in _reached(traced, [traced.rates[n]]))
 
 
 def unobserved_states(traced: Traced, outputs: Collection[str]) -> frozenset[str]:
-    """States on which none of these outputs depends, at once or through rates."""
+    """States on which none of these outputs depends, directly or through rates."""
     return frozenset(traced.rates) - _reached(traced, [traced.outputs[o] for o in outputs])
 
 
 def _reached(traced: Traced, roots: Iterable[Expr]) -> set[str]:
-    """States on which these expressions depend, at once or through rates."""
+    """States on which these expressions depend, directly or through rates."""
     reached: set[str] = set()
-    waiting = list(roots)
-    while waiting:
-        states = {name for space, name in symbols([waiting.pop()]) if space == "state"}
-        waiting += [traced.rates[name] for name in states - reached if name in traced.rates]
+    pending = list(roots)
+    while pending:
+        states = {name for space, name in symbols([pending.pop()]) if space == "state"}
+        pending += [traced.rates[name] for name in states - reached if name in traced.rates]
         reached |= states
     return reached
 
 
-def _still(plain: Traced, candidate: Attachment, still: frozenset[str]) -> str:
-    """The input at rest that alone drives the effect; empty where something else does."""
-    passed = [q for q in plain.passages if candidate.acts_at(q.port, q.place)]
-    driving = [[q.value for q in passed]]
-    driving += [_signal(passed, candidate.effect, name) for name in candidate.effect.signals]
-    for sources in driving:
+def _at_rest(traced: Traced, candidate: Attachment, inputs_at_rest: frozenset[str]) -> str:
+    """Return why a candidate is not excited: only inputs at rest drive it. Empty if others do."""
+    passages = [q for q in traced.passages if candidate.acts_at(q.port, q.place)]
+    drivers = [[q.value for q in passages]]
+    drivers += [_signal(passages, candidate.effect, name) for name in candidate.effect.signals]
+    for sources in drivers:
         at_rest = [_inputs_alone(root) for root in sources]
-        if at_rest and all(inputs and inputs <= still for inputs in at_rest):
+        if at_rest and all(inputs and inputs <= inputs_at_rest for inputs in at_rest):
             names = sorted(set().union(*at_rest))
             return f"{' and '.join(names)} is 0 in all recordings"
     return ""
 
 
-def _signal(passed: list[Passage], effect: Effect, name: str) -> list[Expr]:
-    """A signal of the effect, under the name that each port offers it."""
-    values = []
-    for q in passed:
-        offered = dict(q.signals)
-        value = offered.get(effect.offered_as(name, set(offered)))
-        values += [value] if isinstance(value, Expr) else []
-    return values
+def _signal(passages: list[Passage], effect: Effect, name: str) -> list[Expr]:
+    """Expressions of an effect's signal, one per port that offers it."""
+    expressions = []
+    for passage in passages:
+        offered = dict(passage.signals)
+        expression = offered.get(effect.offered_as(name, set(offered)))
+        expressions += [expression] if isinstance(expression, Expr) else []
+    return expressions
 
 
 def _inputs_alone(root: Expr) -> frozenset[str]:
-    """The inputs that an expression depends on; none where it depends on something else that
-    moves."""
+    """Inputs that an expression depends on; empty if it also depends on other signals."""
     leaves = symbols([root])
     moving = {space for space, _ in leaves} - {"input", "parameter"}
     if moving or any(node.op == SIMULATED for node in walk([root])):
@@ -123,8 +125,8 @@ def _inputs_alone(root: Expr) -> frozenset[str]:
     return frozenset(name for space, name in leaves if space == "input")
 
 
-class _Mark(Effect):
-    """Anything that an effect may add to a value."""
+class _MarkerEffect(Effect):
+    """Placeholder for any effect: it adds a symbol to the value at a port."""
 
     name = "mark"
 
@@ -136,11 +138,11 @@ class _Mark(Effect):
 
 
 class _Determination:
-    """Signals of a rig that its measured outputs determine.
+    """Check of whether the measured outputs determine the signals of candidates.
 
-    Tracing a robot with each of its candidates would cost more than screening them. Whether an
-    effect integrates a signal is the same at all ports of a kind; whether a port reaches the
-    outputs is seen for all ports at once.
+    Tracing a robot with each of its candidates would cost more than screening them. An effect is
+    therefore traced once per kind of port to see whether it integrates a signal. Whether ports
+    reach the outputs is traced for all ports at once.
     """
 
     def __init__(self, rig: Rig, outputs: tuple[str, ...], plain: Traced) -> None:
@@ -152,19 +154,21 @@ class _Determination:
     @cached_property
     def reaching(self) -> set[str]:
         """Ports, with their places, on which an output depends."""
-        marked = trace(self.rig, lambda port, place: [("mark", _Mark(f"{port} {place}"))], {})
+        marked = trace(
+            self.rig, lambda port, place: [("mark", _MarkerEffect(f"{port} {place}"))], {}
+        )
         return {name for space, name in symbols(self.roots(marked)[0]) if space == "mark"}
 
     def roots(self, traced: Traced) -> tuple[list[Expr], set[str]]:
-        """Outputs and the rates of the determined states that they depend on; all such states."""
+        """Outputs and rates of the determined states behind them; all states behind the outputs."""
         roots = [traced.outputs[name] for name in self.outputs]
         reached = _reached(traced, roots)
         rates = sorted(name for name in reached - self.loose if name in traced.rates)
         return roots + [traced.rates[name] for name in rates], reached
 
     def objection(self, candidate: Attachment) -> str:
-        """The signal on whose zero the effect's action rests and that nothing determines; empty
-        where there is none."""
+        """Return why a candidate is left out: no output shows it, or it needs the zero of an
+        undetermined signal. Empty if it stays."""
         port = self.rig.ports[candidate.ports[0]]
         kind = candidate.effect.name, port.kind, port.unit
         if kind in self.plainly_acting:
@@ -183,7 +187,7 @@ class _Determination:
         keys = [f"{candidate.label}:{p.name}" for p in candidate.effect.parameters]
         try:
             traced = trace(self.rig, effects_at, {}, dict.fromkeys(keys, 1.0))
-        except FileError:  # the diagnosis reports it where it screens the candidate
+        except FileError:  # screening reports this error for the candidate
             return ""
         roots, reached = self.roots(traced)
         if not {name for space, name in symbols(roots) if space == "parameter"} & set(keys):
@@ -200,7 +204,7 @@ class _Determination:
 
 
 def _integrals(roots: list[Expr]) -> set[Expr]:
-    """Integrals of what depends on states: of a recorded input they are determined."""
+    """Integrals of expressions with states. Integrals of recorded inputs are determined."""
     return {
         node
         for node in walk(roots)
@@ -209,36 +213,36 @@ def _integrals(roots: list[Expr]) -> set[Expr]:
 
 
 def _is_absolute(roots: list[Expr], shifted: Expr) -> bool:
-    """Whether one of these depends on the value of a node, not on its changes alone."""
-    by: dict[Expr, Expr | None] = {}
+    """Whether a root depends on the value of a node and not only on its changes."""
+    shift_of: dict[Expr, Expr | None] = {}
 
     def reaching(node: Expr) -> tuple[Expr, ...]:
         return node.args if node.reach & shifted.reach == shifted.reach else ()
 
     for node in walk(roots, reaching):
-        shifts = [by[a] for a in reaching(node)]
-        by[node] = ONE if node is shifted else _shift(node, shifts) if shifts else ZERO
-    return any(by[root] is not ZERO for root in roots)
+        shifts = [shift_of[a] for a in reaching(node)]
+        shift_of[node] = ONE if node is shifted else _shift(node, shifts) if shifts else ZERO
+    return any(shift_of[root] is not ZERO for root in roots)
 
 
 def _shift(node: Expr, args: list[Expr | None]) -> Expr | None:
-    """Shift of a node, from those of its arguments."""
+    """Shift of a node, from the shifts of its arguments."""
     if all(shift is ZERO for shift in args):
         return ZERO
     if ABSOLUTE in args:
         return ABSOLUTE
     first, *others = (shift for shift in args if shift is not None)
-    alone = all(shift is ZERO for shift in others)
-    if node.op in ("rate", "bristle") and alone:
+    others_fixed = all(shift is ZERO for shift in others)
+    if node.op in ("rate", "bristle") and others_fixed:
         return ZERO
-    if node.op == "neg" or (node.op in SHIFTED_ALONG and alone):
+    if node.op == "neg" or (node.op in SHIFTED_ALONG and others_fixed):
         return -first if node.op == "neg" else first
     if node.op in ("add", "sub"):
         return first + others[0] if node.op == "add" else first - others[0]
     if node.op == "mul" and ZERO in (first, *others):
-        factor, shift = (node.args[1], first) if alone else (node.args[0], others[0])
+        factor, shift = (node.args[1], first) if others_fixed else (node.args[0], others[0])
         return shift * factor if _is_constant(factor) else ABSOLUTE
-    if node.op == "div" and alone:
+    if node.op == "div" and others_fixed:
         return first / node.args[1] if _is_constant(node.args[1]) else ABSOLUTE
     return ABSOLUTE
 

@@ -1,9 +1,9 @@
-"""Results as plain data, for another process or a file, and back.
+"""Serialisation of job results to plain data, for another process or a file.
 
-A result is taken apart down to numbers, words and arrays. Parts of the question, the work and its
-item, are not copied: a path leads to them, and whoever has the same question puts the result
-together from its own objects. Nothing runs: classes are those of the question or of pamid, as far
-as they are loaded, and no constructor is called.
+A result is broken down to numbers, strings and arrays. The question (the work and its item) is not
+copied; a path refers to each of its objects. A receiver with the same question rebuilds the result
+from its own objects. Unpacking imports no module and calls no constructor: classes are those of the
+question, or classes of pamid that are already loaded.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Numbers = NDArray[Any]
 Path = tuple[str | int, ...]
 
-TYPE = ""  # the step of a path from an object to its class
+TYPE = ""  # step of a path from an object to its class
 _PLAIN = (str, bool, int, type(None))
 
 
@@ -34,47 +34,47 @@ class Packed:
 
 
 class Question:
-    """The objects of a work and its item, which a result may share."""
+    """Objects of a work and its item, to which a result may refer."""
 
     def __init__(self, *roots: object) -> None:
         self._roots = roots
 
     @cached_property
     def _paths(self) -> dict[int, tuple[Path, object]]:
-        """By the identity of an object: a path to it, and the object, which keeps its identity."""
+        """Path to every object by its id, and the object itself, so that its id stays valid."""
         paths: dict[int, tuple[Path, object]] = {}
-        waiting: list[tuple[object, Path]] = [(self._roots, ())]
-        while waiting:
-            thing, path = waiting.pop()
+        pending: list[tuple[object, Path]] = [(self._roots, ())]
+        while pending:
+            thing, path = pending.pop()
             if isinstance(thing, (*_PLAIN, float)) or id(thing) in paths:
                 continue
             paths[id(thing)] = path, thing
             if not isinstance(thing, type):
-                waiting.append((type(thing), (*path, TYPE)))
-            waiting += [(part, (*path, step)) for step, part in parts_of(thing).items()]
+                pending.append((type(thing), (*path, TYPE)))
+            pending += [(part, (*path, step)) for step, part in parts_of(thing).items()]
         return paths
 
     def packed(self, result: object) -> Packed:
-        """TypeError for an object that is neither plain data, nor one of pamid, nor one of the
-        question."""
+        """Pack a result. TypeError for an object that is neither plain data, nor of a class of
+        pamid, nor part of the question."""
         packer = _Packer(self._paths)
         tree = packer.pack(result)
         return Packed(tree, tuple(packer.arrays))
 
     def unpacked(self, packed: Packed) -> Any:
-        """The result. LookupError, TypeError, ValueError or AttributeError where it belongs to
+        """Rebuild the result. LookupError, TypeError, ValueError or AttributeError if it belongs to
         another question."""
         return _Unpacker(self._roots, packed.arrays).unpack(packed.tree)
 
 
 def parts_of(thing: object) -> dict[str | int, Any]:
-    """Parts that make an object what it is, by name or number: not what is computed from them."""
+    """Defining parts of an object by name or index, without values computed from them."""
     if isinstance(thing, Mapping):
         return dict(enumerate(thing.values()))
     if isinstance(thing, list | tuple):
         return dict(enumerate(thing))
     if is_dataclass(thing) and not isinstance(thing, type):
-        return {f.name: getattr(thing, f.name) for f in fields(thing) if _decides(f)}
+        return {f.name: getattr(thing, f.name) for f in fields(thing) if _is_defining(f)}
     kind = type(thing)
     if not any(base.__module__.split(".")[0] == "pamid" for base in kind.__mro__):
         return {}
@@ -88,8 +88,8 @@ def parts_of(thing: object) -> dict[str | int, Any]:
     }
 
 
-def _decides(f: Any) -> bool:
-    return bool(f.compare or (f.default is MISSING and f.default_factory is MISSING))
+def _is_defining(field: Any) -> bool:
+    return bool(field.compare or (field.default is MISSING and field.default_factory is MISSING))
 
 
 class _Packer:
@@ -145,7 +145,7 @@ class _Packer:
 class _Unpacker:
     def __init__(self, roots: tuple[object, ...], arrays: tuple[Numbers, ...]) -> None:
         self._roots, self._arrays = roots, arrays
-        self._done: list[Any] = []  # in the order of the packer's numbers
+        self._done: list[Any] = []  # in the order in which the packer numbered them
 
     def unpack(self, tree: Any) -> Any:
         if not isinstance(tree, dict):
@@ -196,16 +196,16 @@ class _Unpacker:
         return thing
 
     def _class(self, kind: str | list[str | int]) -> type:
-        found = self._at(kind) if isinstance(kind, list) else _loaded(*kind.split(":"))
-        if not isinstance(found, type):
+        loaded = self._at(kind) if isinstance(kind, list) else _loaded(*kind.split(":"))
+        if not isinstance(loaded, type):
             raise ValueError(f"{kind} is no class")
-        return found
+        return loaded
 
 
 def _loaded(module: str, name: str) -> Any:
-    """A class of pamid that is loaded; None for any other name."""
+    """Return a loaded class of pamid; None for any other name."""
     thing: Any = sys.modules.get(module) if module.split(".")[0] == "pamid" else None
     for part in name.split("."):
         thing = getattr(thing, part, None)
-    # not one that a module of pamid has from elsewhere
+    # exclude objects that a module of pamid imports from elsewhere
     return thing if getattr(thing, "__module__", None) == module else None

@@ -1,5 +1,5 @@
-"""The three answers, the remainder and the next experiment. An `Answer` holds its card and its
-section of the page, so that the two cannot contradict each other."""
+"""The three answers, the remainder and the next experiment. An `Answer` holds both its card and
+its section of the page, so that the two cannot contradict each other."""
 
 from __future__ import annotations
 
@@ -63,14 +63,17 @@ PROBABILITY_MEANS = (
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 CHECK_FIRST = "Check the recordings first."
 _MOST_WINDOWS, _MOST_PORTS, _MOST_CAUSES, _NO_SHARE = 6, 3, 3, 0.005
-_NOT_APART = "nothing on the menu"  # in the reason for an experiment that shows little
-_SETTLED = 0.95  # share of a port beside which nothing is left to be told apart
+_INSEPARABLE = "nothing on the menu"  # phrase in `why` of an experiment that separates little
+_DOMINANT_SHARE = 0.95  # share of a port above which no further sensor is advised
 
 
 @dataclass(frozen=True)
 class Answer:
-    """lead: the answer in a sentence; details: sentences; points: a list below; card: the same in
-    short, where it has one."""
+    """An answer of the page.
+
+    lead: the answer in a sentence; details: further sentences; points: items of a list below; card:
+    its short form, if any.
+    """
 
     question: str
     lead: str
@@ -80,13 +83,13 @@ class Answer:
 
 
 def answers_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> tuple[Answer, ...]:
-    """The answers of a run in the order of the page."""
-    left = left_answer(run)
+    """Return the answers of a run in the order of the page."""
+    remainder = left_answer(run)
     return (
         where_answer(run),
         which_answer(run),
         how_far_answer(run, rows),
-        *((left,) if left else ()),
+        *((remainder,) if remainder else ()),
         next_answer(run),
     )
 
@@ -101,7 +104,7 @@ def _answer(
     *,
     quiet: bool = False,
 ) -> Answer:
-    """An answer with its card; empty sentences are left out."""
+    """Build an answer with its card, without empty sentences."""
     place = question.lower().replace(" ", "-")
     card = Card(question, short_lead, tuple(filter(None, lines)), place, quiet)
     return Answer(question, lead, tuple(filter(None, details)), tuple(points or ()), card)
@@ -127,36 +130,40 @@ def where_answer(run: RunData) -> Answer:
         return _answer(question, lead, [], "Undetermined", [lead], quiet=True)
     causes = diagnosis.causes if diagnosis.verdict != "ambiguous" else ()
     # the form of an effect separates ports that the sensors alone cannot
-    alike = (
+    inseparable = (
         sorted({port for cause in causes for port in cause.or_at})
         if causes
         else sorted(where.inseparable_from(where.port))
     )
-    short_lead, lines = _where_card(diagnosis, where, alike)
+    short_lead, lines = _where_card(diagnosis, where, inseparable)
     return _answer(
         question,
-        _where_lead(where, causes, alike),
-        [_sensors_text(where), *_concentration(where)],
+        _where_lead(where, causes, inseparable),
+        [_sensors_text(where), *_concentration_texts(where)],
         short_lead,
         lines,
         list(map(_regime, where.regimes)),
     )
 
 
-def _where_lead(where: Where, causes: tuple[Cause, ...], alike: list[str]) -> str:
+def _where_lead(where: Where, causes: tuple[Cause, ...], inseparable: list[str]) -> str:
     if not where.port:
         return "No single port stands out."
     named = dict.fromkeys(cause.port for cause in causes if cause.port) or [where.port]
-    every = list(map(port_label, named))
-    lead = f"at the {formatting.join(every)} port{'s' if len(every) > 1 else ''}"
-    if not alike:
+    labels = list(map(port_label, named))
+    lead = f"at the {formatting.join(labels)} port{'s' if len(labels) > 1 else ''}"
+    if not inseparable:
         return sentence(lead)
     if causes:
-        return sentence(f"{lead}, or at {ports_text(alike)}: these recordings cannot separate them")
-    return sentence(f"{lead}; these sensors cannot separate it from {ports_text(alike)}")
+        return sentence(
+            f"{lead}, or at {ports_text(inseparable)}: these recordings cannot separate them"
+        )
+    return sentence(f"{lead}; these sensors cannot separate it from {ports_text(inseparable)}")
 
 
-def _where_card(diagnosis: DiagnosisFile, where: Where, alike: list[str]) -> tuple[str, list[str]]:
+def _where_card(
+    diagnosis: DiagnosisFile, where: Where, inseparable: list[str]
+) -> tuple[str, list[str]]:
     shares = {item.port: item.share for item in where.ports}
 
     def with_share(port: str) -> str:
@@ -172,7 +179,7 @@ def _where_card(diagnosis: DiagnosisFile, where: Where, alike: list[str]) -> tup
     best = where.regimes[0] if where.regimes else None
     return formatting.join(map(with_share, named)), [
         f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}",
-        f"cannot be separated from {ports_text(alike)} yet" if alike else "",
+        f"cannot be separated from {ports_text(inseparable)} yet" if inseparable else "",
         f"{percent(best.share_of_gap)} of it in {percent(best.share_of_time)} of the time: "
         f"{regime_label(best)}"
         if best is not None and best.share_of_gap is not None
@@ -196,7 +203,7 @@ def _sensors_text(where: Where) -> str:
         texts.append(f"they do not respond to {formatting.join(map(port_label, where.unseen))}")
     splitting = next((sensor for sensor in where.sensors if sensor.splits), None)
     largest = max((each.share for each in where.ports), default=0.0)
-    if splitting is not None and largest < _SETTLED:
+    if splitting is not None and largest < _DOMINANT_SHARE:
         texts.append(
             f"measuring {sensor_label(splitting.sensor)} as well would separate "
             f"{', and '.join(split_labels(splitting))}"
@@ -204,19 +211,19 @@ def _sensors_text(where: Where) -> str:
     return sentence("; ".join(texts))
 
 
-def _concentration(where: Where) -> list[str]:
+def _concentration_texts(where: Where) -> list[str]:
     """The band and the windows in which the gap shows."""
     details = []
     if where.frequency_hz:
         low, high = (short(edge, 2) for edge in where.frequency_hz)
         details.append(f"Most of it lies between {low} and {high} Hz.")
     if where.windows_s:
-        shown = sorted(where.windows_s[:_MOST_WINDOWS])
-        count = len(where.windows_s) - len(shown)
+        shown_windows = sorted(where.windows_s[:_MOST_WINDOWS])
+        further = len(where.windows_s) - len(shown_windows)
         details.append(
             "It shows most in these windows of the recording: "
-            f"{', '.join(formatting.span(low, high, 's') for low, high in shown)}"
-            f"{f', and {count} more' if count else ''}."
+            f"{', '.join(formatting.span(low, high, 's') for low, high in shown_windows)}"
+            f"{f', and {further} more' if further else ''}."
         )
     return details
 
@@ -239,36 +246,43 @@ def which_answer(run: RunData) -> Answer:
     diagnosis, question = run.diagnosis, "Which"
     if diagnosis is None:
         return Answer(question, "Not diagnosed yet.", (DIAGNOSE_HINT,))
-    after = [*_refits(diagnosis), *_confidence_set(diagnosis)]
+    supplements = [*_refit_texts(diagnosis), *_confidence_texts(diagnosis)]
     if diagnosis.remark or diagnosis.verdict == "cannot-tell":
         lines = [CHECK_FIRST] if diagnosis.remark else [_best_guess(diagnosis)]
-        return _answer(question, "Undetermined.", after, "Undetermined", lines, quiet=True)
+        return _answer(question, "Undetermined.", supplements, "Undetermined", lines, quiet=True)
     if diagnosis.verdict == "no-structural-gap":
         lead = "No effect is needed beyond refitted parameters and the tolerances."
         lines = ["Refitted parameters and ordinary tolerances suffice."]
-        return _answer(question, lead, after, "No effect", lines, quiet=True)
+        return _answer(question, lead, supplements, "No effect", lines, quiet=True)
     if diagnosis.verdict == "unknown-effect":
         families = verdict_words.free_families(diagnosis, SPELLING)
         lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
         first = sentence(families) if families else "No effect of the catalogue explains it."
         texts = _unknown_texts(diagnosis.unknown) if diagnosis.unknown is not None else []
         lines = [first, _closest_line(diagnosis)]
-        return _answer(question, lead, texts + after, "None of the catalogue", lines)
+        return _answer(question, lead, texts + supplements, "None of the catalogue", lines)
     if diagnosis.verdict == "ambiguous":
         lead = sentence(f"{causes_label(diagnosis)}: these recordings cannot separate them")
     else:
         findings = verdict_words.findings_of(diagnosis)
-        lead = sentence(formatting.join(_with_chance(diagnosis, found) for found in findings))
-    details = [*_removed(diagnosis), *_sizes(diagnosis), *_unsettled(diagnosis), *after]
+        lead = sentence(
+            formatting.join(_with_probability(diagnosis, finding) for finding in findings)
+        )
+    details = [
+        *_share_texts(diagnosis),
+        *_parameter_texts(diagnosis),
+        *_not_converged_texts(diagnosis),
+        *supplements,
+    ]
     return _answer(question, lead, details, *_which_card(run, diagnosis))
 
 
 def _which_card(run: RunData, diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
-    shown, plots = diagnosis.causes[:_MOST_CAUSES], added_leaders(run)
-    lead = formatting.capital(formatting.join(map(_with_value, shown), last))
-    several = len(shown) > 1
-    lines = [_cause_line(cause, several) for cause in shown]
+    causes, plots = diagnosis.causes[:_MOST_CAUSES], added_leaders(run)
+    lead = formatting.capital(formatting.join(map(_with_value, causes), last))
+    several = len(causes) > 1
+    lines = [_cause_line(cause, several) for cause in causes]
     if plots:
         lines.append(
             (f"{effect_label(plots[0].effect)} " if several else "") + added_line(plots[0])
@@ -282,7 +296,7 @@ def _with_value(cause: Cause) -> str:
         return name
     unit_text = channel_unit(parameter[0])
     value = formatting.unbroken(with_unit_text(parameter[1].value, unit_text))
-    # a number without unit says nothing without its name
+    # a number without unit needs the name of its parameter
     return f"{name} {value}" if unit_text else f"{name}, {channel_label(parameter[0])} {value}"
 
 
@@ -321,23 +335,23 @@ def _closest_line(diagnosis: DiagnosisFile) -> str:
     )
 
 
-def _with_chance(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> str:
+def _with_probability(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> str:
     cause, text = finding[0], verdict_words.finding_label(diagnosis, finding, SPELLING)
     text += at_port(cause.port) if len(finding) == 1 and "@" not in cause.effect else ""
     chance = cause.probability
     return text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
 
 
-def _removed(diagnosis: DiagnosisFile) -> list[str]:
-    """Share of the gap that every cause removes, and the parts of the causes in the sum."""
+def _share_texts(diagnosis: DiagnosisFile) -> list[str]:
+    """Share of the gap that each cause removes, and its part of the sum of shares."""
     several = len(diagnosis.causes) > 1
-    company = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
+    context = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
     if diagnosis.verdict == "ambiguous":
-        company = " alone"
+        context = " alone"
     details = [
         sentence(
             f"{effect_label(cause.effect)} removes {percent(cause.removes.share)} of the gap"
-            f"{company}{interval_tail(percent_span(cause.removes.low, cause.removes.high))}"
+            f"{context}{interval_tail(percent_span(cause.removes.low, cause.removes.high))}"
         )
         for cause in diagnosis.causes
         if cause.removes is not None
@@ -351,8 +365,8 @@ def _removed(diagnosis: DiagnosisFile) -> list[str]:
     return details
 
 
-def _sizes(diagnosis: DiagnosisFile) -> list[str]:
-    """Parameters of the causes with their intervals."""
+def _parameter_texts(diagnosis: DiagnosisFile) -> list[str]:
+    """Parameters of the causes, with intervals."""
     return [
         sentence(f"{effect_label(cause.effect)}: {formatting.parameter_text(name, parameter)}")
         for cause in diagnosis.causes
@@ -360,7 +374,7 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     ]
 
 
-def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
+def _not_converged_texts(diagnosis: DiagnosisFile) -> list[str]:
     """Causes whose refit did not converge."""
     named = {cause.effect for cause in diagnosis.causes}
     return [
@@ -370,8 +384,8 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
     ]
 
 
-def _refits(diagnosis: DiagnosisFile) -> list[str]:
-    """The parameters of the answer's model that moved off the data sheet, with intervals."""
+def _refit_texts(diagnosis: DiagnosisFile) -> list[str]:
+    """Parameters of the answer's model that differ from the data sheet, with intervals."""
     if diagnosis.remark:
         return []
     refits = refitted_parameters(diagnosis.parameters)
@@ -385,9 +399,9 @@ def _refits(diagnosis: DiagnosisFile) -> list[str]:
     return [sentence(f"refitted: {'; '.join(texts)}")] if texts else []
 
 
-def _confidence_set(diagnosis: DiagnosisFile) -> list[str]:
-    """The confidence set, if it is too large for the lead; the ranking shows the other candidates.
-    Then the meaning of a probability."""
+def _confidence_texts(diagnosis: DiagnosisFile) -> list[str]:
+    """Inseparable candidates, if the lead does not name them, and the meaning of a probability. The
+    ranking of the page shows the other candidates."""
     details = []
     if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
         names = formatting.join(map(effect_label, diagnosis.tied))
@@ -403,7 +417,7 @@ def _confidence_set(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _unknown_texts(unknown: Unknown) -> list[str]:
-    """Share that each family's free form removes, nature and formula of the missing term."""
+    """Share that each nonparametric curve removes; nature and formula of the missing term."""
     texts = []
     for form in unknown.free_forms:
         share = form.removes or form
@@ -421,7 +435,7 @@ def _unknown_texts(unknown: Unknown) -> list[str]:
 
 
 def _nature_texts(unknown: Unknown) -> list[str]:
-    """Odd or even, memory, dissipative: in words."""
+    """Parity, memory and dissipation of the missing term, in words."""
     against = port_label(
         "velocity" if "velocity" in unknown.variables else (unknown.variables or ("signal",))[0]
     )
@@ -449,7 +463,7 @@ def _nature_texts(unknown: Unknown) -> list[str]:
 
 
 def _formula_texts(unknown: Unknown) -> list[str]:
-    """The formula, how sure its terms are and how much it covers."""
+    """Formula of the missing term, the certainty of its terms and the variance it covers."""
     if not unknown.formula:
         return ["No function of the signals at this port describes it."]
     variables = formatting.join(map(port_label, unknown.variables))
@@ -476,15 +490,15 @@ def _formula_texts(unknown: Unknown) -> list[str]:
 
 
 def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
-    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of
-    every channel."""
+    """Answer to how far the gap shrinks: mean absolute errors of the headline channel, and the
+    shrinkage of every channel."""
     question, row, diagnosis = "How far", headline(rows), run.diagnosis
     if row is None:
         lead = "No channel was scored."
         if diagnosis is None:
             return Answer(question, lead)
         return _answer(question, lead, [], "Not scored", [], quiet=True)
-    unit_text, what = channel_unit(row.channel), channel_label(row.channel)
+    unit_text, channel = channel_unit(row.channel), channel_label(row.channel)
     cause = causes_label(diagnosis) if diagnosis is not None else "the cause"
     steps = formatting.join(
         f"{with_unit_text(value, unit_text)} {name}"
@@ -505,7 +519,7 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
     ]
     return _answer(
         question,
-        sentence(f"the held-out {what} error is {steps or 'unknown'}"),
+        sentence(f"the held-out {channel} error is {steps or 'unknown'}"),
         [_limits(row, unit_text), *_horizon(run, row, unit_text), _forecast(run)],
         *_how_far_card(row, diagnosis),
         points if len(rows) > 1 else [],
@@ -513,17 +527,17 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
 
 
 def _how_far_card(row: ChannelErrors, diagnosis: DiagnosisFile | None) -> tuple[str, list[str]]:
-    unit_text, what = channel_unit(row.channel), channel_label(row.channel)
+    unit_text, channel = channel_unit(row.channel), channel_label(row.channel)
     steps = [error for error in (row.refitted, row.with_cause) if error is not None]
     if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
         steps = [row.data_sheet, row.refitted]
     names = "refitted → with the cause" if row.with_cause is not None else "data sheet → refitted"
-    known = []
+    references = []
     if row.with_cause is not None and row.data_sheet is not None:
-        known.append(f"data sheet {with_unit_text(row.data_sheet, unit_text)}")
+        references.append(f"data sheet {with_unit_text(row.data_sheet, unit_text)}")
     if row.noise_floor is not None:
-        known.append(f"noise floor {with_unit_text(row.noise_floor, unit_text)}")
-    lines = [f"held-out {what} error, {names}", ", ".join(known)]
+        references.append(f"noise floor {with_unit_text(row.noise_floor, unit_text)}")
+    lines = [f"held-out {channel} error, {names}", ", ".join(references)]
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is not None and rest is not None and not diagnosis.remark:
         size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
@@ -546,8 +560,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> str:
 
 
 def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
-    """The time over which the model predicts, and the error over single windows where that is
-    longer."""
+    """Prediction horizon; if it spans several windows, also the error over single windows."""
     diagnosis = run.diagnosis
     if diagnosis is None or diagnosis.horizon_s is None:
         return []
@@ -561,7 +574,7 @@ def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
 
 
 def _forecast(run: RunData) -> str:
-    """The share of the error that the causes would remove on a new recording."""
+    """Share of the error that the causes would remove on a new recording."""
     forecast = run.diagnosis.forecast if run.diagnosis is not None else None
     if forecast is None:
         return ""
@@ -573,22 +586,22 @@ def _forecast(run: RunData) -> str:
 
 
 def left_answer(run: RunData) -> Answer | None:
-    """Remainder of the gap with the causes, or the gap without any: size, place and form. None
-    without a remainder."""
+    """Answer to what is left of the gap: size, port and form of the remainder. Without causes, the
+    remainder is the whole gap. None without a remainder."""
     diagnosis = run.diagnosis
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return None
-    caused = bool(diagnosis.causes)
-    part = percent(max(rest.share, 0.0)) if caused and rest.share is not None else "all"
+    has_causes = bool(diagnosis.causes)
+    part = percent(max(rest.share, 0.0)) if has_causes and rest.share is not None else "all"
     place = f",{at_port(rest.port)}" if rest.port else ""
     lead = f"{part} of the gap{place}." if rest.real else "No material part of the gap."
-    size = set_figures(verdict_words.size_of(rest, with_causes=caused))
+    size = set_figures(verdict_words.size_of(rest, with_causes=has_causes))
     details = [
         sentence(f"remaining: {size}") if size else "",
         sentence(set_figures(verdict_words.amount_of(rest))),
     ]
-    if caused:
+    if has_causes:
         term = missing_term(diagnosis)
         details += _formula_texts(term) if term is not None else []
         details.append(sentence(verdict_words.advice_of(rest)))
@@ -616,7 +629,7 @@ def next_answer(run: RunData) -> Answer:
         _expected(experiment),
         *(sentence(formatting.clean(text)) for text in experiment.cautions),
     ]
-    # no file elsewhere is vouched for
+    # name only files in the run folder: pamid cannot vouch for others
     local_files = [name for name in experiment.files if name == Path(name).name]
     if local_files:
         single = len(local_files) == 1
@@ -645,7 +658,7 @@ def _expected(experiment: NextExperiment) -> str:
         texts.append(
             "the nearest two of these models are expected to differ there by "
             f"{times_text(experiment.expected_separation)} times the noise of the sensors"
-            + (", too little to set them apart clearly" if _NOT_APART in experiment.why else "")
+            + (", too little to set them apart clearly" if _INSEPARABLE in experiment.why else "")
         )
     if experiment.minutes is not None:
         takes = formatting.unbroken(minutes_text(experiment.minutes))
@@ -654,7 +667,7 @@ def _expected(experiment: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
-    """A command line to copy; names of the run are quoted as single words."""
+    """Command line to copy. Names from the run are quoted as single words."""
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
     words = ["`pamid diagnose"]
@@ -666,7 +679,7 @@ def _diagnose_command(run: RunData) -> str:
 
 
 def todo_of(run: RunData) -> str:
-    """The next step, in one line."""
+    """Next step, in one line."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return "Find the cause: `pamid diagnose` on the same recordings."

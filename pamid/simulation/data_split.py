@@ -1,5 +1,5 @@
-"""Which samples may be used for what: parameters are fitted on one part, effects chosen on a
-second, figures given on a third that neither has seen."""
+"""Division of recordings: parameters are fitted on one part, and effects are chosen on a second.
+Results are reported on a third part, which neither the fit nor the choice has used."""
 
 from __future__ import annotations
 
@@ -29,32 +29,34 @@ from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-# samples of an independent stretch: of a window on which a model is judged
+# samples of an independent stretch, that is of a window on which a model is scored
 STRETCH_SAMPLES = 20
 FEWEST_FITTED, FEWEST_HELD_OUT = 7, 3  # stretches, over all recordings together
-# samples of a recording that alone gives both; a shorter one is fitted or held out as a whole
+# minimum length of a recording that is divided; a shorter one is fitted or held out as a whole
 FEWEST_SAMPLES = STRETCH_SAMPLES * (FEWEST_FITTED + FEWEST_HELD_OUT)
-# tenths of a recording that are held out: its last three, or, where a part of it rests, three that
-# have what was fitted before and after them, the first where a motion that dies away is still large
+# Tenths of a recording that are held out, normally its last three. If a part of the recording is at
+# rest, we spread them between fitted ones. The first then is early, while a decaying motion is
+# still large.
 LAST_TENTHS, SPREAD_TENTHS = (7, 8, 9), (1, 4, 7)
-# a part in which all that is sent or measured moves by less than this share of its motion in the
-# rest tells next to nothing: the end of a step response, a swing that has died away
+# A part is at rest if every signal moves by less than this share of its motion in the other part,
+# as at the end of a step response. Such a part contains almost no information.
 QUIET = 0.25
-# correlation times before a held-out part, to find the state it begins in; a model with memories
-# that no time makes forget comes from the beginning of the recording
+# Correlation times simulated before a held-out part to estimate its initial state. A model with
+# permanent memory is simulated from the beginning of the recording.
 LEAD = 10.0
-# correlation times of the windows that a fit is cut into, and of the shortest that are replayed
+# length of a fit window and of the shortest replay window, in correlation times
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
-FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to fit in any case
-DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
-ALIKE_DIGITS = 9  # decimals to which recordings and ways of dealing are compared
-VISIBLE = 3.0  # times its noise: a signal that moves
-# of the first half's motion: the rest in the second half of a motion that dies away
+# minimum number of windows if an envelope sets their length, and minimum number to fit in any case
+FEW_WINDOWS, LEAST_WINDOWS = 12, 6
+DEALS = 64  # random divisions of the held-out windows that are tried
+ALIKE_DIGITS = 9  # decimals to which sort keys and imbalances are compared
+VISIBLE = 3.0  # multiple of the noise above which a signal moves
+# share of the motion in the first half below which the second half counts as decayed
 DECAYED = 0.5
-# of a state's spread: possible error of a model in an unmeasured state, per window
+# possible error of a model in an unmeasured state per window, as a share of the state's spread
 STATE_JUMP = 0.01
-STRETCHES = 3  # of the fitted part of a long recording, and of the held-out part
-# correlation times of a stretch at least: 8 windows of a fit; 16 windows of full length to judge by
+STRETCHES = 3  # number of stretches taken from a long span
+# minimum length of a stretch, in correlation times: 8 fit windows, 16 full-length replay windows
 LEAST_FITTED, LEAST_HELD_OUT = 20.0, 61.0
 
 
@@ -78,11 +80,11 @@ class Span:
 class DataSplit:
     """Recordings of one rig, divided into a fitted and a held-out part.
 
-    channels: outputs that are both fitted and held out somewhere and that move in one of the
-    recordings; noise: their white noise (SI); jump: possible deviation of the rig's states from
-    their prediction by the window before (SI); timescale_s: correlation time, limited by the length
-    of the recordings and by the growth of state errors, the unit of every horizon; correlation_s:
-    the correlation time without these limits, the unit of effects' times.
+    channels: outputs that are both fitted and held out, and that move in a recording; noise: their
+    white noise (SI); jump: possible deviation of the rig's states from their prediction by the
+    previous window (SI); timescale_s: correlation time, limited by the length of the recordings and
+    by the growth of state errors, the unit of all horizons; correlation_s: correlation time without
+    these limits, the unit of the time constants of effects.
     """
 
     rig: Rig
@@ -93,17 +95,21 @@ class DataSplit:
     jump: Array
     timescale_s: float
     correlation_s: float
-    lead_most: float = np.inf  # correlation times before a held-out part, for models with memories
+    lead_most: float = np.inf  # maximum lead-in of models with memories, in correlation times
     per_run: int = 1  # held-out windows that a model predicts from one estimated state
-    left_out: tuple[IdleTerm, ...] = ()  # background terms that the fitted recordings leave open
-    doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may take up
+    left_out: tuple[
+        IdleTerm, ...
+    ] = ()  # background terms that the fitted recordings cannot determine
+    doubts: tuple[str, ...] = ()  # sentences: faults of the recordings that a fit may absorb
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
-        """Tracks for this assembly; known parameters of a recording are held in each. A held-out
-        part is led in by samples before it, from which its state is found."""
-        tracks, role = list[Track](), self.held_out if held_out else self.fit
-        samples = sum(map(len, role))
-        for span in role:
+        """Return the tracks for this assembly, with the known parameters of each recording held.
+
+        A held-out track begins with lead-in samples, from which its initial state is estimated.
+        """
+        tracks, spans = list[Track](), self.held_out if held_out else self.fit
+        samples = sum(map(len, spans))
+        for span in spans:
             lead = min(span.start, self._lead(assembly, span)) if held_out else 0
             first = span.start - lead
             p, known = known_values(assembly, span.recording.known)
@@ -126,11 +132,11 @@ class DataSplit:
         self, assembly: Assembly, recording: Data, start: int, stop: int
     ) -> tuple[Array, Array]:
         """Inputs and channels (SI) of a part of a recording. Models with the same inputs share
-        them: they are most of the memory of many models."""
+        these arrays, which otherwise would take most of the memory."""
         inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
         key = id(recording), start, stop, inputs
         if key not in self._samples:
-            # of a slice: nothing of the rest of a long recording is held with it
+            # The arrays come from a slice, so that the rest of a long recording can be freed.
             part = recording.slice(start, stop)
             self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
         return self._samples[key]
@@ -140,18 +146,18 @@ class DataSplit:
         return {}
 
     def excerpt(self, fitted: float, held_out: float) -> DataSplit:
-        """The same with evenly spread stretches of long recordings.
+        """Return a split with evenly spread stretches of long recordings.
 
-        The cost of a search among models then does not grow with the recordings. Every sample of a
-        stretch counts fully: gradients, covariances and errors are consistent, those of a shorter
-        recording. Thinned rows of a Jacobian would save a quarter of a step at most, because
-        sensitivities are a recursion over all samples. Their J'r is the gradient of the full cost
-        only for smooth residuals, and those of a correct model are not smooth.
+        The cost of a search then does not grow with the recordings. Every sample of a stretch has
+        its full weight, so gradients, covariances and errors are those of a shorter recording.
+        Thinning the rows of the Jacobian instead would save a quarter of a step at most, because
+        sensitivities are a recursion over all samples. A thinned J'r approximates the full gradient
+        only if the residuals are smooth. The residuals of a correct model are not.
 
         Parameters
         ----------
         fitted, held_out
-            Correlation times that are fitted and held out in all, at most.
+            Maximum total length of the fitted and of the held-out part, in correlation times.
         """
         held = _stretches(self.held_out, held_out, LEAST_HELD_OUT, self.timescale_s)
         return replace(
@@ -163,13 +169,13 @@ class DataSplit:
 
     @property
     def used_s(self) -> tuple[float, float]:
-        """Duration of what is fitted and held out together, and of all recordings (s)."""
+        """Duration of the fitted and held-out spans together, and of all recordings (s)."""
         spans = (*self.fit, *self.held_out)
         used = sum(s.seconds for s in spans)
         return used, sum(len(r) * r.sampling_period_s for r in self.recordings)
 
     def _lead(self, assembly: Assembly, span: Span) -> int:
-        """Samples before a held-out part through which a model is led."""
+        """Number of lead-in samples before a held-out span."""
         samples = self.timescale_s / span.recording.sampling_period_s
         if assembly.keeps_memories:
             return int(min(span.start, self.lead_most * samples))
@@ -177,34 +183,34 @@ class DataSplit:
 
     @cached_property
     def still_inputs(self) -> frozenset[str]:
-        """Inputs of the rig that are 0 in all recordings; an optional one that is missing counts
-        with its default."""
-        plain = Assembly(self.rig)
-        moved = np.zeros(len(plain.traced.inputs), bool)
+        """Inputs of the rig that are 0 in all recordings. A missing optional input has its default
+        value."""
+        assembly = Assembly(self.rig)
+        varies = np.zeros(len(assembly.traced.inputs), bool)
         for recording in self.recordings:
-            moved |= (recording.inputs(plain) != 0.0).any(axis=0)
+            varies |= (recording.inputs(assembly) != 0.0).any(axis=0)
         return frozenset(
-            name for name, moves in zip(plain.traced.inputs, moved, strict=True) if not moves
+            name for name, moves in zip(assembly.traced.inputs, varies, strict=True) if not moves
         )
 
     def lacking(self, recording: Data) -> list[str]:
-        """Channels that other recordings have and this one has not."""
+        """Channels that are missing in this recording and present in another one."""
         return [c for c in self.channels if c not in recording.values]
 
     @property
     def held_out_rests(self) -> bool:
-        """Whether everything held out hardly moves compared with the fitted part."""
-        moved = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
-        return all(held < QUIET * fitted for held, fitted in moved)
+        """Whether all channels hardly move in the held-out part, compared with the fitted part."""
+        motions = [(_motion(self.held_out, c), _motion(self.fit, c)) for c in self.channels]
+        return all(in_held_out < QUIET * in_fitted for in_held_out, in_fitted in motions)
 
     @property
     def whole_held_out(self) -> bool:
-        """Whether the held-out recordings are others than the fitted ones."""
+        """Whether no recording is divided into a fitted and a held-out part."""
         return not {id(s.recording) for s in self.fit} & {id(s.recording) for s in self.held_out}
 
     @property
     def spread(self) -> list[Data]:
-        """Recordings of which tenths spread over them are held out, not their end."""
+        """Recordings whose held-out tenths are spread over them instead of at their end."""
         last = {id(s.recording): s.stop for s in self.held_out}
         return [r for r in self.recordings if last.get(id(r), len(r)) < len(r)]
 
@@ -214,94 +220,110 @@ class DataSplit:
 
 
 def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> DataSplit:
-    """Divide the recordings; without `held_out` the last 30 % of every recording is held out, or
-    three tenths spread over it where that part, or all but that part, hardly moves. Of episodes
-    shorter than `FEWEST_SAMPLES` three of ten are held out as a whole.
+    """Divide recordings into a fitted and a held-out part.
 
-    DataError where the recordings cannot answer: too short in all, nothing moves, or two hold the
-    same samples. An input or a channel may rest, as long as another one moves.
+    Without `held_out`, the last 30 % of every recording are held out. If that part or the rest
+    hardly moves, three tenths spread over the recording are held out instead. Of episodes shorter
+    than `FEWEST_SAMPLES`, three of ten are held out as a whole.
+
+    Parameters
+    ----------
+    rig
+        Rig of the recordings.
+    recordings
+        Recordings to fit, or to divide.
+    held_out
+        Recordings that are held out as a whole; may be empty.
+
+    Raises
+    ------
+    DataError
+        The recordings are too short in total, nothing moves, or two contain the same samples. A
+        single input or channel may be at rest if another one moves.
+    FileError
+        No output is both fitted and held out, or a recording has none of these outputs.
     """
     raw = [*recordings, *held_out]
     rig = as_sampled(as_recorded(rig, raw), [r.sampling_period_s for r in raw])
     plain = Assembly(rig)
     require_apart(tuple(rig.outputs), recordings, held_out)
-    everything = [data_of(rig, r) for r in raw]
-    chosen, apart = everything[: len(recordings)], everything[len(recordings) :]
-    seen = {id(r): r.measured(rig) for r in everything}
+    every_recording = [data_of(rig, r) for r in raw]
+    pooled, separate = every_recording[: len(recordings)], every_recording[len(recordings) :]
+    measured = {id(r): r.measured(rig) for r in every_recording}
     channels = tuple(
         c
         for c in rig.outputs
-        if all(any(c in seen[id(r)] for r in role) for role in (chosen, apart or chosen))
+        if all(any(c in measured[id(r)] for r in role) for role in (pooled, separate or pooled))
     )
     if not channels:
         raise FileError(
             "no measured output is both fitted and held out",
             f"rig {rig.name!r} offers {', '.join(rig.outputs)}",
         )
-    for r in everything:
-        if not any(c in seen[id(r)] for c in channels):
+    for r in every_recording:
+        if not any(c in measured[id(r)] for c in channels):
             raise FileError(
                 f"{r.path} holds nothing that is both fitted and held out: {', '.join(channels)}",
                 "leave it out, or hold out a recording that has the same sensors",
             )
     moving: set[str] = set()
-    for r in everything:
+    for r in every_recording:
         moving |= require_informative(rig, r)
     channels = tuple(c for c in channels if c in moving)
-    # names and order must not matter, a sum depends on its order in the last digit
-    place = {id(r): _place(rig, r) for r in everything}
-    if apart:
-        fit = [Span(r, 0, len(r)) for r in chosen]
-        held = [Span(r, 0, len(r)) for r in apart]
+    # Sort by content: the last digit of a sum depends on its order, so file names must not set it.
+    sort_keys = {id(r): _sort_key(rig, r) for r in every_recording}
+    if separate:
+        fit_spans = [Span(r, 0, len(r)) for r in pooled]
+        held_out_spans = [Span(r, 0, len(r)) for r in separate]
     else:
-        fit, held = list[Span](), list[Span]()
-        chosen.sort(key=lambda r: place[id(r)])
-        for recording in chosen:
+        fit_spans, held_out_spans = list[Span](), list[Span]()
+        pooled.sort(key=lambda r: sort_keys[id(r)])
+        for recording in pooled:
             if len(recording) >= FEWEST_SAMPLES:
                 fitted, held_out_part = _parts(rig, recording)
-                fit += fitted
-                held += held_out_part
-        # a third of a short episode would be no window
-        episodes = [Span(r, 0, len(r)) for r in chosen if len(r) < FEWEST_SAMPLES]
+                fit_spans += fitted
+                held_out_spans += held_out_part
+        # a third of a short episode is shorter than a window
+        episodes = [Span(r, 0, len(r)) for r in pooled if len(r) < FEWEST_SAMPLES]
         for number, episode in enumerate(episodes):
-            (held if number % 10 in SPREAD_TENTHS else fit).append(episode)
-    few = shortfall(list(map(len, fit)), list(map(len, held)))
-    if few:
+            (held_out_spans if number % 10 in SPREAD_TENTHS else fit_spans).append(episode)
+    reason = shortfall(list(map(len, fit_spans)), list(map(len, held_out_spans)))
+    if reason:
         raise DataError(
-            f"{', '.join(str(r.path) for r in everything)}: {few}",
+            f"{', '.join(str(r.path) for r in every_recording)}: {reason}",
             "record for longer, or add episodes, which are pooled; 20 s and more are sensible on a "
             "3 ms rig",
         )
-    by_content = sorted(everything, key=lambda r: place[id(r)])
+    by_content = sorted(every_recording, key=lambda r: sort_keys[id(r)])
 
     def in_order(spans: list[Span]) -> tuple[Span, ...]:
-        return tuple(sorted(spans, key=lambda s: (*place[id(s.recording)], s.start)))
+        return tuple(sorted(spans, key=lambda s: (*sort_keys[id(s.recording)], s.start)))
 
     stated = stated_noise(rig, channels)
-    # these tracks need no time scale: it is computed from them
-    whole = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
-    noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole])))
+    # the time scale is computed from these tracks: 1 s is a placeholder
+    whole_tracks = [track_of(plain, r, channels, timescale_s=1.0) for r in by_content]
+    noise = np.sqrt(seen_mean(np.stack([noise_of((t,), stated) ** 2 for t in whole_tracks])))
     spreads = np.stack([state_spread(plain, r) for r in by_content])
-    known = np.isfinite(spreads)
-    count = known.sum(axis=0)
-    squares = (np.where(known, spreads, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
+    finite = np.isfinite(spreads)
+    count = finite.sum(axis=0)
+    squares = (np.where(finite, spreads, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
     jump = STATE_JUMP * np.where(count, np.sqrt(squares), np.inf)
-    tables = [(t.y, noise, t.period_s) for t in whole]
-    # at most what leaves enough windows to fit; as far as it is that of the envelope, of either
-    # part
-    fitted_s, held_s = (sum(s.seconds for s in part) for part in (fit, held))
-    ringing_s = min(fitted_s / FIT_WINDOW, held_s / REPLAY_WINDOW) / FEW_WINDOWS
+    tables = [(t.y, noise, t.period_s) for t in whole_tracks]
+    # The time scale must leave enough windows to fit. If an envelope sets it, both parts must keep
+    # enough windows.
+    fitted_s, held_out_s = (sum(s.seconds for s in part) for part in (fit_spans, held_out_spans))
+    ringing_s = min(fitted_s / FIT_WINDOW, held_out_s / REPLAY_WINDOW) / FEW_WINDOWS
     timescale_s = rig.timescale_s or timescale_of(
         tables, fitted_s / FIT_WINDOW / LEAST_WINDOWS, ringing_s
     )
     growth_s = growth_time_s(
-        Assembly(rig, outputs=channels), whole, noise, FIT_WINDOW * timescale_s
+        Assembly(rig, outputs=channels), whole_tracks, noise, FIT_WINDOW * timescale_s
     )
-    rig, left_out = without_idle_terms(rig, [s.recording.slice(s.start, s.stop) for s in fit])
+    rig, left_out = without_idle_terms(rig, [s.recording.slice(s.start, s.stop) for s in fit_spans])
     return DataSplit(
         rig,
-        in_order(fit),
-        in_order(held),
+        in_order(fit_spans),
+        in_order(held_out_spans),
         channels,
         noise,
         jump,
@@ -312,9 +334,15 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
 
 
 def shortfall(fit: Sequence[int], held_out: Sequence[int]) -> str:
-    """Return why these numbers of samples, one per span, are too few to fit a model and to judge
-    it; empty where they are enough. What counts is the number of independent stretches over all
-    recordings."""
+    """Return why the data are too short to fit and judge a model; empty if they suffice.
+
+    The criterion is the number of independent stretches over all recordings.
+
+    Parameters
+    ----------
+    fit, held_out
+        Number of samples of each span.
+    """
     roles = (fit, FEWEST_FITTED), (held_out, FEWEST_HELD_OUT)
     if all(sum(n // STRETCH_SAMPLES for n in spans) >= fewest for spans, fewest in roles):
         return ""
@@ -327,8 +355,7 @@ def shortfall(fit: Sequence[int], held_out: Sequence[int]) -> str:
 
 
 def shortfall_alone(recording: Recording) -> str:
-    """Return why a recording is too short to be fitted and judged without another one; empty where
-    it is not."""
+    """Return why a recording alone is too short to fit and judge a model; empty if it suffices."""
     return shortfall([len(recording)], []) if len(recording) < FEWEST_SAMPLES else ""
 
 
@@ -340,21 +367,24 @@ def _parts(rig: Rig, recording: Data) -> tuple[list[Span], list[Span]]:
     moving = table.std(axis=0) > VISIBLE * noise_level(table)
     edge = edges[LAST_TENTHS[0]]
     before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
-    # every moving signal rests in one part, compared with the other
-    rests = moving.any() and ((after < QUIET * before).all() or (before < QUIET * after).all())
-    held = SPREAD_TENTHS if rests else LAST_TENTHS
-    parts: dict[bool, list[Span]] = {False: [], True: []}
-    for is_held, tenths in groupby(range(10), held.__contains__):
+    # all moving signals are at rest in one part, compared with the other
+    at_rest = moving.any() and ((after < QUIET * before).all() or (before < QUIET * after).all())
+    held_out = SPREAD_TENTHS if at_rest else LAST_TENTHS
+    spans: dict[bool, list[Span]] = {False: [], True: []}
+    for is_held, tenths in groupby(range(10), held_out.__contains__):
         tenth_spans = list(tenths)
-        parts[is_held].append(Span(recording, edges[tenth_spans[0]], edges[tenth_spans[-1] + 1]))
-    return parts[False], parts[True]
+        spans[is_held].append(Span(recording, edges[tenth_spans[0]], edges[tenth_spans[-1] + 1]))
+    return spans[False], spans[True]
 
 
 def _stretches(
     spans: tuple[Span, ...], most: float, least: float, timescale_s: float
 ) -> tuple[Span, ...]:
-    """Stretches of these spans, evenly spread, of so many correlation times at most in all and at
-    least each; a span that would not give such a one stays whole."""
+    """Return evenly spread stretches of these spans.
+
+    most: maximum total length; least: minimum length of a stretch; both in correlation times. A
+    span that is too short for a stretch stays whole.
+    """
     times = [s.seconds / timescale_s for s in spans]
     share = most / sum(times)
     if share >= 1.0:
@@ -372,66 +402,71 @@ def _stretches(
 
 
 def _motion(spans: Sequence[Span], channel: str) -> float:
-    """Standard deviation of a channel (SI), root mean square over the spans that have it."""
+    """Standard deviation of a channel (SI), pooled over the spans that recorded it."""
     recorded = [s for s in spans if channel in s.recording.values]
     parts = [s.recording.values[channel][s.start : s.stop] for s in recorded]
     count = sum(map(len, parts))
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
 
 
-def _place(rig: Rig, recording: Data) -> tuple[float, str]:
-    """Sort key of a recording: the times of largest motion, summed over the rig's columns. It does
-    not depend on units and signs, on the order of the columns, nor on an unused one."""
+def _sort_key(rig: Rig, recording: Data) -> tuple[float, str]:
+    """Sort key of a recording: the mean time of its motion, summed over the rig's columns. It does
+    not depend on units, signs, the order of the columns or unused columns."""
     total = 0.0
     for name in sorted({*rig.inputs, *rig.outputs}):
         if (values := recording.values.get(name)) is not None:
-            moved = (values - values.mean()) ** 2
-            most = float(moved.max())
-            if most > 0.0:
-                moved = moved / most
-                total += float(np.linspace(0.0, 1.0, len(moved)) @ moved / moved.sum())
+            squares = (values - values.mean()) ** 2
+            peak = float(squares.max())
+            if peak > 0.0:
+                squares = squares / peak
+                total += float(np.linspace(0.0, 1.0, len(squares)) @ squares / squares.sum())
     return round(total, ALIKE_DIGITS), recording.sha256
 
 
 def require_informative(rig: Rig, recording: Data) -> set[str]:
-    """The outputs that change in this recording. DataError where nothing in it can teach: no output
-    changes; or no input does while the outputs go on moving, which neither they nor the data
-    sheet's run explain."""
+    """Return the outputs that change in this recording.
+
+    Raises
+    ------
+    DataError
+        No output changes. Or no input changes while the outputs keep moving, which is neither a
+        decay nor reproduced by the data-sheet model.
+    """
     inputs = [n for n in rig.inputs if n in recording.values]
-    moving, still = _moving(recording, [n for n in rig.outputs if n in recording.values])
-    if not moving and still is not None:
-        raise still
-    sent, resting = _moving(recording, inputs)
+    moving, constant_output = _moving(recording, [n for n in rig.outputs if n in recording.values])
+    if not moving and constant_output is not None:
+        raise constant_output
+    moving_inputs, constant_input = _moving(recording, inputs)
     needed = [name for name in inputs if name not in rig.optional]
     if (
         needed
-        and not sent
-        and resting is not None
+        and not moving_inputs
+        and constant_input is not None
         and not _shows_free_response(rig, recording, sorted(moving))
     ):
-        raise resting
+        raise constant_input
     return moving
 
 
 def _moving(recording: Data, names: list[str]) -> tuple[set[str], DataError | None]:
-    """Those of these signals that change, and the error of the first that does not."""
-    moving, still = set(), None
+    """Return the signals that change, and an error for the first one that does not."""
+    moving, error = set(), None
     for name in names:
         if motion(recording.values[name]) > 0.0:
             moving.add(name)
         else:
-            still = still or DataError(
+            error = error or DataError(
                 f"{recording.path}: {name} is constant ({recording.shown(name)[0]:g}) throughout.",
                 "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
                 "range.",
                 code="not-excited",
             )
-    return moving, still
+    return moving, error
 
 
 def _shows_free_response(rig: Rig, recording: Data, channels: list[str]) -> bool:
-    """Nothing being sent, does what moves come to rest, or does the data sheet's run move as
-    well?"""
+    """Whether motion without input is plausible: it decays, or the data-sheet model also keeps
+    moving."""
     assembly = Assembly(rig)
     half = len(recording) // 2
     y = recording.outputs(channels)
@@ -449,38 +484,44 @@ def _shows_free_response(rig: Rig, recording: Data, channels: list[str]) -> bool
 
 
 def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
-    """One half of the held-out windows (True): either half reports of what the other would choose.
-    losses: of the model without effects, one per window.
+    """Return a mask of one half of the held-out windows, for two-fold cross-validation.
 
-    Pairs of neighbouring windows go to either half together. Of many divisions into halves of one
-    size, the one whose halves hold most nearly the same error and the same largest error. A
-    transient in one half alone would make one of the choices blind to it. What the effects do plays
-    no part.
+    Each half is scored with the model that the other half chooses. Of many divisions into halves of
+    equal size, we use the one with the most similar mean and largest losses. If a transient were in
+    one half only, the other half would choose without it. Pairs of neighbouring windows stay
+    together.
+
+    Parameters
+    ----------
+    replays
+        Held-out windows of the model without effects.
+    losses
+        Losses of that model (windows,). The division does not depend on any effect.
     """
     count = sum(len(r.windows) for r in replays)
-    # both parts are spread over everything held out, so that neither is of other conditions; in
-    # pairs, as the bootstrap draws windows in runs of two
-    run = 2 if count >= 12 else 1
-    blocks = np.arange(count) // run
+    # Both halves are spread over all held-out data, so that they have the same conditions. Windows
+    # stay in pairs, because the bootstrap also draws them in pairs.
+    block_length = 2 if count >= 12 else 1
+    blocks = np.arange(count) // block_length
     alternating = blocks % 2 == 0
-    many = blocks[-1] + 1 if count else 0
-    if many < 4:
+    block_count = blocks[-1] + 1 if count else 0
+    if block_count < 4:
         return alternating
     random = np.random.default_rng(0)
-    dealt = [alternating]
+    divisions = [alternating]
     for _ in range(DEALS):
-        first = np.zeros(many, bool)
-        # one of every two neighbouring blocks: both halves stay spread over the recordings
-        for k in range(0, many - 1, 2):
+        first = np.zeros(block_count, bool)
+        # one of every two neighbouring blocks, so both halves stay spread over the recordings
+        for k in range(0, block_count - 1, 2):
             first[k + random.integers(2)] = True
-        if many % 2:
+        if block_count % 2:
             first[-1] = True
-        dealt.append(first[blocks])
+        divisions.append(first[blocks])
 
     def imbalance(chosen: NDArray[np.bool_]) -> float:
         first, other = losses[chosen], losses[~chosen]
         error, largest = np.log(first.mean() / other.mean()), np.log(first.max() / other.max())
         return float(abs(error) + 0.5 * abs(largest))
 
-    # swapped halves are as balanced as before: the first dealt, whatever unit the last digit is in
-    return min(dealt, key=lambda chosen: round(imbalance(chosen), ALIKE_DIGITS))
+    # Rounded, a division and its swapped halves tie. The first one wins, whatever the last digit.
+    return min(divisions, key=lambda chosen: round(imbalance(chosen), ALIKE_DIGITS))

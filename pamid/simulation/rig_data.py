@@ -1,4 +1,4 @@
-"""A recording as a rig reads it: columns resolved to the rig's names once, in SI."""
+"""Recording of a rig, with columns resolved to the rig's names and converted to SI."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, repr=False)
 class Data(Recording):
-    """A recording of a rig. values: samples (n,) in SI by the rig's name of the column, of its
-    inputs, outputs and loops; unused: columns that the rig has no name for."""
+    """Recording of a rig.
+
+    values: samples (n,) of its inputs, outputs and loop signals in SI, by the rig's name of the
+    column; unused: columns that the rig does not define.
+    """
 
     values: dict[str, Array] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
 
     def shown(self, name: str) -> Array:
-        """Samples of a column of the rig, in the unit of its name."""
+        """Return the samples of a column of the rig in the unit of its name."""
         if name in self.columns:
             return self.columns[name]
         return np.asarray(from_si(self.values[name], split_column(name)[1]))
@@ -41,8 +44,8 @@ class Data(Recording):
         )
 
     def inputs(self, assembly: Assembly, names: tuple[str, ...] | None = None) -> Array:
-        """The assembly's inputs (samples x inputs), or those named; missing optional ones at their
-        default."""
+        """Return the assembly's inputs, or those in `names` (samples x inputs). Missing optional
+        inputs have their default value."""
         columns = []
         for name in assembly.traced.inputs if names is None else names:
             if name in self.values:
@@ -58,17 +61,17 @@ class Data(Recording):
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
     def outputs(self, names: Sequence[str]) -> Array:
-        """Measured outputs (samples x names); NaN those that were not recorded."""
+        """Return measured outputs (samples x names); NaN for outputs that were not recorded."""
         missing = np.full(len(self), np.nan)
         return np.stack([self.values.get(name, missing) for name in names], axis=1)
 
     def runs_in_loop(self, rig: Rig) -> bool:
-        """Whether it was recorded under the controller of the rig, with every reference."""
+        """Whether this is a closed-loop recording that contains every reference of the rig."""
         references = [q.reference for q in rig.loops]
         return self.loop == "closed" and bool(references) and self.values.keys() >= {*references}
 
     def measured(self, rig: Rig) -> tuple[str, ...]:
-        """The rig's outputs that were recorded; FileError if none was."""
+        """Return the rig's outputs that were recorded; FileError if there are none."""
         names = tuple(name for name in rig.outputs if name in self.values)
         if not names:
             raise FileError(
@@ -82,14 +85,14 @@ class Data(Recording):
 
 
 def data_of(rig: Rig, recording: Recording) -> Data:
-    """The recording by the rig's names; FileError for a column in a unit of another quantity."""
+    """Resolve columns to the rig's names; FileError if a unit belongs to another quantity."""
     loops = (name for q in rig.loops for name in (q.command, q.reference, q.reading))
-    values, used = {}, set()
+    values, used_columns = {}, set()
     for name in dict.fromkeys((*rig.inputs, *rig.optional, *rig.outputs, *loops)):
         column = match_column(recording.columns, name)
         if column is not None:
-            si = to_si(recording.columns[column], split_column(column)[1])
-            values[name] = np.asarray(si, dtype=np.float64)
-            used.add(column)
-    unused = tuple(name for name in recording.columns if name not in used)
+            samples = to_si(recording.columns[column], split_column(column)[1])
+            values[name] = np.asarray(samples, dtype=np.float64)
+            used_columns.add(column)
+    unused = tuple(name for name in recording.columns if name not in used_columns)
     return Data(**{**vars(recording), "values": values, "unused": unused})

@@ -1,6 +1,6 @@
 """Verdict in words: the first sentence of terminal, page and JSON, and its parts.
 
-It needs only diagnosis.json, so a reader of the file can write names in another way.
+It needs only diagnosis.json. A `Spelling` sets how names of effects and ports are written.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pamid.base.share_words import chance_text, percent_text, percents_text, tim
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
 RECORD_MORE = "Record for longer, or with larger excitation."
-#: size of an immaterial remainder, in noise floors, from which on smaller effects may be in it
+#: an immaterial remainder above this many noise floors may contain smaller effects
 LEAST_FLOORS = 10.0
 LOOK_FURTHER = "smaller effects may remain: add the named effects to the rig, then diagnose again"
 NOT_IN_CATALOGUE = "No effect of the catalogue removes a material share of the gap."
@@ -31,8 +31,8 @@ AS_IN_FILE = Spelling()
 
 
 def sentence(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """Verdict in a few sentences, shares first, then doubts about the recordings; a remark replaces
-    the verdict."""
+    """Verdict in a few sentences: shares first, then doubts about the recordings. A remark of the
+    diagnosis replaces the verdict."""
     doubts = (
         f" First correct the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
     )
@@ -43,21 +43,21 @@ def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if diagnosis.remark:
         return diagnosis.remark
     if diagnosis.verdict == "no-structural-gap":
-        return _no_gap(diagnosis)
+        return _no_gap_text(diagnosis)
     if diagnosis.verdict == "unknown-effect":
         return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
     if diagnosis.verdict == "cannot-tell":
-        return _undecided(diagnosis, spelling)
+        return _undecided_text(diagnosis, spelling)
     if diagnosis.verdict == "ambiguous":
         return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
     if len(diagnosis.causes) > 1:
-        return f"{_together(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
-    removing = _with_share(diagnosis, findings_of(diagnosis)[0], spelling)
-    return f"{removing}.{_next_family(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+        return f"{_joint_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+    removing = _share_text(diagnosis, findings_of(diagnosis)[0], spelling)
+    return f"{removing}.{_next_family_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
 
 
-def _no_gap(diagnosis: DiagnosisFile) -> str:
-    """No gap, or a gap that no known effect or curve closes."""
+def _no_gap_text(diagnosis: DiagnosisFile) -> str:
+    """Text for no gap, or for a gap that no known effect or curve closes."""
     rest = diagnosis.remainder
     if rest is None or rest.floors is None:
         return "The refitted model is at the noise floor: no structural gap was found."
@@ -69,7 +69,7 @@ def _no_gap(diagnosis: DiagnosisFile) -> str:
 
 
 def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """Nonparametric curve for a gap without a named effect, with its family, port and share."""
+    """Text for a gap without a named effect: nonparametric curve, its family, port and share."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         at = (
@@ -87,44 +87,44 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     )
 
 
-#: causes with one effect, which acts at several ports
+#: causes with the same effect, at one or several ports
 Finding: TypeAlias = tuple[Cause, ...]
 
 
 def findings_of(diagnosis: DiagnosisFile) -> list[Finding]:
-    """Causes, grouped by effect: one effect may act at several ports."""
+    """Group the causes by effect, because an effect may act at several ports."""
     effects: dict[str, list[Cause]] = {}
     for c in diagnosis.causes:
-        effects.setdefault(_stem(c), []).append(c)
+        effects.setdefault(_effect_name(c), []).append(c)
     return [tuple(causes) for causes in effects.values()]
 
 
-def _stem(c: Cause) -> str:
+def _effect_name(c: Cause) -> str:
     return c.effect.partition("@")[0]
 
 
-def _with_share(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
-    """ "play at the camera port removes 80 % of the gap (P 0.93)"."""
+def _share_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
+    """Text such as "play at the camera port removes 80 % of the gap (P 0.93)"."""
     first = finding[0]
     share = percent_text(first.removes.share) if first.removes else "a part"
     name = finding_text(diagnosis, finding, spelling)
-    return f"{name} removes {share} of the gap{_chance_of(first)}"
+    return f"{name} removes {share} of the gap{_probability_text(first)}"
 
 
 def finding_label(
     diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE
 ) -> str:
-    """ "play", "coulomb-friction in the joints", "coulomb-friction at shoulder and wrist"."""
+    """Label such as "play", "friction in the joints" or "friction at shoulder and wrist"."""
     first = finding[0]
     if len(finding) == 1:
         return spelling.effect(first.effect)
-    return f"{spelling.effect(_stem(first))} {_places_text(diagnosis, finding, spelling)}"
+    return f"{spelling.effect(_effect_name(first))} {_places_text(diagnosis, finding, spelling)}"
 
 
 def finding_text(
     diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling = AS_IN_FILE
 ) -> str:
-    """ "play at the camera port", with the ports at which it fits as well."""
+    """Text such as "play at the camera port", with other ports at which the effect fits equally."""
     first, label = finding[0], finding_label(diagnosis, finding, spelling)
     if len(finding) > 1:
         return label
@@ -136,7 +136,7 @@ def finding_text(
 
 
 def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
-    """Ports of an effect: "in the joints" if they are all ports with a torque."""
+    """Ports of an effect; "in the joints" if these are all motion ports with a torque."""
     ports = {c.port for c in finding}
     mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
     joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
@@ -145,12 +145,12 @@ def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling)
     return f"at {joined((spelling.port(c.port) for c in finding), 'and')}"
 
 
-def _chance_of(c: Cause) -> str:
+def _probability_text(c: Cause) -> str:
     return f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
 
 
-def _next_family(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """Sentence about the best effect of another family than a single cause, or "". It begins with a
+def _next_family_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+    """Sentence about the best effect of another family than the only cause, or "". It begins with a
     space."""
     cause = diagnosis.causes[0]
     others = (
@@ -165,22 +165,23 @@ def _next_family(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     return f" The best of another family, {spelling.effect(rival.effect)}, removes {share}."
 
 
-def _together(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+def _joint_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """Share that several causes remove together, and the shares without each of them.
 
     Shares of single causes do not add up, because two causes may each remove the same part.
     """
     findings = findings_of(diagnosis)
-    names = joined(
-        (f"{finding_text(diagnosis, k, spelling)}{_chance_of(k[0])}" for k in findings), "and"
+    causes = joined(
+        (f"{finding_text(diagnosis, k, spelling)}{_probability_text(k[0])}" for k in findings),
+        "and",
     )
     together = " together" if len(findings) > 1 else ""
     rest = diagnosis.remainder
     if rest is None or rest.share is None:
-        return f"{names} act{together or 's'}."
+        return f"{causes} act{together or 's'}."
     total = 1.0 - rest.share
     verb = "remove" if together else "removes"
-    text = f"{names}{together} {verb} {percent_text(total)} of the gap"
+    text = f"{causes}{together} {verb} {percent_text(total)} of the gap"
     without = {c.effect: total - c.removes.share for c in diagnosis.causes if c.removes}
     if max(without.values(), default=0.0) <= 0.0:
         return f"{text}. None of them removes any of it without the others."
@@ -199,8 +200,8 @@ def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
         first, other = findings
         share = f", {percent_text(other[0].removes.share)}" if other[0].removes else ""
         return (
-            f"{_with_share(diagnosis, first, spelling)}. These recordings cannot separate it from "
-            f"{finding_text(diagnosis, other, spelling)}{share}{_chance_of(other[0])}."
+            f"{_share_text(diagnosis, first, spelling)}. These recordings cannot separate it from "
+            f"{finding_text(diagnosis, other, spelling)}{share}{_probability_text(other[0])}."
         )
     names = joined((finding_label(diagnosis, k, spelling) for k in findings), "and")
     removes = diagnosis.causes[0].removes
@@ -209,7 +210,7 @@ def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _rest_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
-    """Size and place of the remainder; begins with a space."""
+    """Sentences on the size and place of the remainder, or "". They begin with a space."""
     rest = diagnosis.remainder
     if rest is None or rest.share is None:
         return ""
@@ -225,13 +226,13 @@ def _rest_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 
 
 def _floors_text(floors: float) -> str:
-    """ "3.7 times the noise floor", "at the noise floor"."""
+    """Text such as "3.7 times the noise floor" or "at the noise floor"."""
     times = times_text(max(floors, 1.0))
     return "at the noise floor" if times == "1" else f"{times} times the noise floor"
 
 
 def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
-    """ "of the friction family, in a form that is not in the catalogue"; "" without a curve."""
+    """Text such as "of the friction family, in a form that is not in the catalogue", or ""."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
@@ -242,8 +243,8 @@ def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> 
 
 
 def size_of(rest: Remainder, *, with_causes: bool) -> str:
-    """Size of the remainder: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
-    floor in the worst channel"; with_causes: False for the gap itself."""
+    """Size of the remainder, such as "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the
+    noise floor in the worst channel". with_causes: False if the remainder is the whole gap."""
     texts = []
     if with_causes and rest.share is not None:
         text = f"{percent_text(rest.share)} of the gap"
@@ -256,7 +257,7 @@ def size_of(rest: Remainder, *, with_causes: bool) -> str:
 
 
 def amount_of(rest: Remainder) -> str:
-    """Size of the missing and of the total value at the port, in its unit; "" if unknown."""
+    """Size of the missing part and of the total value at the port, in its unit, or ""."""
     if rest.missing_rms is None or not rest.passing_rms:
         return ""
     share = rest.missing_rms / rest.passing_rms
@@ -269,7 +270,7 @@ def amount_of(rest: Remainder) -> str:
 
 
 def weight_of(rest: Remainder) -> str:
-    """Whether what remains is a material part of the gap."""
+    """Text that says whether the remainder is a material part of the gap."""
     return "a material part of the gap" if rest.real else "no material part of the gap"
 
 
@@ -279,19 +280,19 @@ def advice_of(rest: Remainder) -> str:
 
 
 def _entry_port(where: Where, spelling: Spelling) -> str:
-    """Port at which the gap enters, and inseparable ports with the same share or a larger one."""
+    """Port at which the gap enters, and inseparable ports whose share is at least as large."""
     shares = {item.port: item.share for item in where.ports}
     port_share = shares.get(where.port, 0.0)
-    alike = where.inseparable_from(where.port)
-    others = sorted(port for port in alike if shares.get(port, 0.0) >= port_share > 0.0)
+    inseparable = where.inseparable_from(where.port)
+    others = sorted(port for port in inseparable if shares.get(port, 0.0) >= port_share > 0.0)
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
         return f"{first}."
-    rest = joined([spelling.port(p) for p in others], "or")
-    return f"{first}, or at {rest}: these sensors cannot separate them."
+    other_ports = joined([spelling.port(p) for p in others], "or")
+    return f"{first}, or at {other_ports}: these sensors cannot separate them."
 
 
-def _undecided(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
+def _undecided_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """First candidate of the ranking, and the reason why it is not named."""
     tied = diagnosis.comparison[0].tied if diagnosis.comparison else ()
     if len(tied) > 1:
@@ -302,8 +303,8 @@ def _undecided(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
         )
     leader = next((r for r in diagnosis.ranking if r.removes and not r.set_aside), None)
     rest = diagnosis.remainder
-    nothing = leader is None or leader.removes is None or leader.removes.low <= 0.0
-    if nothing and rest is not None and rest.floors is not None:
+    no_effect_helps = leader is None or leader.removes is None or leader.removes.low <= 0.0
+    if no_effect_helps and rest is not None and rest.floors is not None:
         return (
             f"The refitted model leaves {times_text(rest.floors)} times the noise floor. No effect "
             "of the catalogue, and no curve at a port, removes a material share of it. Something "
@@ -314,19 +315,20 @@ def _undecided(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     removes = leader.removes
     interval = percents_text(removes.low, removes.high)
     windows = len(diagnosis.comparison[0].reference_losses) if diagnosis.comparison else 0
-    rests_on = f", from {windows} held-out windows" if windows else ""
+    sample_size = f", from {windows} held-out windows" if windows else ""
     return (
         f"{spelling.effect(leader.effect)} may be missing. It removes "
-        f"{percent_text(removes.share)} of the gap (95 % interval {interval}{rests_on}), which is "
-        f"not certain enough. {RECORD_MORE}"
+        f"{percent_text(removes.share)} of the gap (95 % interval {interval}{sample_size}), which "
+        f"is not certain enough. {RECORD_MORE}"
     )
 
 
 def chance_figure(probability: float) -> str:
-    """As figures stand in brackets: "> 0.99"."""
+    """Probability as written in brackets, such as "> 0.99"."""
     return chance_text(probability).replace("above", ">").replace("below", "<")
 
 
 def joined(parts: Iterable[str], last: str) -> str:
+    """Join words with commas, and the last two with `last`: "a, b and c"."""
     words = list(parts)
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
