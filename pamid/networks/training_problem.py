@@ -286,7 +286,7 @@ def check_problem(problem: TrainingProblem) -> None:
     # Regularisation would still give an answer, but one that the prior alone decides.
     if problem.samples < problem.network.n_weights:
         raise DataError(
-            f"{problem.samples} samples cannot decide the {problem.network.n_weights} weights of the network.",
+            f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",
             "Record longer, shorten the washout, or reduce the hidden units.",
         )
 
