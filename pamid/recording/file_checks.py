@@ -203,9 +203,9 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         )
     if period and not PERIODS_S[0] <= period <= PERIODS_S[1]:
         raise FileError(
-            f"{path}, column 'time_s': samples are {period:.3g} s apart; recorders take one "
+            f"{path}, column 'time_s': the sampling period is {period:.3g} s; recorders sample "
             f"every {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s.",
-            "Correct the unit or the scale of that column: it holds seconds.",
+            "Correct the unit or the scale of that column; it must be in seconds.",
             code="stamps-period",
         )
     backward = np.flatnonzero(steps <= 0)
