@@ -37,8 +37,8 @@ class Condition:
         """
         if self.name not in figures:
             raise click.UsageError(
-                f"--fail-if: there is no figure {self.name!r}. {nearest(self.name, figures)}"
-                f" Figures: {', '.join(figures)}."
+                f"--fail-if: there is no result {self.name!r}. {nearest(self.name, figures)}"
+                f" Results: {', '.join(figures)}."
             )
         value = figures[self.name]
         if value is None:

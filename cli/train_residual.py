@@ -1,4 +1,4 @@
-"""`pamid train-residual`: Train a network on what a fitted model leaves over."""
+"""`pamid train-residual`: Train a network on the residual of a fitted model."""
 
 from __future__ import annotations
 

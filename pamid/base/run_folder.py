@@ -266,23 +266,21 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
         return  # at most what is left of a run that was killed before it had its run.json
     if not (path / "run.json").is_file():
         hint = "Give --output a new or empty folder."
-        raise FileError(
-            f"{path} is taken: it holds files that are not a run.", hint, code="run-folder"
-        )
+        raise FileError(f"{path} contains files and is not a run folder.", hint, code="run-folder")
     if not overwrite:
         unfinished = resumable and Run.open(path).record["outcome"] != "done"
         hint = "Give --output another folder, or --overwrite to replace that run."
-        hint = f"Go on with it by --resume. {hint}" if unfinished else hint
+        hint = f"Continue that run with --resume. {hint}" if unfinished else hint
         raise FileError(
-            f"{path} is taken: it already holds {'an unfinished' if unfinished else 'a'} run.",
+            f"{path} already holds {'an unfinished' if unfinished else 'a'} run.",
             hint,
             code="run-folder",
         )
     if _listed(path) is None and any(item.name != "run.json" for item in path.iterdir()):
         raise FileError(
-            f"{path} holds a run that does not list its files: of an earlier version, or its "
-            "run.json is damaged. What it has written cannot be told from what is yours.",
-            "Give --output another folder, or remove this one yourself.",
+            f"{path}: run.json does not list its files (damaged, or of an earlier version). "
+            "Without the list, pamid cannot separate its own files from yours.",
+            "Give --output another folder, or delete this one yourself.",
             code="run-folder",
         )
 

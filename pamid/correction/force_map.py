@@ -210,7 +210,9 @@ def _column(path: Path, names: list[str], wanted: str) -> str:
     ]
     if len(same) > 1:
         raise FileError(
-            f"{path}, line 1: {stem} is there twice: {', '.join(same)}.", "Drop one.", code="header"
+            f"{path}, line 1: {stem} occurs twice: {', '.join(same)}.",
+            "Delete one of them.",
+            code="header",
         )
     try:
         name = match_column(names, wanted)

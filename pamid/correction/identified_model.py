@@ -229,7 +229,7 @@ def simulate_identified(
         raise UsageError(
             "This network corrects the model in its own control loop, not on given commands.",
             "Leave it out with --which refitted, give references instead of commands, or train one "
-            "that goes inside with train-residual --port PORT.",
+            "at a port with train-residual --port PORT.",
         )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
@@ -343,7 +343,7 @@ def load_identified(
         if (rig_object := noted_rig(source, rig, noted)).name != fit.rig:
             raise FileError(
                 f"The run is of the rig {fit.rig!r}, not of {rig_object.name!r}.",
-                "Name its own.",
+                "Give --rig the rig of the run.",
                 code="rig",
             )
         catalogue = noted_effects(

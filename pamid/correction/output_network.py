@@ -69,7 +69,7 @@ class NetworkChoice:
         if self.kind not in kinds:
             raise UsageError(
                 f"--network {self.kind!r}: there is no such network.",
-                nearest(self.kind, kinds) or f"Take one of {', '.join(kinds)}.",
+                nearest(self.kind, kinds) or f"Give one of {', '.join(kinds)}.",
                 code="unknown-network",
             )
         for name in self._asked:

@@ -106,11 +106,11 @@ def entry_of(rig: Rig, name: str) -> Entry:
     if name in entries:
         return entries[name]
     several = [e.name for e in entries.values() if e.port == name]
-    hint = f"Say which: {' or '.join(several)}." if several else nearest(name, [*entries, "output"])
+    hint = f"Choose {' or '.join(several)}." if several else nearest(name, [*entries, "output"])
     raise UsageError(
         f"--port {name!r}: the rig {rig.name!r} has "
-        f"{'several of it' if several else 'no such port'}.",
-        hint or f"Take output or one of {', '.join(entries)}.",
+        f"{'several such ports' if several else 'no such port'}.",
+        hint or f"Give output or one of {', '.join(entries)}.",
     )
 
 
@@ -231,13 +231,13 @@ def _require_unchanged(path: Path, sha256: str, folder: Path) -> None:
     if not path.is_file():
         raise FileError(
             f"{path}, to which {folder} was fitted, is not there.",
-            "Put it back; a path that is not absolute counts from where the run was made.",
+            "Restore it. A relative path starts at the folder in which the run was created.",
             code="missing",
         )
     if sha256_of(path) != sha256:
         raise FileError(
             f"{path} was changed since {folder} was fitted to it (its SHA-256 differs).",
-            "Put the old one back, or fit again.",
+            "Restore the old file, or fit again.",
             code="changed",
         )
 
@@ -272,7 +272,8 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
         smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, SMOOTHER_STEPS)
     if not np.isfinite(smoothed.log_evidence):
         raise ConvergenceError(
-            f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
+            f"The missing input at {entry.name} cannot be estimated: the model does not follow "
+            "its data.",
             "Try another port.",
         )
     missing = []

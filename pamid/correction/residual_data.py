@@ -235,7 +235,7 @@ def _period(fit: FitFile, columns: dict[str, Array]) -> float:
         raise DataError(
             f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one "
             "period.",
-            "Resample them, or fit them in runs of their own.",
+            "Resample them, or fit them in separate runs.",
         )
     return used[0]
 

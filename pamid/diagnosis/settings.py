@@ -249,7 +249,9 @@ def _seconds(horizon: float | str) -> float:
     except ValueError:
         seconds = math.nan
     if not seconds > 0.0:
-        raise UsageError(f"the horizon is {horizon!r}", 'It takes seconds above 0, or "whole".')
+        raise UsageError(
+            f"The horizon {horizon!r} is invalid.", 'Give seconds above 0, or "whole".'
+        )
     return seconds
 
 

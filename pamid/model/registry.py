@@ -109,7 +109,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
         raise FileError(f"{path}: {error.message}", error.hint) from error
     except SyntaxError as error:
         raise FileError(
-            f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax"
+            f"{path}, line {error.lineno}: {error.msg}", "Correct the Python syntax."
         ) from error
     except Exception as error:
         frames = reversed([*traceback.walk_tb(error.__traceback__)])
@@ -215,7 +215,7 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
         return model
     kinds = classes_of(load_file(path, sha256), Rig)
     if not kinds:
-        raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
+        raise FileError(f"{path} contains no rig.", "Define a class that derives from pamid.Rig.")
     if len(kinds) > 1:
         raise FileError(
             f"{path} holds {len(kinds)} rigs: {', '.join(c.__name__ for c in kinds)}",
@@ -285,8 +285,8 @@ def rig_of(recordings: list[Recording]) -> str:
     named = {r.rig: r for r in recordings if r.rig}
     if len(named) > 1:
         raise FileError(
-            f"the recordings name different rigs: {', '.join(sorted(named))}",
-            "say which with --rig",
+            f"the recordings name different rigs: {', '.join(sorted(named))}.",
+            "Name the rig with --rig.",
         )
     for name, recording in named.items():
         if is_code(name):

@@ -122,7 +122,7 @@ class Anfis(Network):
             raise UsageError(
                 f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than "
                 f"{MOST_RULES}.",
-                "Name fewer with --inputs, or ask for them with --sets 2.",
+                "Name fewer with --inputs, or use --sets 2.",
             )
         # A grid that is too coarse only costs accuracy. One that is too fine has rules without
         # data.

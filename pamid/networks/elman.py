@@ -79,7 +79,7 @@ class Elman(Network):
 
     kind: ClassVar[str] = "elman"
     size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
-        "hidden": (1, 200, "Hidden units", "10, or as many as the samples decide")
+        "hidden": (1, 200, "Hidden units", "10, or fewer if the samples are too few")
     }
     inputs: int = 5
     hidden: int = 10

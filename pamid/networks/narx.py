@@ -66,7 +66,7 @@ class Narx(Network):
 
     kind: ClassVar[str] = "narx"
     size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
-        "hidden": (1, 200, "Hidden units", "10, or as many as the samples decide")
+        "hidden": (1, 200, "Hidden units", "10, or fewer if the samples are too few")
     }
     inputs: int = 5
     hidden: int = 10

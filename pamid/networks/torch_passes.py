@@ -45,7 +45,8 @@ def require_device(name: str) -> str:
     known = re.fullmatch("cpu|cuda(?::([0-9]+))?", name)
     if not known:
         raise UsageError(
-            f"There is no device {name!r}.", "Take cpu, cuda, or one of several, such as cuda:1."
+            f"There is no device {name!r}.",
+            "Give cpu, cuda, or one of several GPUs, such as cuda:1.",
         )
     if name == "cpu":
         return name

@@ -287,7 +287,7 @@ def check_problem(problem: TrainingProblem) -> None:
     if problem.samples < problem.network.n_weights:
         raise DataError(
             f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",
-            "Record longer, shorten the washout, or take fewer hidden units.",
+            "Record longer, shorten the washout, or reduce the hidden units.",
         )
 
 

@@ -130,8 +130,8 @@ def check_header(path: Path, names: Sequence[str]) -> None:
             )
         if name in seen:
             raise FileError(
-                f"{path}, line 1: column {name!r} is there twice.",
-                "Rename or drop one.",
+                f"{path}, line 1: column {name!r} occurs twice.",
+                "Rename or delete one of them.",
                 code="header",
             )
         seen.add(name)
@@ -203,16 +203,16 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         )
     if period and not PERIODS_S[0] <= period <= PERIODS_S[1]:
         raise FileError(
-            f"{path}, column 'time_s': samples are {period:.3g} s apart; recorders take one "
+            f"{path}, column 'time_s': the sampling period is {period:.3g} s; recorders sample "
             f"every {PERIODS_S[0]:g} to {PERIODS_S[1]:g} s.",
-            "Correct the unit or the scale of that column: it holds seconds.",
+            "Correct the unit or the scale of that column; it must be in seconds.",
             code="stamps-period",
         )
     backward = np.flatnonzero(steps <= 0)
     if backward.size:
         row = int(backward[0])
         if steps[row] == 0:
-            _refuse_stamp(path, row + 1, f"{time[row + 1]:.9g} s is there twice", "stamps-repeated")
+            _refuse_stamp(path, row + 1, f"{time[row + 1]:.9g} s occurs twice", "stamps-repeated")
         detail = f"{time[row + 1]:.9g} s comes after {time[row]:.9g} s"
         _refuse_stamp(path, row + 1, detail, "stamps-unsorted")
     # the spacing of stamps written with few digits looks uneven by the rounding, which is no fault
@@ -222,13 +222,13 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         gaps = uneven[steps[uneven] > 1.5 * period]
         row = int(gaps[0] if gaps.size else uneven[0])
         if gaps.size:
-            detail = f"a gap of {steps[row]:.6g} s where samples are {period:.6g} s apart"
+            detail = f"a gap of {steps[row]:.6g} s; the sampling period is {period:.6g} s"
             _refuse_stamp(path, row + 1, detail, "gap")
         if even_but_rounded(time):
             return
         detail = (
-            f"{steps[row]:.6g} s after the row before, usual are {period:.6g} s (uniform to "
-            "1 % is needed)"
+            f"a step of {steps[row]:.6g} s; the sampling period is {period:.6g} s (steps must be "
+            "uniform to 1 %)"
         )
         _refuse_stamp(path, row + 1, detail, "stamps-uneven")
 
@@ -317,7 +317,7 @@ def _line_of(path: Path, row: int) -> int:
 
 
 def _refuse_cell(path: Path, line: int, name: str, what: str, code: str = "cell") -> NoReturn:
-    hint = "Every cell holds a finite number; cut or repair the log there."
+    hint = "Every cell needs a finite number. Delete or repair this part of the log."
     raise FileError(f"{path}, line {line}, column {name!r}: the cell {what}.", hint, code=code)
 
 

@@ -115,7 +115,7 @@ def require_apart(
         )
     raise DataError(
         f"{message}.",
-        "Give every recording once, in one role; without --held-out the last part of each "
+        "Give every recording once, in one role; without --held-out, the last part of each "
         "is held out.",
         code="overlap",
     )

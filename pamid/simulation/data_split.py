@@ -291,8 +291,8 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     if reason:
         raise DataError(
             f"{', '.join(str(r.path) for r in every_recording)}: {reason}",
-            "record for longer, or add episodes, which are pooled; 20 s and more are sensible on a "
-            "3 ms rig",
+            "Record longer or add recordings: they are fitted together. At a sampling period of "
+            "3 ms, 20 s or more are recommended.",
         )
     by_content = sorted(every_recording, key=lambda r: sort_keys[id(r)])
 
@@ -348,7 +348,7 @@ def shortfall(fit: Sequence[int], held_out: Sequence[int]) -> str:
         return ""
     fitted, judged = (sum(spans) for spans, _ in roles)
     return (
-        f"{fitted} samples to fit and {judged} held out are too few to fit and judge a model; at "
+        f"{fitted} fitted and {judged} held-out samples are too few to fit and judge a model. At "
         f"least {FEWEST_FITTED * STRETCH_SAMPLES} and {FEWEST_HELD_OUT * STRETCH_SAMPLES} are "
         f"needed, in stretches of {STRETCH_SAMPLES} or more"
     )

@@ -54,8 +54,9 @@ class Data(Recording):
                 columns.append(np.full(len(self), assembly.rig.optional.get(name, 0.0)))
             else:
                 raise FileError(
-                    f"{self.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
-                    nearest(name, list(self.columns)) or f"columns: {', '.join(self.columns)}",
+                    f"{self.path}: rig {assembly.rig.name!r} needs the input column {name!r}.",
+                    nearest(name, list(self.columns))
+                    or f"Add this column, or rename one of: {', '.join(self.columns)}.",
                     code="missing-column",
                 )
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))

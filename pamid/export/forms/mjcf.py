@@ -1,4 +1,4 @@
-"""`pamid export --to mjcf`: the MuJoCo file of the rig, with what was found; MuJoCo runs it."""
+"""`pamid export --to mjcf`: the MuJoCo file of the rig with the identified values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pamid export --to urdf`: the URDF of the rig, with what URDF can hold of the finding."""
+"""`pamid export --to urdf`: the URDF of the rig with the identified values that URDF can hold."""
 
 from __future__ import annotations
 
