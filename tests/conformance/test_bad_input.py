@@ -94,7 +94,7 @@ RECORDINGS: dict[str, tuple[Files, int, str, str]] = {
     "no clock": (clock(lambda k: 1e-28 * k), 3, "stamps-period", "time_s"),
     "no digits": (clock(lambda k: 1e17 + 16.0 * k), 3, "stamps-resolution", "time_s"),
     "too short": (table(HEAD, *ROWS[:40]), 4, "too-short", "40 samples"),
-    "too short to fit": (table(HEAD, *ROWS[:199]), 4, "data", "199 samples"),
+    "too short to fit": (table(HEAD, *ROWS[:199]), 4, "data", "199 fitted"),
     "at rest": (
         table(HEAD, *(f"{r.split(',')[0]},0,{r.split(',')[2]},1" for r in ROWS)),
         4, "not-excited", "command|constant"),
