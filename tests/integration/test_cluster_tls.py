@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from pamid_cli.job import cluster_option
 
+from pamid.api.options.estimating import FitArguments
+from pamid.api.options.record import about_fields
 from pamid.base.errors import FileError
 from pamid.parallel.dask_backend import Patience, cluster
 from pamid.parallel.jobs import Work, WorkerPool
@@ -99,11 +100,5 @@ def test_over_tls_with_the_certificates_of_dasks_configuration(
 
 
 def test_the_help_says_whom_to_trust() -> None:
-    def command() -> None: ...
-
-    (option,) = cluster_option(command).__click_params__  # type: ignore[attr-defined]
-    assert (
-        "must be trusted" in option.help
-        and "tls://" in option.help
-        and "TLS__CA_FILE" in option.help
-    )
+    (about,) = (about for item, about in about_fields(FitArguments) if item.name == "cluster")
+    assert all(words in about.text for words in ("must be trusted", "tls://", "TLS__CA_FILE"))

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pamid_cli import names
 
+from pamid.api.options.names import entries
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, rigs
@@ -57,7 +57,7 @@ def test_edge_is_where_the_solenoid_begins_to_open() -> None:
 
 
 def test_listed_and_the_joint_where_nothing_is_late() -> None:
-    assert "switched-joint" in rigs() and "switched-joint" in names._entries("rigs")
+    assert "switched-joint" in rigs() and "switched-joint" in entries("rigs")
     found = {}
     at_once = {"opening_delay_ms": 0.0, "closing_delay_ms": 0.0}
     for name, known in (("one-dof", {}), ("switched-joint", at_once), ("switched-joint ", {})):
