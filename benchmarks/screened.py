@@ -14,8 +14,6 @@ import tempfile
 import time
 from pathlib import Path
 
-from pamid_cli.options import parse_known
-
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import gap_budget
 from pamid.diagnosis.screening import ScreeningBaseline, by_gain
@@ -27,6 +25,12 @@ from pamid.parallel.jobs import WorkerPool
 from pamid.trial.case_machine import RecordedCase, study_case
 
 RIGS = ("dc-motor", "thermal-block", "servo-pendulum", "damper-bench", "cylinder-bench")
+
+
+def setting_of(text: str) -> dict[str, float]:
+    """A setting as NAME=VALUE; empty for none."""
+    name, _, value = text.partition("=")
+    return {name: float(value)} if name else {}
 
 
 def main() -> None:
@@ -52,7 +56,7 @@ def tabulate(case: RecordedCase, variants: list[str]) -> None:
     candidates = additions_of(case.rig, attachments(case.rig, case.catalogue.values()))
     search = Search(budget.evidence, budget, candidates, hints, 0, WorkerPool(), silent)
     for text in variants:
-        settings, begun = settings_from(parse_known((text,) if text else ())), time.process_time()
+        settings, begun = settings_from(setting_of(text)), time.process_time()
         reference = ScreeningBaseline.of(base, len(candidates), settings)
         screened, leading = screened_candidates(search, reference, candidates)
         seconds = time.process_time() - begun
