@@ -77,13 +77,17 @@ def silent_channels(
 def following_channels(budget: Budget, model: CandidateModel) -> Channels:
     """Channels that the inputs as recorded predict better over windows, by the margin, than the
     same inputs at every other time: those of another machine would do as well as these."""
-    errors = []
-    for shift in INPUT_SHIFTS:
-        tracks = [r.full_track for r in model.replays]
-        tracks = [_without_inputs(t, shift) for t in tracks] if shift else tracks
-        replays = _replays(budget, model, tracks)
-        errors.append(np.nansum([r.losses().sum(axis=0) for r in replays], axis=0))
-    recorded, *shifted = errors
+
+    def errors(replays: Sequence[Replay]) -> Array:
+        return np.asarray(np.nansum([r.losses().sum(axis=0) for r in replays], axis=0))
+
+    tracks = [r.full_track for r in model.replays]
+    recorded = errors(model.replays)
+    shifted = [
+        errors(_replays(budget, model, [_without_inputs(t, shift) for t in tracks]))
+        for shift in INPUT_SHIFTS
+        if shift  # the first holds every input at its mean
+    ]
     most = 1.0 - budget.settings.naive_margin
     return np.asarray(recorded < most * np.min(shifted, axis=0))
 

@@ -22,7 +22,7 @@ from pamid.base.units import with_unit
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.body_inertia import BodyShape, shapes_of
-from pamid.simulators.forward_dynamics import accelerations
+from pamid.simulators.forward_dynamics import MODELS_ALIKE, accelerations
 from pamid.simulators.mechanism import (
     Actuator,
     Coupling,
@@ -56,7 +56,6 @@ from pamid.symbolic.vocabulary import (
 
 DELAY_ROOM = 5.0  # times the delay that the file states
 RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest one
-MODELS_ALIKE = 64  # trees that are kept: models with effects at drives and sensors share one
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
 #: an angle (or length) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]

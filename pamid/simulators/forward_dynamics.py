@@ -23,7 +23,7 @@ from pamid.simulators.soft_constraints import (
 from pamid.simulators.tree_dynamics import Tree
 from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
-MODELS_ALIKE = 64  # accelerations that are kept
+MODELS_ALIKE = 64  # trees and accelerations that are kept for models in which they are the same
 
 
 @lru_cache(maxsize=MODELS_ALIKE)
