@@ -59,11 +59,6 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         x_2 += h * v_2
 
 
-# a force between positions: neither gravity nor a stick of its own; its stiffness and damping are
-# the rig's own parameters
-SPRINGY = ("gravity", "stribeck-friction", "viscous-friction", "linear-stiffness")
-UPRIGHT = ("rectification", "full-wave-rectification")  # a ruler counts both ways
-
 MACHINE = StarterMachine(
     name="two-masses",
     period_s=0.005,
