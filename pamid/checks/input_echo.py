@@ -9,7 +9,7 @@ the first readings, because from any other state it would move there first.
     y(t) = offset + gain * F(u)(t - delay),  F: first-order lag, lag and delay up to the correlation
                                              time of u
     echo of a recording   residual below ECHO_NOISE of the noise or ECHO_CLOSE of the motion
-    echo by a model       residual below MODEL_CLOSE of the motion, at most SOONER times as late
+    echo by a model       residual below LEAST_EXPLAINED of the motion, at most SOONER times as late
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
 LEAST_EXPLAINED = 0.5  # residual over motion: more is not an echo, however large the noise
-MODEL_CLOSE, SOONER = 0.2, 2.0
+SOONER = 2.0
 UNRELATED = 0.9  # residual over motion without a lag
 ECHO_LAGS = 12  # tried, in geometric steps from a quarter of a sample
 ECHO_DRAWS, STEPPED_DRAWS = 16, 4  # parameters tried; of a rig that steps by itself
@@ -119,7 +119,10 @@ def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
 
 
 def _model_echoes(comparison: SheetComparison, source: int, output: int, latest: float) -> bool:
-    """True if the rig's model follows this input as closely, at most `latest` samples late."""
+    """True if the rig's model follows this input at most `latest` samples late.
+
+    The machine may follow more closely: its gains differ from the data sheet's.
+    """
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
     u = comparison.u[:size, source]
@@ -128,7 +131,7 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
         if model is None:
             continue
         y = model[:, output]
-        if closest_echo(u, y, latest)[0] < MODEL_CLOSE * float(y.std()):
+        if closest_echo(u, y, latest)[0] < LEAST_EXPLAINED * float(y.std()):
             return True
     return False
 

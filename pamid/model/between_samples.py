@@ -46,7 +46,7 @@ def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
 
 def released(rig: Rig, free: Mapping[str, float]) -> Rig:
     """The rig with these held parameters fitted, with these standard deviations as priors (in the
-    unit of the name). A name of `Rig.on_request` adds parameters, with a prior of so many spreads.
+    unit of the name). A name of `Rig.on_request` frees a group, with a prior of so many spreads.
     FileError for a name that it does not have."""
     if not free:
         return rig
@@ -59,24 +59,27 @@ def released(rig: Rig, free: Mapping[str, float]) -> Rig:
                 nearest(name, names) or f"parameters of rig {rig.name!r}: {', '.join(names)}",
                 code="free",
             )
+    added = {
+        p.name: replace(p, spread=free[name] * p.spread)
+        for name in rig.on_request
+        if name in free
+        for p in rig.on_request[name]
+    }
     held = [
         replace(p, fitted=True, log=False, spread=free[p.outside_name])
         if p.outside_name in free
         else p
         for p in rig.parameters
+        if p.name not in added
     ]
-    added = [
-        replace(p, spread=free[name] * p.spread)
-        for name in rig.on_request
-        if name in free
-        for p in rig.on_request[name]
-    ]
-    return _with_parameters(rig, (*held, *added))
+    return _with_parameters(rig, (*held, *added.values()))
 
 
 def as_fitted(rig: Rig, keys: Collection[str]) -> Rig:
     """The rig with those parameters of `Rig.on_request` that a fitted model has, by their keys."""
-    added = [p for group in rig.on_request.values() for p in group if p.name in keys]
+    known = {p.name for p in rig.parameters}
+    groups = rig.on_request.values()
+    added = [p for group in groups for p in group if p.name in keys and p.name not in known]
     return _with_parameters(rig, (*rig.parameters, *added)) if added else rig
 
 

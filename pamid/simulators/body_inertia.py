@@ -23,7 +23,7 @@ Autom. Lett. 7(2), 2771-2778, doi:10.1109/LRA.2022.3144517.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -135,6 +135,23 @@ def shapes_of(mechanism: Mechanism) -> tuple[BodyShape, ...]:
         if number in moving and body.mass_kg > 0.0 and max(body.inertia) > 0.0:
             shapes.append(BodyShape(number, body))
     return tuple(shapes)
+
+
+def tool_body(mechanism: Mechanism, shapes: Sequence[BodyShape]) -> BodyShape | None:
+    """Heaviest body behind the last joint of an arm, one chain of joints; None if joints branch.
+
+    A tool or a payload is mounted there, and no model file states its mass, centre and shape.
+    """
+    bodies = mechanism.bodies
+    jointed = {joint.body for joint in mechanism.joints}
+
+    def behind(body: int) -> set[int]:
+        """Jointed bodies between a body and the world, the body included."""
+        inner = behind(bodies[body].parent) if body else set()
+        return inner | ({body} & jointed)
+
+    last = [shape for shape in shapes if behind(shape.number) == jointed]
+    return max(last, key=lambda shape: shape.body.mass_kg, default=None)
 
 
 class _Values:

@@ -21,7 +21,7 @@ import numpy as np
 from pamid.base.units import with_unit
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
-from pamid.simulators.body_inertia import BodyShape, shapes_of
+from pamid.simulators.body_inertia import BodyShape, shapes_of, tool_body
 from pamid.simulators.forward_dynamics import MODELS_ALIKE, accelerations
 from pamid.simulators.mechanism import (
     Actuator,
@@ -101,8 +101,14 @@ class CompiledMechanism(Rig):
         untyped.ports = {
             p.name: Port(p.kind, p.unit, dict(p.signals), size=dict(p.size)) for p in m.ports
         }
-        untyped.parameters = tuple(p.parameter for p in m.parameters)
-        untyped.on_request = {shape.group: shape.parameters() for shape in shapes_of(m)}
+        shapes = shapes_of(m)
+        untyped.on_request = {shape.group: shape.parameters() for shape in shapes}
+        # A stepped model pays a run for every parameter.
+        tool = None if m.hindrances else tool_body(m, shapes)
+        untyped.parameters = (
+            *(p.parameter for p in m.parameters),
+            *(tool.parameters() if tool else ()),
+        )
         untyped.states = tuple(_states(m))
         untyped.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
         untyped.remarks = _remarks(m)
