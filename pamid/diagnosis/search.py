@@ -264,12 +264,10 @@ def opposite_signs(
 
 
 def _start(s: ScreenedCandidate, base: CandidateModel) -> RefitStart:
-    """Start of a screened candidate's refit: the base model's fit if it has effects, else the data
-    sheet. A stepped rig always starts from the base fit, which a fit from the data sheet may not
-    reach."""
+    """Start of a screened candidate's refit: the base model's fit. A refit from the data sheet may
+    not even reach the base's error in its few steps."""
     assert s.assembly is not None
-    continues = base.attached or s.assembly.program.keeps_slopes
-    p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None
+    p = transferred(s.assembly, (base.assembly, base.fit.p))
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 

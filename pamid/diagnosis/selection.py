@@ -286,12 +286,15 @@ def _start_from(
 def refitted_with(
     search: Search, attached: tuple[Attachment, ...], *sources: CandidateModel
 ) -> CandidateModel:
-    """A model with these effects, refitted from the parameters of others, the last of them
-    first."""
+    """A model with these effects, refitted from the parameters of others and the window starts of
+    the last, whose parameters come first."""
+    base = search.budget.baseline
     if not attached:
-        return search.budget.baseline
+        return base
     assembly = model_with(search.evidence, attached, search.budget.sizes)
-    work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    # weights as of every candidate's refit
+    after = replace(sources[-1].fit, weights=base.fit.weights, continuity=base.fit.continuity)
+    work = RefitWork(search.evidence, after, search.budget.sizes)
     start = _start_from(attached, assembly, [(c.assembly, c.fit.p) for c in sources])
     return search.pool.one(work, start)
 

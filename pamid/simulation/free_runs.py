@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 # |eigenvalue| x step up to which the explicit step is used: accurate, and two thirds of where the
 # classical Runge-Kutta method becomes unstable (2.79 on the real axis, 2.83 on the imaginary one)
 STEADY = 1.8
-MOST_SUBSTEPS = 4  # beyond, the implicit step is cheaper
+MOST_SUBSTEPS = 16  # beyond, the implicit step is cheaper; below, it errs a hundred times as much
 LOOKED_AT = 3000  # samples along which it is looked for
 KEPT_CHOICES = 16
 _CHOSEN: dict[tuple[Hashable, ...], Stepping] = {}

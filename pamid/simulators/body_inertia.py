@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 
 THINNEST = 1e-6  # smallest ratio to the largest second moment: a flat plate could not be stretched
 LENGTH_FACTOR = 10.0  # to the bounds of a length; radii of gyration to those of the centre
+TOOL_FACTOR = 2.0  # one standard deviation, of the mass at the end of an arm
 SHAPE = "0: the shape of the model file"
 AXES = ("x", "y", "z")
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -99,6 +100,19 @@ class BodyShape:
             )
         return tuple(parameters)
 
+    def as_tool(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        """Add the shape to a model's parameters, with a mass known within a factor of two."""
+        unladen = "the model file, where a tool or a payload may be missing"
+        return (
+            *(
+                replace(p, spread=TOOL_FACTOR, source=unladen)
+                if p.name == f"{self.body.name}_mass"
+                else p
+                for p in parameters
+            ),
+            *self.parameters(),
+        )
+
     def second_moment(self, p: Any) -> Mat:
         """P about the centre along the body's axes, m2; p: parameters by name, numbers or
         symbols."""
@@ -138,12 +152,15 @@ def shapes_of(mechanism: Mechanism) -> tuple[BodyShape, ...]:
 
 
 def tool_body(mechanism: Mechanism, shapes: Sequence[BodyShape]) -> BodyShape | None:
-    """Heaviest body behind the last joint of an arm, one chain of joints; None if joints branch.
+    """Heaviest body behind the last joint of an arm; None if there is no arm.
 
-    A tool or a payload is mounted there, and no model file states its mass, centre and shape.
+    A tool or a payload is mounted there, and no model file states its mass, centre and shape. An
+    arm is one chain of joints. With fewer than three, the body turns about too few axes.
     """
     bodies = mechanism.bodies
     jointed = {joint.body for joint in mechanism.joints}
+    if len(jointed) < len(AXES):
+        return None
 
     def behind(body: int) -> set[int]:
         """Jointed bodies between a body and the world, the body included."""

@@ -105,10 +105,8 @@ class CompiledMechanism(Rig):
         untyped.on_request = {shape.group: shape.parameters() for shape in shapes}
         # A stepped model pays a run for every parameter.
         tool = None if m.hindrances else tool_body(m, shapes)
-        untyped.parameters = (
-            *(p.parameter for p in m.parameters),
-            *(tool.parameters() if tool else ()),
-        )
+        parameters = tuple(p.parameter for p in m.parameters)
+        untyped.parameters = tool.as_tool(parameters) if tool else parameters
         untyped.states = tuple(_states(m))
         untyped.noise = {s.column: s.noise for s in m.sensors if s.noise > 0.0}
         untyped.remarks = _remarks(m)

@@ -10,6 +10,7 @@ import mechanisms
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from posed_arms import FOUR_HINGES, arm_text
 
 from pamid.base.errors import FileError
 from pamid.model.between_samples import as_fitted, released
@@ -244,6 +245,23 @@ def test_only_masses_are_parameters_unless_a_recording_releases_more(tmp_path: P
     assert added[0].spread == pytest.approx(0.1 * shape.radius_m) and added[3].spread == 0.05
     assert as_fitted(rig, [p.name for p in more.parameters]).parameters[-1].name == added[-1].name
     assert as_fitted(rig, [p.name for p in rig.parameters]) is rig
+
+
+def test_the_end_of_an_arm_is_fitted_whole(tmp_path: Path) -> None:
+    """Of one chain with three joints or more; a request sets its spread."""
+    (tmp_path / "arm.xml").write_text(arm_text(FOUR_HINGES))
+    rig = CompiledMechanism(read_mechanism(tmp_path / "arm.xml"))
+    last = shapes_of(rig.mechanism)[-1]
+    names = [p.name for p in rig.on_request[last.group]]
+    fitted = {p.name: p for p in rig.parameters if p.fitted}
+    assert set(names) <= set(fitted) and fitted[f"{last.body.name}_mass"].spread == 2.0
+    assert [n for n in fitted if "centre" in n] == list(last.centre_names)
+    narrow = {p.name: p.spread for p in released(rig, {last.group: 0.1}).parameters}
+    assert len(narrow) == len(rig.parameters)
+    assert all(narrow[n] == pytest.approx(0.1 * fitted[n].spread) for n in names)
+    # a tree of two chains has no end where a tool would be mounted
+    tree = mechanisms.rig_from(mechanisms.TREE, tmp_path)
+    assert not any("centre" in p.name for p in tree.parameters)
 
 
 def test_an_inertia_without_a_name_is_refused_with_the_nearest(tmp_path: Path) -> None:
