@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -239,8 +239,11 @@ def refit(
     # Most effects are small corrections, so that the states of the base fit are a better start
     # than new estimates.
     begun = window_starts_from(base, assembly)
+    # With coarser steps than the baseline's the parameters would make up for errors of integration.
+    needed = careful_stepping(problem, p)
+    stepping = max((needed, base.stepping), key=lambda s: (s.implicit, s.substeps))
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
-        fits = [fit_robustly(problem, p=q) for q in (p, typical)]
+        fits = [fit_robustly(problem, p=q, stepping=stepping) for q in (p, typical)]
         return max(
             fits, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
         )
@@ -249,6 +252,7 @@ def refit(
         p=p,
         starts=begun.starts,
         weights=base.weights,
+        stepping=stepping,
         continuity=begun.continuity,
         known=known,
         exact=False,
