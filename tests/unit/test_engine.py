@@ -299,6 +299,7 @@ class Sprung(Rig):
         (100.0, 2.0, Stepping(1)),
         (1e5, 100.0, Stepping(2)),
         (100.0, 500.0, Stepping(4)),
+        (100.0, 2e3, Stepping(16)),  # the implicit step would cost as much, and err more
         (100.0, 1e4, IMPLICIT),
         (1e8, 1e3, IMPLICIT),
     ],

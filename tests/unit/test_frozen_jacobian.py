@@ -3,14 +3,16 @@ way to where exact steps lead."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from small_cart import cart_evidence, record_cart
 
-from pamid.diagnosis.candidate_model import transferred
+from pamid.diagnosis.candidate_model import refit, transferred
 from pamid.engine.damped_gauss_newton import Iteration, iterate
+from pamid.engine.program import Stepping
 from pamid.estimation.frozen_jacobian import (
     ChordShooting,
     FrozenJacobian,
@@ -52,6 +54,19 @@ def candidate(tmp_path_factory: pytest.TempPathFactory) -> Candidate:
         fitted.problem, fitted.p, fitted.starts, fitted.weights, fitted.stepping
     )
     return Candidate(fitted, problem, p, frozen)
+
+
+def test_a_candidate_is_integrated_as_finely_as_the_baseline(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Errors of longer steps would otherwise be made up for by its parameters."""
+    data = cart_evidence(record_cart(tmp_path_factory.mktemp("fine")))
+    model = fit_model(data)
+    friction = attach(data.rig, "coulomb-friction", effects())
+    assembly = model_with(data, (friction,), model.assembly.sizes)
+    coarse = refit(data, assembly, model.fit)
+    fine = refit(data, assembly, replace(model.fit, stepping=Stepping(8)))
+    assert coarse.stepping.substeps < fine.stepping.substeps == 8
 
 
 def settings_of(f: Fit) -> dict[str, Any]:

@@ -127,6 +127,22 @@ def test_a_servo_far_from_the_zero_of_its_model_is_genuine() -> None:
     assert not issues(recording, WeakServo())
 
 
+class LoadedServo(StiffServo):
+    """One that a load moves by a compliance of the data sheet, in mm/N."""
+
+    inputs = {"target_mm": "m", "load_n": "N"}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"position_mm": port("sensor", x.position) + 1e-3 * u.load_n}
+
+
+def test_a_servo_stiffer_than_its_data_sheet_is_genuine() -> None:
+    u, load = levels(), levels(seed=5)
+    y = servo(u, 60.0, 0.02) + 0.05 * load
+    columns = {"target_mm": u, "load_n": 0.3 * load, "position_mm": y}
+    assert not issues(recording_of(0.02 * np.arange(u.size), columns, {}), LoadedServo())
+
+
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
 def test_the_commands_refuse_an_echo(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
