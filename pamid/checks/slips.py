@@ -114,7 +114,7 @@ CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
 MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
-JUDGING_STEPS = 12  # of a fit
+JUDGING_STEPS, FIRST_STEPS = 12, 4  # of a fit, and of one that shows whether it is worth more
 EXACT = 0.01  # smallest error that counts, as a share of the motion
 USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
 # of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
@@ -331,6 +331,7 @@ def judge(
     e: SheetComparison,
     p: Array | None = None,
     like: ShortFit | None = None,
+    steps: int = JUDGING_STEPS,
 ) -> Judgement:
     """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
 
@@ -345,6 +346,8 @@ def judge(
     like
         Fit of the rig to another version of the recording, whose model is reused if the inputs are
         the same.
+    steps
+        Largest number of steps of the fit.
     """
     rig = e.assembly.rig
     try:
@@ -353,7 +356,7 @@ def judge(
             data = data if p is None else replace(data, track=replace(data.track, p=p))
             problem = like if like and like.matches_data(data) else None
             # what every slip has to beat is the best fit of the recording as it is
-            fit = data.fitted(rig, problem=problem, steps=JUDGING_STEPS, restart=p is None)
+            fit = data.fitted(rig, problem=problem, steps=steps, restart=p is None)
             return Judgement(fit.shares, fit.strain, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
@@ -597,9 +600,12 @@ def _best(
     """
     scored = list(rivals)
     for slip, after in slips:
-        judgement = judge(slip.corrected(recording), after, after.p, before.problem)
-        if judgement.errors.keys() != before.errors.keys():
+        tried = slip.corrected(recording), after, after.p, before.problem
+        # most slips are worse from the first steps on
+        judgement = judge(*tried, steps=FIRST_STEPS)
+        if judgement.errors.keys() != before.errors.keys() or judgement.error_ratio(before) > 1.0:
             continue
+        judgement = judge(*tried)
         recorded = zip(after.names, recorded_columns(after.names, recording), strict=True)
         named, left = [n for n, c in recorded if c in slip.names], judgement.error_ratio(before)
         least = HARDLY_EXPLAINED if left <= MENDED else UNEXPLAINED_MOTION
