@@ -1,7 +1,7 @@
 """Training the paper's Elman network (5-10-1, 171 weights, 66667 samples): pass, iteration, memory,
 second core, torch.
 
-    python benchmarks/elman_pass.py [--device cpu] [--device cuda]
+    python benchmarks/elman_pass.py [--device cpu] [--device cuda] [--starts 1 --starts 64]
 
 All in one process, on one core but for the last lines: the pass with exact derivatives and the
 share it reaches of the rate of a matrix product measured in the same process, the simulation that a
@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -38,7 +38,6 @@ Array = NDArray[np.float64]
 SAMPLES = 66_667  # 200 s at 3 ms
 PAPER_SECONDS = 36_101 / 5_000  # Table I: 5000 iterations
 ROUNDS = 15
-STARTS = (1, 8)  # of a batch
 
 
 def wall_seconds(call: Callable[[], object], rounds: int = ROUNDS) -> float:
@@ -116,7 +115,7 @@ def each_start(method: Callable[..., Any], weights: Array, *record: Array) -> li
     return [method(w, *record) for w in weights]
 
 
-def by_torch(device: str) -> None:
+def by_torch(device: str, batches: Sequence[int]) -> None:
     """By the clock, as a device computes beside the processor: pass and simulation of several
     starts by torch and by the compiled kernels, the largest relative difference of J'e, and the
     error that a training reaches."""
@@ -129,7 +128,7 @@ def by_torch(device: str) -> None:
     for network in (Elman(), Narx()):
         u, target = teacher_record(SAMPLES)
         engine = engine_on(device, network)
-        for starts in STARTS:
+        for starts in batches:
             weights = np.stack([network.initial(seed) for seed in range(starts)])
             calls = (
                 partial(engine.normal_equations, weights, u, target),
@@ -158,9 +157,11 @@ def by_torch(device: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--device", action="append", default=[])
-    for device in (devices := parser.parse_args().device):
-        by_torch(device)
-    if devices:
+    parser.add_argument("--starts", action="append", type=int, help="of a batch of torch")
+    options = parser.parse_args()
+    for device in options.device:
+        by_torch(device, options.starts or (1, 8))
+    if options.device:
         return
     one, two = on_one_core(), on_two_cores()
     print(
