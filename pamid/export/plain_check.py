@@ -120,7 +120,7 @@ def plain_check(
     """
     if model.folder is None or not (model.folder / RESIDUAL_FILE).exists():
         return None
-    fit = need_result(model.folder / FIT_FILE, FitFile)
+    fit = need_result(model.folder / FIT_FILE, FitFile, also=("noise",))
     horizon, stated = _stated(model, fit)
     stretches = list(_stretches(model.folder, fit, mechanism, horizon))
     if not stretches:

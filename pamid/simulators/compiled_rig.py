@@ -5,8 +5,8 @@
 
 The couplings are those of `pamid.simulators.soft_constraints`, as is the friction at joints whose
 file states a loss. If a fit frees the loss of another joint, its friction grows with the velocity
-(`friction_slope`) up to the loss. Joint, tendon and actuator laws are those of MuJoCo
-(documentation, Computation). The motion is computed in `pamid.simulators.forward_dynamics`.
+up to the loss, with the slope of a creeping joint. Joint, tendon and actuator laws are those of
+MuJoCo (documentation, Computation). The motion is computed in `pamid.simulators.forward_dynamics`.
 """
 
 from __future__ import annotations
@@ -416,7 +416,8 @@ class MechanismEquations:
         if joint.friction_loss:
             return held_back  # its friction is solved with the accelerations
         loss = value(self.p, "joint", j, "frictionloss", 0.0)
-        return held_back - clip(joint.friction_slope * qd, -loss, loss)
+        slope = joint.friction_rate / self.softness(joint.friction_softness, {j: 1.0})
+        return held_back - clip(slope * qd, -loss, loss)
 
     def spring_deflection(self, j: int) -> Expr:
         """Deflection of a joint's spring from its relaxed position."""
@@ -453,19 +454,26 @@ class MechanismEquations:
             slopes[j] = slopes.get(j, ZERO) - slope * each
         error, speed = y - value, sum((each * self.qd[j] for j, each in slopes.items()), ZERO)
         share = impedance(c.impedance, error)
-        softness = maximum((1.0 - share) / share * c.weight, LEAST_SOFTNESS)
+        ends = [self.shares_of(c, end) for end in (c.first, c.second) if end >= 0]
+        softness = self.softness((1.0 - share) / share, *ends)
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
 
     def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
         """Slopes by joint of one end of a coupling, and its distance from the reference."""
         if number < 0:
             return {}, ZERO
+        slopes = {j: expression(share) for j, share in self.shares_of(c, number).items()}
+        position = self.q[number] if c.kind == "joint" else self.tendon(number)[0]
+        return slopes, position - reference
+
+    def shares_of(self, c: Coupling, number: int) -> dict[int, float]:
+        """Shares of the joints in the motion of one end of a coupling."""
         if c.kind == "joint":
-            return {number: expression(1.0)}, self.q[number] - reference
-        t, slopes = self.m.tendons[number], dict[int, Expr]()
-        for j, share in zip(t.joints, t.coefficients, strict=True):
-            slopes[j] = slopes.get(j, ZERO) + share
-        return slopes, self.tendon(number)[0] - reference
+            return {number: 1.0}
+        tendon, shares = self.m.tendons[number], dict[int, float]()
+        for j, share in zip(tendon.joints, tendon.coefficients, strict=True):
+            shares[j] = shares.get(j, 0.0) + share
+        return shares
 
     def friction(self, j: int) -> SoftFriction | None:
         """Friction of a joint whose file states a loss."""
@@ -473,7 +481,17 @@ class MechanismEquations:
         if not joint.friction_loss:
             return None
         loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
-        return SoftFriction(loss, joint.friction_rate, joint.friction_softness, self.qd[j])
+        softness = self.softness(joint.friction_softness, {j: 1.0})
+        return SoftFriction(loss, joint.friction_rate, softness, self.qd[j])
+
+    def softness(self, relative: Expr | float, *ends: Mapping[int, float]) -> Expr:
+        """Softness of a constraint from that relative to the inverse inertia at its ends.
+
+        MuJoCo takes it in the pose of the file, so that it follows masses and armatures alone.
+        ends: shares of the joints in their motion.
+        """
+        inverse = sum((self.at_reference.inverse_inertia(end) for end in ends), ZERO)
+        return maximum(relative * inverse, LEAST_SOFTNESS)
 
     def known_forces(self, actuators: Iterable[int] | None = None) -> list[Expr]:
         """Force or torque at every joint, of all actuators or some of them."""
@@ -501,12 +519,20 @@ class MechanismEquations:
         """Tree in which every link stands as its joint does."""
         return self.tree()
 
+    @cached_property
+    def at_reference(self) -> Tree:
+        """Tree in the file's pose, at rest."""
+        return self._tree([expression(j.reference) for j in self.m.joints], [ZERO] * len(self.q))
+
     def tree(self, turned: Mapping[int, Turn] | None = None) -> Tree:
         """Links and motors; turned: angles of the links beyond the motor of their joint."""
-        value = self.rig.value
         q, qd = list(self.q), list(self.qd)
         for j, (angle, rate) in (turned or {}).items():
             q[j], qd[j] = q[j] + angle, qd[j] + rate
+        return self._tree(q, qd)
+
+    def _tree(self, q: list[Expr], qd: list[Expr]) -> Tree:
+        value = self.rig.value
         armature = []
         for j, joint in enumerate(self.m.joints):
             total = value(self.p, "joint", j, "armature", joint.armature)

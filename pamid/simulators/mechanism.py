@@ -55,8 +55,8 @@ class MechanismJoint:
 
     reference        position of the joint in the file's pose
     spring_reference position at which the spring is relaxed
-    friction_rate, friction_softness  1/s, and 1/(kg m2) or 1/kg: onset of the friction, see
-                     `pamid.simulators.soft_constraints`
+    friction_rate, friction_softness  1/s, and relative to the inverse inertia: onset of the
+                     friction, see `pamid.simulators.soft_constraints`
     typical_inertia  about the joint at the reference, kg m2 or kg
     range, force_range  None: without limits
     qpos, dof        places among the simulator's positions and velocities
@@ -102,11 +102,6 @@ class MechanismJoint:
         return "rad" if self.kind == "hinge" else "m"
 
     @property
-    def friction_slope(self) -> float:
-        """Friction per velocity of a joint that creeps."""
-        return self.friction_rate / self.friction_softness
-
-    @property
     def force_unit(self) -> str:
         return "N m" if self.kind == "hinge" else "N"
 
@@ -143,7 +138,6 @@ class Coupling:
     coefficients    (5,) of the polynomial, constant first
     rate, stiffness 1/s and 1/s2: of the acceleration at which the error is to vanish
     impedance       (at no error, at a width, the width, midpoint, power)
-    weight          inverse inertia that the impedance refers to, 1/(kg m2) or 1/kg
     """
 
     name: str
@@ -155,7 +149,6 @@ class Coupling:
     rate: float
     stiffness: float
     impedance: Vector
-    weight: float
     line: int = 0
 
 

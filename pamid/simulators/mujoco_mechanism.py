@@ -133,12 +133,13 @@ def _range(limited: Any, values: Any) -> Range | None:
 
 
 def softness(file: MujocoFile, dof: int) -> tuple[float, float]:
-    """Rate (1/s) and softness of a joint's friction: MuJoCo's b and R (documentation, Computation,
-    Constraint model), from solreffriction and solimpfriction."""
+    """Rate (1/s) and relative softness of a joint's friction, from solreffriction and
+    solimpfriction: MuJoCo's b, and R without its inverse inertia (documentation, Computation,
+    Constraint model)."""
     m = file.model
     low = _impedance(m.dof_solimp[dof, 0])
     rate, _ = reference_law(file, m.dof_solref[dof], m.dof_solimp[dof, 1])
-    return rate, max((1.0 - low) / low * float(m.dof_invweight0[dof]), 1e-15)
+    return rate, (1.0 - low) / low
 
 
 def _impedance(value: Any) -> float:
@@ -255,10 +256,8 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
         ends = [end for end in (first, second) if end >= 0]
         if kind == "joint":
             references = [float(m.qpos0[m.jnt_qposadr[j]]) for j in ends]
-            weights = [float(m.dof_invweight0[m.jnt_dofadr[j]]) for j in ends]
         else:
             references = [float(m.tendon_length0[t]) for t in ends]
-            weights = [float(m.tendon_invweight0[t]) for t in ends]
         couplings.append(
             Coupling(
                 names.of("equality", i),
@@ -269,7 +268,6 @@ def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
                 _vector(m.eq_data[i, :5]),
                 *reference_law(file, m.eq_solref[i], m.eq_solimp[i, 1]),
                 _vector(m.eq_solimp[i]),
-                sum(weights),
                 file.line("equality", i),
             )
         )

@@ -19,6 +19,8 @@ from pamid.simulators.mujoco_file import MujocoFile
 Array = NDArray[np.float64]
 
 START_ITERATIONS = 12  # of the search for a start; a step without gain raises the damping
+GROWING_ITERATIONS = 3  # over each of the growing beginnings before
+GUESS_INFORMATION = 1e-5  # pull to the start of a search, relative to the readings' information
 STATE_DIFFERENCE = 1e-6  # of a state, for the slopes of the search
 SLOPE_SAMPLES = 9  # readings whose slope is the first velocity
 LEAST_DESCENT = 1e-4  # share of the cost below which the search ends
@@ -238,29 +240,49 @@ class PlainModel:
     # ---- the state at the start ------------------------------------------------------------------
 
     def start_of(self, stretch: RecordedStretch, noise: Mapping[str, float]) -> Array:
-        """Estimate the state (states,) at the start of a stretch from its first readings."""
-        n = max(2, min(stretch.opening, len(stretch.times)))
-        y = np.column_stack([values[:n] for values in stretch.readings.values()])
+        """Estimate the state (states,) at the start of a stretch from its first readings.
+
+        Ever longer beginnings are fitted, because over a long one an error of the first guess grows
+        too far for its slopes.
+        """
+        most = max(2, min(stretch.opening, len(stretch.times)))
+        x, samples = self._guess(stretch), 2
+        while samples < most:
+            x = self._fitted_start(stretch, noise, x, samples, GROWING_ITERATIONS)
+            samples *= 2
+        return self._fitted_start(stretch, noise, x, most, START_ITERATIONS)
+
+    def _fitted_start(
+        self,
+        stretch: RecordedStretch,
+        noise: Mapping[str, float],
+        x: Array,
+        samples: int,
+        iterations: int,
+    ) -> Array:
+        """Damped Gauss-Newton from a start x (states,) over the first samples."""
+        y = np.column_stack([values[:samples] for values in stretch.readings.values()])
         weight = 1.0 / np.array([noise[column] for column in stretch.readings])
         weight = np.where(np.isnan(y), 0.0, weight)
-        y = np.nan_to_num(y)
-        x = self._guess(stretch)
+        y, guess = np.nan_to_num(y), x
 
         def residuals(starts: Array) -> Array:
-            simulated = self.simulate(stretch, starts, n)
+            simulated = self.simulate(stretch, starts, samples)
             return ((simulated - y) * weight).reshape(len(starts), -1)
 
         by = STATE_DIFFERENCE * np.maximum(1.0, np.abs(x))
         rows = residuals(x + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
         cost, damping = float(rows[0] @ rows[0]), 1e-3
-        for _ in range(START_ITERATIONS):
+        for _ in range(iterations):
             if not np.isfinite(rows).all():
                 return x
             slopes, r = (rows[1:] - rows[0]).T / by, rows[0]
             hessian = slopes.T @ slopes
             # a state that the readings do not show stays at its guess
             scale = np.diag(hessian) + 1e-9 * max(float(np.diag(hessian).max()), 1e-12)
-            tried = x - np.linalg.solve(hessian + np.diag(damping * scale), slopes.T @ r)
+            pull = GUESS_INFORMATION * np.diag(hessian)
+            step = slopes.T @ r + pull * (x - guess)
+            tried = x - np.linalg.solve(hessian + np.diag(damping * scale + pull), step)
             rows = residuals(tried + np.concatenate([np.zeros((1, len(x))), np.diag(by)]))
             new = float(rows[0] @ rows[0]) if np.isfinite(rows).all() else np.inf
             if new < cost:

@@ -53,7 +53,7 @@ class SoftFriction:
 
     loss: Expr
     rate: float
-    softness: float
+    softness: Expr
     velocity: Expr
 
 

@@ -415,11 +415,6 @@ class Tree:
             forces.append((part.mass, alone))
         return forces
 
-    def unit(self, factors: Factors, i: int) -> list[Expr]:
-        """A column of M^-1."""
-        unit_force = [expression(1.0 if k == i else 0.0) for k in range(self.n)]
-        return self.solve(factors, unit_force)
-
     @cached_property
     def bias_change(self) -> list[Expr]:
         """Change of the bias, as `inverse_dynamics`."""
@@ -432,16 +427,21 @@ class Tree:
         return [tangent(value, change) for value, change in pairs]
 
     def effective_inertia(self, j: int) -> Expr:
-        """Inertia at a joint of its motor and its load while the other joints give way.
+        """Inertia at a joint of its motor and its load while the other joints give way."""
+        return 1.0 / self.inverse_inertia({j: 1.0})
 
-        It is 1 / (M^-1)_jj, whose derivative is -u' dM u with u the column of M^-1.
+    def inverse_inertia(self, along: Mapping[int, float]) -> Expr:
+        """J M^-1 J' of a motion with the shares J by joint.
+
+        Its derivative is -u' dM u with u = M^-1 J'.
         """
-        column = self.unit(self.factors, j)
-        still = [held(u) for u in column]
+        force = [expression(along.get(i, 0.0)) for i in range(self.n)]
+        moved = self.solve(self.factors, force)
+        still = [held(u) for u in moved]
         change = ZERO
         for (i, k), m in self.mass_matrix.items():
             change = change - (1.0 if i == k else 2.0) * still[i] * still[k] * m
-        return 1.0 / tangent(column[j], change)
+        return tangent(sum((share * moved[j] for j, share in along.items()), ZERO), change)
 
     def link_inertia(self, i: int, j: int) -> Expr | None:
         """M_ij without the motors; None if neither joint carries the other."""

@@ -623,7 +623,9 @@ class _Writer:
         lag = {}
         if terms.lag and actuator.dynamics == "none":
             new.actuator_dynprm[i, 0] = terms.lag
-            lag = {"dyntype": "filterexact"}
+            # RK4 averages the rate over its stages, which an exact step would correct once more
+            is_averaged = self.file.word("mjtIntegrator", self.file.model.opt.integrator) == "rk4"
+            lag = {"dyntype": "filter" if is_averaged else "filterexact"}
         elif terms.lag:
             new.actuator_dynprm[i, 0] += terms.lag
             self.notes.append(f"{actuator.name}: its lags are written as one")

@@ -62,6 +62,7 @@ ARM = """<mujoco model="arm">
 """
 INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
 SAMPLES = 1000
+FINE = SimulatorSettings(0.001, "RK4")
 DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
 
 
@@ -99,10 +100,15 @@ def export(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0
 # ---- every effect as MuJoCo has it ---------------------------------------------------------------
 
 
-def errors(folder: Path, effects: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array, Any]:
+def errors(
+    folder: Path,
+    effects: Mapping[str, Mapping[str, float]],
+    text: str = ARM,
+    settings: SimulatorSettings = FINE,
+) -> tuple[Array, Array, Any]:
     """Mean absolute difference to pamid's model with the effects, of the old file and the new one
-    in plain MuJoCo, (readings,) each; and what was written."""
-    file, u = written(folder), commands()
+    in plain MuJoCo at these settings, (readings,) each; and what was written."""
+    file, u = written(folder, text), commands()
     nothing = dict.fromkeys(READINGS, np.zeros(SAMPLES))
     inputs = dict(zip(INPUTS, u.T, strict=True))
     values = {f"{k}:{name}": v for k, own in effects.items() for name, v in own.items()}
@@ -123,9 +129,8 @@ def errors(folder: Path, effects: Mapping[str, Mapping[str, float]]) -> tuple[Ar
                 replace(a, column=columns.get(i, "")) for i, a in enumerate(mechanism.actuators)
             ),
         )
-        settings = SimulatorSettings(0.001, "RK4")
         plain = PlainModel(open_mujoco(path), mechanism, settings=settings)
-        (y,) = plain.simulate(stretch, np.zeros((1, plain.states)))
+        (y,) = plain.simulate(stretch, plain._guess(stretch)[None])
         off.append(np.abs(y - truth).mean(axis=0))
     return off[0], off[1], made
 
@@ -191,6 +196,22 @@ def test_other_effects_are_written_in_their_nearest_form(
     assert now.sum() < share * before.sum()
 
 
+@pytest.mark.parametrize(
+    ("integrator", "dynamics"), [("RK4", "filter"), ("implicitfast", "filterexact")]
+)
+def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(
+    integrator: str, dynamics: str, tmp_path: Path
+) -> None:
+    """A step of RK4 follows a filter by itself; the other integrators need an exact one."""
+    step = '<option timestep="0.004"'
+    text = ARM.replace('<option timestep="0.002"', f'{step} integrator="{integrator}"')
+    lags = {f"first-order-lag@{c}": {"time_constant": 0.012} for c in ("ma_command", "mb_command")}
+    settings = SimulatorSettings(0.004 if integrator == "RK4" else 0.0001, integrator)
+    before, now, _ = errors(tmp_path, lags, text, settings)
+    assert f'dyntype="{dynamics}"' in (tmp_path / "new.xml").read_text()
+    assert now.sum() < 0.02 * before.sum()
+
+
 # ---- the command ---------------------------------------------------------------------------------
 
 TWO_FRICTIONS = ARM.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis').replace(
@@ -222,6 +243,23 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     printed = capsys.readouterr().out
     assert "in plain MuJoCo (2 ms, Euler)" in printed
     assert '<option timestep="0.001" integrator="RK4"/>' in printed
+
+
+def test_readings_weigh_by_the_noise_that_the_run_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The start of a stretch is estimated with the standard deviations of the sensors."""
+    file, weights = written(tmp_path), []
+
+    def errors_of(_: PlainModel, __: Any, noise: dict[str, float]) -> dict[str, float]:
+        weights.append(noise)
+        return dict.fromkeys(noise, 0.0)
+
+    monkeypatch.setattr(PlainModel, "errors", errors_of)
+    model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 0.15})
+    run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model, noise=0.02)
+    export(capsys, run, "--rig", file, "--to", "mjcf", "--output", tmp_path / "new.xml")
+    assert weights and all(noise == dict.fromkeys(READINGS, 0.02) for noise in weights)
 
 
 def test_a_file_that_got_worse_is_not_written(

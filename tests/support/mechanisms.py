@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.simulators.compiled_rig import CompiledMechanism
+from pamid.simulators.mechanism import write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.symbolic.expression import Expr, plain, symbol, walk
@@ -319,11 +320,18 @@ def parameters(rig: CompiledMechanism) -> dict[str, float]:
 
 
 def mujoco_at(
-    rig: CompiledMechanism, x: dict[str, float], u: dict[str, float]
+    rig: CompiledMechanism,
+    x: dict[str, float],
+    u: dict[str, float],
+    p: Mapping[str, float] | None = None,
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """MuJoCo's own accelerations, activation rates and readings in the same state."""
+    """MuJoCo's own accelerations, activation rates and readings in the same state, at these values
+    of the parameters (default: those of the file)."""
     mujoco, m = needs_mujoco(), rig.mechanism
     model = open_mujoco(m.path).model
+    if p is not None:
+        write_values(model, m, p)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     model.opt.tolerance, model.opt.iterations = 0.0, 200
     model.actuator_actearly[:] = 0  # a matter of the time step

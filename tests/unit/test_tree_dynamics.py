@@ -33,8 +33,25 @@ CLOSE = 1e-10
 def test_mujoco_gives_the_same_accelerations_and_readings(name: str, tmp_path: Path) -> None:
     rig = mechanisms.rig_from(MODELS[name], tmp_path)
     assert not rig.mechanism.hindrances
+    _judge(rig, mechanisms.parameters(rig))
+
+
+@pytest.mark.parametrize("name", ["terms", "seven", "rubbing"])
+def test_constraints_follow_masses_and_armatures_as_in_mujoco(name: str, tmp_path: Path) -> None:
+    """Their softness is in proportion to the inverse inertia of the changed model."""
+    rig = mechanisms.rig_from(MODELS[name], tmp_path)
+    factors = np.random.default_rng(4).uniform(0.5, 2.0, len(rig.parameters)).tolist()
+    p = {
+        k: v * (f if k.endswith(("_mass", "_armature")) else 1.0)
+        for (k, v), f in zip(mechanisms.parameters(rig).items(), factors, strict=True)
+    }
+    assert p != mechanisms.parameters(rig)
+    _judge(rig, p)
+
+
+def _judge(rig: mechanisms.CompiledMechanism, p: dict[str, float]) -> None:
+    """Compare with MuJoCo at random states and these values of the parameters."""
     here, random = mechanisms.AtStates(rig), np.random.default_rng(1)
-    p = mechanisms.parameters(rig)
     for _ in range(20):
         x = {s.name: float(random.choice([-1, 1]) * random.uniform(0.4, 2.0)) for s in rig.states}
         # from speeds at which some joints creep to those at which all friction is at its loss
@@ -45,7 +62,7 @@ def test_mujoco_gives_the_same_accelerations_and_readings(name: str, tmp_path: P
         x |= _within_yield(rig, x, random)
         u = {column: float(random.normal()) for column in rig.inputs}
         rates, readings = here(x, u, p)
-        judged, read = mechanisms.mujoco_at(rig, x, u)
+        judged, read = mechanisms.mujoco_at(rig, x, u, p)
         scale = max(map(abs, judged.values()))
         for key, value in judged.items():
             assert rates[key] == pytest.approx(value, rel=CLOSE, abs=CLOSE * scale), key
