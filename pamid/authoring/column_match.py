@@ -188,21 +188,9 @@ def match_columns(
 ) -> Match:
     """Assign recorded columns to those of a rig.
 
-    Parameters
-    ----------
-    recorded
-        Columns of the recording.
-    rig
-        Rig to match.
-    stated
-        Column of the rig -> recorded column; the user's assignments, which are not questioned.
-    held
-        Recorded columns that step from level to level, which no measured or moving quantity does.
-
-    Raises
-    ------
-    UsageError
-        A stated name does not exist on its side.
+    stated: column of the rig -> recorded column; the user's assignments, which are not questioned.
+    held: recorded columns that step from level to level, which no measured or moving quantity does.
+    Raises UsageError: a stated name does not exist on its side.
     """
     recorded, roles, stated = list(recorded), roles_of(rig), dict(stated or {})
     for wanted, column in stated.items():
@@ -285,17 +273,8 @@ def best_match(
     A match by units alone is reported, but not used. Two quantities of one kind do not identify a
     machine.
 
-    Parameters
-    ----------
-    held
-        As in `match_columns`.
-
-    Raises
-    ------
-    FileError
-        No rig matches, or only by units. The message lists the gaps of each rig.
-    UsageError
-        A stated name does not exist.
+    Raises FileError: no rig matches, or only by units. The message lists the gaps of each rig.
+    Raises UsageError: a stated name does not exist.
     """
     recorded = list(recorded)
     if like is not None:

@@ -35,13 +35,7 @@ from pamid.base.metrics import motion, runs_of
 from pamid.base.units import NONE, split_column
 from pamid.checks.findings import QualityIssue, advice, share_words
 from pamid.recording.file_checks import HUGE, TINY
-from pamid.recording.noise import (
-    MAY_BE_NOISE,
-    is_white,
-    noise_level,
-    plateaus,
-    quantisation_step,
-)
+from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, plateaus, quantisation_step
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -115,14 +109,7 @@ class CheckedSignal:
 def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
     """Measure step and noise of a column; all are 0 if it is not `measurable`.
 
-    Parameters
-    ----------
-    name
-        Column.
-    time, values
-        Stamps (s) and readings (n,).
-    sent
-        True for a command or a reference.
+    time, values: stamps (s) and readings (n,). sent: True for a command or a reference.
     """
     if not measurable(values):
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
@@ -302,19 +289,9 @@ def standstills(
 ) -> tuple[list[QualityIssue], Mask]:
     """Intervals in which the channel stands exactly still while others move.
 
-    Parameters
-    ----------
-    s
-        Channel.
-    aside
-        Mask of the samples with another explanation already.
-    liveliest
-        The other channel with the smallest share of standstill; None without one.
-
-    Returns
-    -------
-    list, Mask
-        Findings, and the mask of the frozen samples.
+    aside: mask of the samples with another explanation already. liveliest: the other channel with
+    the smallest share of standstill; None without one. Returns findings, and the mask of the frozen
+    samples.
     """
     if liveliest is None:
         return [], np.zeros(s.values.size, dtype=bool)
@@ -460,16 +437,8 @@ def level_issues(
 ) -> list[QualityIssue]:
     """Findings on a channel that is dead, coarse or noisy throughout.
 
-    Parameters
-    ----------
-    s
-        Channel.
-    others_move
-        True if other channels move.
-    usual_noise
-        Typical noise of its sensor, in the column's unit; 0 if unknown.
-    sent
-        Commands that may move the machine from level to level.
+    others_move: True if other channels move. usual_noise: typical noise of its sensor, in the
+    column's unit; 0 if unknown. sent: commands that may move the machine from level to level.
     """
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])

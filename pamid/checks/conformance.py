@@ -226,19 +226,7 @@ class ExcitedRig:
 
 
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
-    """Largest change of any output, relative to its size, with the effect at its null.
-
-    Parameters
-    ----------
-    rig
-        Rig that the effect acts on.
-    attachment
-        Effect at its ports.
-    draws
-        Random draws of the remaining parameters of the effect.
-    seed
-        Seed of the draws.
-    """
+    """Largest change of any output, relative to its size, with the effect at its null."""
     trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
@@ -288,16 +276,7 @@ def finite_everywhere(
 ) -> list[str]:
     """Points of the bounds, as text, at which the outputs are not finite; empty without any.
 
-    Parameters
-    ----------
-    rig
-        Rig to run.
-    attachment
-        Effect at its ports; None for the rig alone.
-    draws
-        Number of random points.
-    seed
-        Seed of the points.
+    attachment: effect at its ports; None for the rig alone.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
@@ -324,14 +303,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     If errors of the state grow exponentially, as in an undamped arm, large differences are not
     slopes.
 
-    Parameters
-    ----------
-    rig
-        Rig to run.
-    attachment
-        Effect at its ports; None for the rig alone.
-    seed
-        Seed of the random point.
+    attachment: effect at its ports; None for the rig alone.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
@@ -383,12 +355,7 @@ def _slope_errors(
     `SMALL_MOVE`. A channel that the parameter does not reach has NaN, because its differences are
     rounding errors.
 
-    Parameters
-    ----------
-    exact
-        Sensitivities (samples x channels).
-    scale
-        Size of every output.
+    exact: sensitivities (samples x channels).
     """
     up, down = p.copy(), p.copy()
     up[place], down[place] = p[place] + h, p[place] - h
@@ -440,15 +407,8 @@ def rig_findings(
 ) -> list[CheckOutcome]:
     """All findings on a rig without a recording.
 
-    Parameters
-    ----------
-    rig
-        Rig to check.
-    effects
-        Effects that may act on it.
-    slopes
-        Compare its sensitivities with differences. pamid generates those of a model file, and
-        nothing in the file can spoil them.
+    effects: effects that may act on it. slopes: compare its sensitivities with differences. pamid
+    generates those of a model file, and nothing in the file can spoil them.
     """
     try:
         tell("equations")

@@ -45,15 +45,6 @@ def echoed_inputs(
     """Findings on measured columns that carry the signal of an input or a reference.
 
     A controller derives its command from the reading, so inputs of a closed loop are not compared.
-
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig.
-    comparison
-        Comparison of the recording with the data sheet's run.
     """
     issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
@@ -76,17 +67,8 @@ def echoed_inputs(
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
     """RMS residual of an output after the closest echo of an input, and the delay of the echo.
 
-    Parameters
-    ----------
-    u, y
-        Input and output (samples,).
-    latest
-        Largest sum of delay and lag, in samples.
-
-    Returns
-    -------
-    float, float
-        Residual in the unit of y; delay plus lag, in samples.
+    u, y: input and output (samples,). latest: largest sum of delay and lag, in samples. Returns
+    residual in the unit of y; delay plus lag, in samples.
     """
     size = len(u)
     u, y = u - u[0], y - y.mean()

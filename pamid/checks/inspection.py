@@ -18,12 +18,7 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import background_findings, effect_findings, rig_findings
 from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
-from pamid.checks.recording_quality import (
-    before_a_fit,
-    channel_figures,
-    examine,
-    signals_of,
-)
+from pamid.checks.recording_quality import before_a_fit, channel_figures, examine, signals_of
 from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.ingest.matcher import with_stand_ins
@@ -81,17 +76,8 @@ def inspect(
     The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
     inside the file are listed, not raised.
 
-    Parameters
-    ----------
-    path
-        File, rig or effect.
-    rig
-        Rig of a recording; by default the one that its TOML names.
-
-    Raises
-    ------
-    FileError
-        The file is absent or of another kind.
+    rig: rig of a recording; by default the one that its TOML names. Raises FileError: the file is
+    absent or of another kind.
     """
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
@@ -213,10 +199,7 @@ def _recording(
         "known": recording.known,
         "controller": recording.controller,
         "columns": {name: _column(recording, name) for name in recording.columns},
-        "quality": {
-            "channels": channel_figures(recording, rig, signals),
-            "issues": issues,
-        },
+        "quality": {"channels": channel_figures(recording, rig, signals), "issues": issues},
         **({"between": between} if between else {}),
     }
     return about, findings, issues
@@ -378,8 +361,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
             attempt(lambda: sidecar_of(path, names, time))
     if time.size < MIN_SAMPLES and first.code != "empty":
         outcomes.setdefault(
-            "short",
-            fault("too-short", f"{time.size} samples, at least {MIN_SAMPLES} are needed"),
+            "short", fault("too-short", f"{time.size} samples, at least {MIN_SAMPLES} are needed")
         )
     suffixes = [
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)

@@ -70,20 +70,12 @@ PRESSURES_PA = (1.5e4, 3e7)  # of fluid-driven machines, gauge or absolute
 
 
 def examine(
-    recording: Recording,
-    rig: Rig | None = None,
-    signals: Sequence[CheckedSignal] | None = None,
+    recording: Recording, rig: Rig | None = None, signals: Sequence[CheckedSignal] | None = None
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig; without one, issues that need a model are left out.
-    signals
-        Result of `signals_of`, if it has been computed already.
+    rig: its rig; without one, issues that need a model are left out. signals: result of
+    `signals_of`, if it has been computed already.
     """
     absurd = _absurd(recording)
     if absurd:
@@ -161,17 +153,9 @@ def _rig_issues(
 
 
 def channel_figures(
-    recording: Recording,
-    rig: Rig | None = None,
-    signals: Sequence[CheckedSignal] | None = None,
+    recording: Recording, rig: Rig | None = None, signals: Sequence[CheckedSignal] | None = None
 ) -> dict[str, dict[str, float]]:
-    """Per column: span, step (0: none), noise; in the column's unit.
-
-    Parameters
-    ----------
-    recording, rig, signals
-        As in `examine`.
-    """
+    """Per column: span, step (0: none), noise; in the column's unit."""
     return {
         s.name: {"span": s.span, "step": s.step, "noise": s.noise}
         for s in (signals_of(recording, rig) if signals is None else signals)

@@ -83,22 +83,10 @@ def contradictions(
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """Issues in which the recording contradicts the rig.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig.
-    evidence
-        Comparison with the data sheet's run; None if the rig cannot run on the recording.
-    thorough
-        Also try slips of the data sheet, and look for channels that the rig does not explain.
-
-    Returns
-    -------
-    list, dict
-        Issues; and by kind of issue the columns that the rig has judged, which need no guess from
-        their values alone.
+    evidence: comparison with the data sheet's run; None if the rig cannot run on the recording.
+    thorough: also try slips of the data sheet, and look for channels that the rig does not explain.
+    Returns issues; and by kind of issue the columns that the rig has judged, which need no guess
+    from their values alone.
     """
     if evidence is None:
         return [], {}
@@ -360,15 +348,7 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 
 def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Findings on sensors that read one number throughout, although the machine moves them.
-
-    Parameters
-    ----------
-    recording, rig
-        Recording and its rig.
-    e
-        Comparison of the recording with the data sheet's run.
-    """
+    """Findings on sensors that read one number throughout, although the machine moves them."""
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []

@@ -23,11 +23,7 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
-from pamid.simulation.free_runs import (
-    choose_stepping,
-    free_run,
-    known_values,
-)
+from pamid.simulation.free_runs import choose_stepping, free_run, known_values
 from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
@@ -107,10 +103,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     data = data_of(rig, recording)
     names = data.measured(rig)
     assembly = Assembly(rig, outputs=names)
-    p, _ = known_values(
-        assembly,
-        {k: v for k, v in recording.known.items() if assembly.knows(k)},
-    )
+    p, _ = known_values(assembly, {k: v for k, v in recording.known.items() if assembly.knows(k)})
     u = data.inputs(assembly)[:MOST_COMPARED_SAMPLES]
     y = data.outputs(names)[:MOST_COMPARED_SAMPLES]
     order = [assembly.program.outputs.index(n) for n in names]

@@ -124,21 +124,10 @@ class FitData:
     ) -> FittedWindows:
         """Fit a rig to the data.
 
-        Parameters
-        ----------
-        rig
-            Rig to fit.
-        begin
-            Start point; by default the data sheet.
-        problem
-            Earlier fit of the same rig, whose model is compiled already.
-        stepping
-            Stepping of a fit that only differs in its inputs.
-        steps
-            Largest number of steps.
-        restart
-            Also start from the states that the readings show, if the fit is poor. A fit that took
-            no step, or that has parameters of zero, does so anyway.
+        begin: start point; by default the data sheet. problem: earlier fit of the same rig, whose
+        model is compiled already. stepping: stepping of a fit that only differs in its inputs.
+        restart: also start from the states that the readings show, if the fit is poor. A fit that
+        took no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
@@ -178,13 +167,8 @@ class FitData:
 def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
     """Windows of a recording to fit; None if it is too short, or if nothing moves.
 
-    Parameters
-    ----------
-    recording, rig
-        Recording and its rig.
-    timescales
-        Length of a window in correlation times of the recording. A window has at least
-        WINDOW_SAMPLES; longer windows are fewer.
+    timescales: length of a window in correlation times of the recording. A window has at least
+    WINDOW_SAMPLES; longer windows are fewer.
     """
     data = data_of(rig, recording)
     names = tuple(n for n in data.measured(rig) if motion(data.values[n]) > 0.0)

@@ -6,15 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.errors import PamidError
-from pamid.base.units import (
-    NONE,
-    Dimension,
-    is_unit,
-    known_symbols,
-    split_column,
-    unit,
-    with_unit,
-)
+from pamid.base.units import NONE, Dimension, is_unit, known_symbols, split_column, unit, with_unit
 from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit

@@ -212,11 +212,7 @@ def _refuse_filter(only: str, channels: Sequence[Channel], log: Log) -> None:
 
 
 def _head(
-    log: Log,
-    rig_name: str,
-    rig: Rig | None,
-    chosen: Mapping[str, Match],
-    notes: Sequence[str],
+    log: Log, rig_name: str, rig: Rig | None, chosen: Mapping[str, Match], notes: Sequence[str]
 ) -> list[str]:
     lines = [
         f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: please check it."

@@ -163,12 +163,7 @@ class Cluster:
             executor = self.client.get_executor(pure=False)
             waiting: dict[Future[Packed | Failed], int] = {
                 executor.submit(
-                    _done,
-                    kind,
-                    parts,
-                    _pickled(item),
-                    code_sha256(),
-                    key=f"{work.what}-{i}-{once}",
+                    _done, kind, parts, _pickled(item), code_sha256(), key=f"{work.what}-{i}-{once}"
                 ): i
                 for i, item in enumerate(items)
             }

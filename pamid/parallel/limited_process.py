@@ -60,34 +60,15 @@ class ProcessFailure(Exception):
 
 
 def run_limited(
-    function: str,
-    arguments: Mapping[str, Any],
-    folder: Path,
-    limits: ProcessLimits,
-    label: str,
+    function: str, arguments: Mapping[str, Any], folder: Path, limits: ProcessLimits, label: str
 ) -> dict[str, Any]:
     """Call a function in a child process and return its answer.
 
-    Parameters
-    ----------
-    function
-        "module:name" of a function of pamid; it takes `arguments` and `folder` by name and returns
-        a dict that JSON can hold.
-    arguments
-        Plain values.
-    folder
-        An empty temporary folder: the child's working folder, and the place of its files.
-    limits
-        What the child may take.
-    label
-        Progress text while it runs.
-
-    Raises
-    ------
-    FileError
-        As the function raised it (any `PamidError`).
-    ProcessFailure
-        The child crashed, or exceeded a limit.
+    function: "module:name" of a function of pamid; it takes `arguments` and `folder` by name and
+    returns a dict that JSON can hold. arguments: plain values. folder: an empty temporary folder:
+    the child's working folder, and the place of its files. limits: what the child may take. label:
+    progress text while it runs. Raises FileError: as the function raised it (any `PamidError`).
+    Raises ProcessFailure: the child crashed, or exceeded a limit.
     """
     request = {
         "function": function,

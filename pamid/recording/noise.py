@@ -209,15 +209,9 @@ def sensor_noise(
     sample to sample do not measure the error of a reading. Then the stated figure is the least.
     Without a stated figure, the lag of readings that cling counts as noise.
 
-    Parameters
-    ----------
-    parts
-        Each samples x channels.
-    stated
-        Standard deviation per channel from the rig, 0 where it states none.
-    inputs
-        The inputs of each part, samples x inputs. While all inputs rest, the machine may rest, too,
-        and a channel that stands still does not cling.
+    parts: each samples x channels. stated: standard deviation per channel from the rig, 0 where it
+    states none. inputs: the inputs of each part, samples x inputs. While all inputs rest, the
+    machine may rest, too, and a channel that stands still does not cling.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)

@@ -23,12 +23,7 @@ from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
-from pamid.correction.output_network import (
-    CHECKPOINT_FILE,
-    STARTUP_S,
-    Correction,
-    train_correction,
-)
+from pamid.correction.output_network import CHECKPOINT_FILE, STARTUP_S, Correction, train_correction
 from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.pipeline import Diagnosis, diagnose

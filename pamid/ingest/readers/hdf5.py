@@ -35,11 +35,7 @@ def read_hdf5(path: Path) -> Log:
 
 
 def _group(
-    builder: ChannelBuilder,
-    datasets: dict[str, Any],
-    group: Any,
-    name: str,
-    above: frozenset[int],
+    builder: ChannelBuilder, datasets: dict[str, Any], group: Any, name: str, above: frozenset[int]
 ) -> None:
     """Enter the datasets below a group that can be channels into `datasets`, by name."""
     import h5py

@@ -53,8 +53,7 @@ def read_lerobot(path: Path) -> Log:
     root = data_set_of(path)
     if root is None:
         raise FileError(
-            f"{path}: there is no {INFO} with the features of a LeRobot data set.",
-            code="damaged",
+            f"{path}: there is no {INFO} with the features of a LeRobot data set.", code="damaged"
         )
     info, features = read_json(root / INFO), _features(root)
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))

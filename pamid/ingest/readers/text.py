@@ -112,8 +112,7 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
         wide = "utf-16-be" if zeros[0] else "utf-16-le"
     if b"\0" in data and not wide:
         raise FileError(
-            f"{path} is not text: it contains zero bytes.",
-            "It may be damaged, or of another kind.",
+            f"{path} is not text: it contains zero bytes.", "It may be damaged, or of another kind."
         )
     text, used = "", ""
     for used in (wide,) if wide else ("utf-8-sig", *OLD_ENCODINGS):
