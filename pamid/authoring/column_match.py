@@ -210,7 +210,14 @@ def match_columns(
                 _integration_hint(column, wanted),
             )
     assigned = {
-        wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
+        wanted: Pair(
+            wanted,
+            column,
+            roles[wanted],
+            "you",
+            not compatible(split_column(column)[1], split_column(wanted)[1]),
+            1.0,
+        )
         for wanted, column in stated.items()
     }
     free = [column for column in recorded if column not in stated.values()]
@@ -256,10 +263,6 @@ def _has_all_columns(recorded: Iterable[str], rig: type[Rig]) -> bool:
 def _by_names(match: Match) -> bool:
     """True if both names of every pair agree, in units of one quantity."""
     return all(q.by == "name" and not q.scaled for q in match.pairs)
-
-
-def _same(symbol: str, wanted: str) -> bool:
-    return compatible(split_column(symbol)[1], split_column(wanted)[1])
 
 
 def best_match(

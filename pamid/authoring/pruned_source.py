@@ -219,7 +219,17 @@ class _Unused(SourceText):
     """Removes unused definitions."""
 
     def without(self) -> str:
-        self._locals()
+        for function in self.functions():
+            loaded = {
+                n.id
+                for n in ast.walk(function)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+            }
+            for node in function.body:
+                if isinstance(node, ast.Assign):
+                    names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
+                    if not names & loaded:
+                        self.drop(node)
         self._methods()
         used = {name for f in self.functions() for n in ast.walk(f) if (name := _port_of(n))}
         for table in ("ports", "background"):
@@ -232,19 +242,6 @@ class _Unused(SourceText):
             self.thin_tuple(parameters, lambda name: name in read)
         self._names()
         return self.edited()
-
-    def _locals(self) -> None:
-        for function in self.functions():
-            loaded = {
-                n.id
-                for n in ast.walk(function)
-                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
-            }
-            for node in function.body:
-                if isinstance(node, ast.Assign):
-                    names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
-                    if not names & loaded:
-                        self.drop(node)
 
     def _methods(self) -> None:
         called = {_read(node, "self") for node in ast.walk(self.kind)}

@@ -18,7 +18,7 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import background_findings, effect_findings, rig_findings
 from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
-from pamid.checks.recording_quality import before_a_fit, channel_figures, examine, signals_of
+from pamid.checks.recording_quality import before_a_fit, examine, signals_of
 from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.ingest.matcher import with_stand_ins
@@ -41,7 +41,6 @@ from pamid.recording.file_checks import (
 )
 from pamid.recording.recording import (
     MIN_SAMPLES,
-    FloatArray,
     Recording,
     match_column,
     read_recording,
@@ -199,7 +198,12 @@ def _recording(
         "known": recording.known,
         "controller": recording.controller,
         "columns": {name: _column(recording, name) for name in recording.columns},
-        "quality": {"channels": channel_figures(recording, rig, signals), "issues": issues},
+        "quality": {
+            "channels": {
+                s.name: {"span": s.span, "step": s.step, "noise": s.noise} for s in signals
+            },
+            "issues": issues,
+        },
         **({"between": between} if between else {}),
     }
     return about, findings, issues
@@ -354,7 +358,15 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         return list(outcomes.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
-    time = _time_column(path)
+    # readable stamps, one per row
+    stamps = []
+    for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
+        try:
+            stamps.append(float(row.split(",", 1)[0]))
+        except ValueError:
+            continue
+    time = np.array(stamps)
+    time = time[np.isfinite(time)]
     if time.size > 1:
         attempt(lambda: check_stamps(path, time))
         if first.code != "sampling-period":
@@ -372,18 +384,6 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         if not n.rsplit("_", 1)[1].isdigit()
     }
     return list(outcomes.values())
-
-
-def _time_column(path: Path) -> FloatArray:
-    """Readable stamps, one per row."""
-    stamps = []
-    for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
-        try:
-            stamps.append(float(row.split(",", 1)[0]))
-        except ValueError:
-            continue
-    time = np.array(stamps)
-    return time[np.isfinite(time)]
 
 
 # ---- rig and effect files ----------------------------------------------------------------------

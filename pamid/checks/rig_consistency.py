@@ -34,7 +34,7 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.checks.channel_quality import PLUGGED
-from pamid.checks.findings import QualityIssue, advice, issue
+from pamid.checks.findings import QualityIssue, issue
 from pamid.checks.sheet_comparison import (
     SheetComparison,
     magnitude_sensor_signs,
@@ -146,14 +146,10 @@ def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
 
 def _clock_issue(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
     period = recording.sampling_period_s
-    return issue(
-        "clock",
-        "time_s",
-        "wrong",
-        f"samples are {period:g} s apart, {text}",
-        f"The stamps look like {looks}." if looks else "Are the stamps seconds?",
-        {"period_s": period, "ratio": ratio},
-    )
+    message = f"samples are {period:g} s apart, {text}"
+    hint = f"The stamps look like {looks}." if looks else "Are the stamps seconds?"
+    figures = {"period_s": period, "ratio": ratio}
+    return issue("clock", "time_s", message, hint, figures, wrong=True)
 
 
 # ---- slips ---------------------------------------------------------------------------------------
@@ -191,8 +187,7 @@ def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> 
     bend = figures["tolerances_as_recorded"]
     if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
         evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
-    severity = "wrong" if first.wrong else "advice"
-    return issue(slip.kind, names, severity, f"{message}: {evidence}", hint, figures)
+    return issue(slip.kind, names, f"{message}: {evidence}", hint, figures, wrong=first.wrong)
 
 
 def _slip_words(
@@ -294,15 +289,9 @@ def _unexplained_channels(
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit is off by {left[k]:.2g} times the motion"
-    return [
-        advice(
-            "far-off",
-            tuple(columns[i] for i in shown),
-            text,
-            _unit_advice(every) + _blind(columns[k], e, k),
-            {"error": float(missed[k])},
-        )
-    ]
+    hint = _unit_advice(every) + _blind(columns[k], e, k)
+    names = tuple(columns[i] for i in shown)
+    return [issue("far-off", names, text, hint, {"error": float(missed[k])})]
 
 
 def _relative_errors(e: SheetComparison) -> Array:
@@ -353,28 +342,18 @@ def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qua
     if not e.ran or still.all():
         return []
     issues = []
-    for k, (name, column) in enumerate(
-        zip(e.names, recorded_columns(e.names, recording), strict=True)
-    ):
+    for k, column in enumerate(recorded_columns(e.names, recording)):
+        values, name = recording.columns[column], e.names[k]
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
-        if (
-            still[k]
-            and motion(recording.columns[column]) == 0.0
-            and moves > LIVELY * rig.noise.get(name, 0.0)
-        ):
-            value, symbol = float(recording.columns[column][0]), split_column(column)[1]
+        if still[k] and motion(values) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
+            value, symbol = float(values[0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
-            issues.append(
-                issue(
-                    "dead",
-                    column,
-                    "wrong",
-                    f"{column} is constant ({shown}) throughout, where the "
-                    f"model of rig {rig.name!r} moves",
-                    f"{PLUGGED} Leave the column out if it was not measured.",
-                    {"value": value},
-                )
+            message = (
+                f"{column} is constant ({shown}) throughout, where the model of rig {rig.name!r} "
+                "moves"
             )
+            hint = f"{PLUGGED} Leave the column out if it was not measured."
+            issues.append(issue("dead", column, message, hint, {"value": value}, wrong=True))
     return issues
 
 
@@ -413,16 +392,11 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             else "No rig responds before its command: shift the channel, or the command, in the "
             "raw log."
         )
-        issues.append(
-            advice(
-                "delay",
-                columns,
-                f"{listed(columns)} {many} {duration_text(abs(delay))} "
-                f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}",
-                hint,
-                {"delay_s": delay},
-            )
+        message = (
+            f"{listed(columns)} {many} {duration_text(abs(delay))} "
+            f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}"
         )
+        issues.append(issue("delay", columns, message, hint, {"delay_s": delay}))
     return issues
 
 
@@ -470,13 +444,8 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
         if text := idle_text(name, values, change, e.names, noise):
             symbol = split_column(name)[1]
             low, high = (float(from_si(x, symbol)) for x in (values.min(), values.max()))
-            issues.append(
-                advice(
-                    "idle-input",
-                    recorded_columns((name,), recording),
-                    f"in the data sheet's model of rig {rig.name!r} {text}",
-                    IDLE_CURE,
-                    {"low": low, "high": high, "most_of_noise": float((change / noise).max())},
-                )
-            )
+            message = f"in the data sheet's model of rig {rig.name!r} {text}"
+            figures = {"low": low, "high": high, "most_of_noise": float((change / noise).max())}
+            columns = recorded_columns((name,), recording)
+            issues.append(issue("idle-input", columns, message, IDLE_CURE, figures))
     return issues

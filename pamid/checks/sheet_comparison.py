@@ -128,7 +128,15 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
 
     @cache
     def shown() -> Array:
-        return _shown_start(Runner(assembly, track_of(assembly, data, names), steps), p)
+        # state of the model according to the first readings, (states,)
+        runner = Runner(assembly, track_of(assembly, data, names), steps)
+        y, memory = runner.track.y, runner.memory(p)
+        window = Window(0, min(OPENING_SAMPLES, len(y)))
+        noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
+        weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
+        start, n = memory.x.copy(), runner.start_states
+        start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
+        return start
 
     def follow(values: Array, samples: int) -> Array | None:
         return simulate(u[:samples], values, start=shown())
@@ -137,17 +145,6 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     model = np.full_like(y, np.nan) if outputs is None else outputs
     inputs = tuple(assembly.traced.inputs)
     return SheetComparison(names, inputs, y, u, model, simulate, follow, assembly, p)
-
-
-def _shown_start(runner: Runner, p: Array) -> Array:
-    """State of the model according to the first readings, (states,)."""
-    y, memory = runner.track.y, runner.memory(p)
-    window = Window(0, min(OPENING_SAMPLES, len(y)))
-    noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
-    weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
-    start, n = memory.x.copy(), runner.start_states
-    start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
-    return start
 
 
 def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:

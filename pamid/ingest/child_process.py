@@ -62,7 +62,18 @@ def read_in_child(path: Path, kind: str) -> Log:
             raise FileError(
                 error.message.replace(whole, str(path)), error.hint, code=error.code
             ) from error
-        return _unpacked_log(path, answer, folder)
+        arrays = load_arrays(folder / "channels.npz", most=LOG)
+        channels = tuple(
+            Channel(
+                name,
+                arrays[f"values_{index}"],
+                arrays[stamps] if stamps else None,
+                unit,
+                None if robot is None else RobotValue(**robot),
+            )
+            for index, (name, unit, stamps, robot) in enumerate(answer["channels"])
+        )
+        return Log(path, answer["kind"], channels, tuple(answer["details"]))
 
 
 def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
@@ -90,18 +101,3 @@ def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
         "details": log.details,
         "kind": log.kind,
     }
-
-
-def _unpacked_log(path: Path, answer: dict[str, Any], folder: Path) -> Log:
-    arrays = load_arrays(folder / "channels.npz", most=LOG)
-    channels = tuple(
-        Channel(
-            name,
-            arrays[f"values_{index}"],
-            arrays[stamps] if stamps else None,
-            unit,
-            None if robot is None else RobotValue(**robot),
-        )
-        for index, (name, unit, stamps, robot) in enumerate(answer["channels"])
-    )
-    return Log(path, answer["kind"], channels, tuple(answer["details"]))

@@ -126,7 +126,14 @@ def _by_stamps(
                 "Choose a time.source with the same number of rows.",
                 code="rows",
             )
-        _require_sane(channel, log)
+        far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
+        if far.size:
+            raise FileError(
+                f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row "
+                f"{far[0] + 1} ({far.size} such values).",
+                "If it marks missing values, empty these cells.",
+                code="cell",
+            )
         if (turn := turns.get(channel.name)) is not None:
             stamps, channel = stamps[turn], replace(channel, values=channel.values[turn])
         course = SampledColumn(
@@ -178,18 +185,6 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
     return np.asarray(stamps - finite[0], dtype=np.float64)
 
 
-def _require_sane(channel: Channel, log: Log) -> None:
-    """Raise FileError for a huge number, by which some loggers mark a missing value."""
-    far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
-    if far.size:
-        raise FileError(
-            f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row {far[0] + 1} "
-            f"({far.size} such values).",
-            "If it marks missing values, empty these cells.",
-            code="cell",
-        )
-
-
 def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> FloatArray:
     pressure = atmosphere if signal.absolute else 0.0
     if signal.unit is not None:
@@ -212,7 +207,22 @@ def _clock(
         and all(c.signal.hold for c in group.sampled)
         and not _regular(group.stamps)
     ):
-        return _events(group, place)
+        # events: each value holds until the next one, so any spacing is valid
+        keep = np.flatnonzero(np.isfinite(group.stamps))
+        keep = keep[np.argsort(group.stamps[keep], kind="stable")]
+        if not keep.size:
+            raise DataError(f"{place}: no value has a stamp.", code="too-short")
+        keep = keep[np.append(np.diff(group.stamps[keep]) > 0.0, True)]
+        latest = tuple(
+            replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
+            for c in group.sampled
+        )
+        times = group.stamps[keep]
+        rows = Rows(keep, times, (0,), False, ())
+        step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
+        return Clock(
+            group.name, latest, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
+        )
     rows = usable_rows(group.stamps, [c.values for c in group.sampled], place)
     staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
     try:
@@ -249,27 +259,6 @@ def _regular(stamps: FloatArray) -> bool:
     steps = np.diff(stamps)
     usual = float(np.median(steps)) if steps.size >= MIN_SAMPLES else 0.0
     return usual > 0.0 and float(np.mean(np.abs(steps - usual) <= UNIFORM_TO * usual)) > 0.5
-
-
-def _events(group: Group, place: str) -> Clock:
-    """Clock of events: each value holds until the next one, so any spacing is valid."""
-    stamps = group.stamps
-    keep = np.flatnonzero(np.isfinite(stamps))
-    keep = keep[np.argsort(stamps[keep], kind="stable")]
-    if not keep.size:
-        raise DataError(f"{place}: no value has a stamp.", code="too-short")
-    last = np.append(np.diff(stamps[keep]) > 0.0, True)
-    keep = keep[last]
-    latest = tuple(
-        replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
-        for c in group.sampled
-    )
-    times = stamps[keep]
-    rows = Rows(keep, times, (0,), False, ())
-    step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
-    return Clock(
-        group.name, latest, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
-    )
 
 
 def _choose(

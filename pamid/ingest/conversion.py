@@ -229,22 +229,18 @@ def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
         else:
             last = step if track.course.signal.hold else 0.0
             covered = [(float(t[0]), float(t[-1]) + last) for t, _ in track.pieces]
-        common = _overlap(common, covered)
+        # intersection of two ordered lists of stretches
+        both, i, j = [], 0, 0
+        while i < len(common) and j < len(covered):
+            begin, end = max(common[i][0], covered[j][0]), min(common[i][1], covered[j][1])
+            if begin < end:
+                both.append((begin, end))
+            if common[i][1] < covered[j][1]:
+                i += 1
+            else:
+                j += 1
+        common = both
     return common
-
-
-def _overlap(items: list[Stretch], other: list[Stretch]) -> list[Stretch]:
-    """Intersection of two ordered lists of stretches."""
-    both, i, j = [], 0, 0
-    while i < len(items) and j < len(other):
-        begin, end = max(items[i][0], other[j][0]), min(items[i][1], other[j][1])
-        if begin < end:
-            both.append((begin, end))
-        if items[i][1] < other[j][1]:
-            i += 1
-        else:
-            j += 1
-    return both
 
 
 def _recording(

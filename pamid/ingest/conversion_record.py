@@ -25,7 +25,7 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
-from pamid.ingest.conversion import ColumnPieces, Conversion, ConvertedRecording
+from pamid.ingest.conversion import ColumnPieces, Conversion
 from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
 from pamid.schemas import ingest_file as result
@@ -125,7 +125,19 @@ def conversion_records(
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
     return [
-        shared.model_copy(update={"recording": _of_recording(recording, path, conversion)})
+        shared.model_copy(
+            update={
+                "recording": result.RecordingMade(
+                    path=str(path),
+                    samples=recording.time.size,
+                    sampling_period_s=conversion.period,
+                    duration_s=recording.time.size * conversion.period,
+                    columns=tuple(recording.columns),
+                    begins_s=recording.begins_s,
+                    first_row=recording.first_row,
+                )
+            }
+        )
         for conversion, part in zip(conversions, outputs, strict=True)
         for shared in [_of_log(conversion, mapping_file)]
         for recording, path in zip(conversion.recordings, part, strict=True)
@@ -230,20 +242,6 @@ def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
         at_limit=at_limit(values[~empty]),
         filtered=track.coarser(conversion.period * conversion.stretch),
         **about,
-    )
-
-
-def _of_recording(
-    recording: ConvertedRecording, path: Path, conversion: Conversion
-) -> result.RecordingMade:
-    return result.RecordingMade(
-        path=str(path),
-        samples=recording.time.size,
-        sampling_period_s=conversion.period,
-        duration_s=recording.time.size * conversion.period,
-        columns=tuple(recording.columns),
-        begins_s=recording.begins_s,
-        first_row=recording.first_row,
     )
 
 

@@ -113,7 +113,19 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
     if best.delimiter == "," and best.width > 1:
         _refuse_two_commas(path, best, cells)
     decimal = decimal_mark(cells, str(path))
-    _refuse_short_row(path, best)
+    above = best.above
+    if (
+        above
+        and "t" not in best.kinds[above]
+        and len(best.kinds[above - 1]) == best.width
+        and ("n" in best.kinds[above - 1])
+    ):
+        raise FileError(
+            f"{path}, line {above + 1}: {len(best.rows[above])} cells, the others have "
+            f"{best.width}.",
+            "The log may be damaged there. Correct or delete the line.",
+            code="ragged",
+        )
     names, units, notes = _names(path, best)
     word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
     decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
@@ -261,23 +273,6 @@ def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
         "each number.",
         code="two-commas",
     )
-
-
-def _refuse_short_row(path: Path, guess: _Guess) -> None:
-    """Raise FileError for a row of numbers with the wrong width within the table."""
-    above = guess.above
-    if (
-        above
-        and "t" not in guess.kinds[above]
-        and len(guess.kinds[above - 1]) == guess.width
-        and ("n" in guess.kinds[above - 1])
-    ):
-        raise FileError(
-            f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have "
-            f"{guess.width}.",
-            "The log may be damaged there. Correct or delete the line.",
-            code="ragged",
-        )
 
 
 def _fits(row: list[str], width: int) -> bool:

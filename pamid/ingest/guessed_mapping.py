@@ -104,7 +104,20 @@ def guess_of(
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
     if not matched:
-        _refuse_empty(log, rig, rest, notes)
+        if rig is None or not rest:
+            why = f" ({'; '.join(notes)})" if notes else ""
+            raise FileError(
+                f"{log.path}: there is no channel to map{why}.",
+                "Is it a table of numbers?",
+                code="no-signals",
+            )
+        raise FileError(
+            f"{log.path}: none of its channels ({listed(c.name for c in rest)}) fits a column of "
+            f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
+            "Leave --rig out to map every channel under its name. In that mapping give the signals "
+            "the rig's names, as [signals.angle_deg].",
+            code="no-signals",
+        )
     clock = with_diagnosis(clock, measured)
     notes += clock.notes
     period: float | str | None = answers.period_s or clock.period(usual)
@@ -149,24 +162,6 @@ def _clock_and_channels(
         if c.name in turns
     ]
     return clock, [*apart, *(c for c in channels if c.stamps is not None)], notes
-
-
-def _refuse_empty(log: Log, rig: Rig | None, channels: Sequence[Channel], notes: list[str]) -> None:
-    """Raise FileError because no channel is mapped."""
-    if rig is None or not channels:
-        why = f" ({'; '.join(notes)})" if notes else ""
-        raise FileError(
-            f"{log.path}: there is no channel to map{why}.",
-            "Is it a table of numbers?",
-            code="no-signals",
-        )
-    raise FileError(
-        f"{log.path}: none of its channels ({listed(c.name for c in channels)}) fits a column of "
-        f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
-        "Leave --rig out to map every channel under its name. In that mapping give the signals the "
-        "rig's names, as [signals.angle_deg].",
-        code="no-signals",
-    )
 
 
 def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:

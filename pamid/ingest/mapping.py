@@ -209,7 +209,14 @@ def resolved_signals(
     for column, signal in mapping.signals.items():
         if rig is not None:
             for wanted in (*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)):
-                _known_unit(column, wanted, where)
+                try:
+                    match_column(column, wanted)
+                except PamidError as error:
+                    raise FileError(
+                        f"{where}: signals: {error.message}",
+                        "Name the column with such an ending; the source may be in any unit.",
+                        code="unit",
+                    ) from None
         hold = column in held or (
             rig is None and split_column(column)[0].split("_")[0] in ("command", "reference")
         )
@@ -370,17 +377,6 @@ def _held(rig: Rig) -> list[str]:
     return [*loops, *(name for name in rig.inputs if name not in rig.optional)]
 
 
-def _known_unit(column: str, wanted: str, where: str) -> None:
-    try:
-        match_column(column, wanted)
-    except PamidError as error:
-        raise FileError(
-            f"{where}: signals: {error.message}",
-            "Name the column with such an ending; the source may be in any unit.",
-            code="unit",
-        ) from None
-
-
 def _check_column(column: str, where: str) -> None:
     if column == TIME:
         raise FileError(
@@ -424,7 +420,10 @@ def _explain(error: ValidationError, where: str) -> FileError:
         return FileError(f"{where}: {place} is missing.", hint, code="mapping")
     shown = _shown(given)
     if kind == "literal_error":
-        allowed = _allowed(first["ctx"]["expected"])
+        allowed = [
+            word.replace("'", '"')
+            for word in re.findall(r"'[^']*'|-?\d+", first["ctx"]["expected"])
+        ]
         hint = (
             _GAUGE
             if path[-1] == "pressure"
@@ -452,10 +451,6 @@ def _fields(path: list[str]) -> Iterable[str]:
         "signals": SignalMap,
     }
     return (models[path[0]] if path else Mapping).model_fields
-
-
-def _allowed(expected: str) -> list[str]:
-    return [word.replace("'", '"') for word in re.findall(r"'[^']*'|-?\d+", expected)]
 
 
 def _shown(value: Any) -> str:

@@ -77,7 +77,17 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
 
     Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
     """
-    keep, repairs = _rows_with_stamp(stamps, place)
+    # rows whose stamp is a time, and the repair of the others
+    keep, repairs = np.flatnonzero(np.abs(stamps) < AGES), []
+    if lost := stamps.size - keep.size:
+        repairs.append(
+            Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out")
+        )
+    if keep.size < MIN_SAMPLES:
+        raise DataError(
+            f"{place}: {keep.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
+            code="too-short",
+        )
     keep, stamps, starts, more = _rising(keep, stamps, signals, place)
     repairs += more
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
@@ -134,23 +144,6 @@ def _one_row_per_stamp(
     return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
 
 
-def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Repair]]:
-    """Rows whose stamp is a time, and the repair of the others."""
-    finite = np.flatnonzero(np.abs(stamps) < AGES)
-    repairs = []
-    if finite.size < stamps.size:
-        lost = stamps.size - finite.size
-        repairs.append(
-            Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out")
-        )
-    if finite.size < MIN_SAMPLES:
-        raise DataError(
-            f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
-            code="too-short",
-        )
-    return finite, repairs
-
-
 def _rising(
     written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
 ) -> tuple[IntArray, FloatArray, list[int], list[Repair]]:
@@ -178,7 +171,12 @@ def _rising(
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
         steps_back = ", ".join(f"{step:.4g} s" for step in back[:3])
-        stamps = _running_on(stamps, keep, starts)
+        # stamps with every piece after the one before it, since the size of the step is unknown
+        shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
+        for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
+            rows = keep[start:end]
+            shifted[rows] += shifted[keep[start - 1]] + pause - stamps[rows[0]]
+        stamps = shifted
         repairs.append(
             Repair(
                 "clock-set-back",
@@ -281,7 +279,13 @@ def rough_period(rows: Rows) -> float:
         or abs(float(single.mean()) - middle) > 0.002 * middle
         or np.mean(np.abs(single - middle) <= 0.05 * middle) <= 0.5
     ):
-        middle = _period_by_stretches(rows)
+        # period (s) over many rows, for variable steps
+        longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
+        stamps = rows.stamps[longest]
+        runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
+        lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
+        period = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+        middle = period if rows.blocks or period <= FASTEST else _sharpest(stamps, period)
     if not FASTEST < middle < AGES / 1e3 or steps.sum() > AGES * middle:
         raise DataError(
             f"The stamps have no sampling period: most rows are {middle:.3g} s apart.",
@@ -289,16 +293,6 @@ def rough_period(rows: Rows) -> float:
             code="time-base",
         )
     return middle
-
-
-def _period_by_stretches(rows: Rows) -> float:
-    """Period (s) over many rows, for variable steps."""
-    longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
-    stamps = rows.stamps[longest]
-    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
-    lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
-    period = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
-    return period if rows.blocks or period <= FASTEST else _sharpest(stamps, period)
 
 
 def count_samples(stamps: FloatArray, period: float) -> IntArray:
@@ -420,15 +414,6 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
                 "It is probably not a clock. Name the channel with the time in [time] source.",
                 code="stamps-unsorted",
             )
-
-
-def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Stamps with every piece after the one before it, since the size of the step is unknown."""
-    shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
-    for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
-        rows = keep[start:end]
-        shifted[rows] += shifted[keep[start - 1]] + pause - stamps[rows[0]]
-    return shifted
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property, lru_cache, partial
 from importlib import metadata
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -175,7 +175,13 @@ class _Digests:
         code = getattr(f, "__code__", None)
         if _ours(f.__module__) or code is None:
             return self._all("function", name, bound, *held)
-        return self._all("function", name, bound, _source(f.__module__) or _code(code), *held)
+        return self._all(
+            "function",
+            name,
+            bound,
+            _source(f.__module__) or marshal.dumps(code.replace(co_filename=""), 2),
+            *held,
+        )
 
 
 def _parts(thing: object) -> list[tuple[str, object]]:
@@ -203,11 +209,6 @@ def _sha(*parts: bytes) -> bytes:
 
 def _ours(module: str | None) -> bool:
     return (module or "").split(".")[0] == "pamid"
-
-
-def _code(code: CodeType) -> bytes:
-    # later formats depend on reference counts
-    return marshal.dumps(code.replace(co_filename=""), 2)
 
 
 @lru_cache

@@ -17,8 +17,10 @@ from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import DataError
 from pamid.base.progress import silent
-from pamid.checks.recording_quality import blocking, examine
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import before_a_fit, examine
 from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import split_recordings
 
@@ -63,6 +65,10 @@ class Tanks(Rig):
     def measure(self, x, u, p, port):
         return {"level_v": port("sensor", x.lower)}
 '''  # noqa: E501
+
+
+def blocking(recording: Recording, rig: Rig) -> list[QualityIssue]:
+    return [i for i in before_a_fit(recording, rig) if i.severity == "wrong"]
 
 
 @pytest.fixture(scope="module")

@@ -12,13 +12,18 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import blocking, examine
+from pamid.checks.recording_quality import before_a_fit, examine
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+
+def blocking(recording: Recording, rig: Rig) -> list[QualityIssue]:
+    return [i for i in before_a_fit(recording, rig) if i.severity == "wrong"]
+
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]

@@ -51,7 +51,9 @@ def _group(
         item = group[key]
         if isinstance(item, h5py.Dataset):
             _dataset(builder, datasets, item, inside)
-        elif isinstance(item, h5py.Group) and _is_of_octave(item):
+        elif isinstance(item, h5py.Group) and (
+            "OCTAVE_NEW_FORMAT" in item.attrs and set(item) == {"type", "value"}
+        ):
             if isinstance(item["value"], h5py.Group):
                 _group(builder, datasets, item["value"], inside, above | {address})
             else:
@@ -72,10 +74,6 @@ def charge_hdf5(builder: ChannelBuilder, path: Path) -> None:
 
     with h5py.File(path, "r") as file:
         file.visititems(charge)
-
-
-def _is_of_octave(group: Any) -> bool:
-    return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
 
 
 def _dataset(builder: ChannelBuilder, datasets: dict[str, Any], dataset: Any, name: str) -> None:

@@ -56,7 +56,7 @@ def read_matlab(path: Path) -> Log:
 
 def _loader(head: bytes) -> Callable[[str], dict[str, Any]]:
     """The function that reads all variables of such a file, as arrays of MATLAB's kinds."""
-    if _has_objects(head):
+    if _is_hdf5(head) or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b""):
         from matio import load_from_mat
 
         return load_from_mat
@@ -72,12 +72,6 @@ def _head(path: Path) -> bytes:
 
 def _is_hdf5(head: bytes) -> bool:
     return head[512:520] == b"\x89HDF\r\n\x1a\n"
-
-
-def _has_objects(head: bytes) -> bool:
-    """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes
-    are kept."""
-    return _is_hdf5(head) or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b"")
 
 
 def _plain(value: Any) -> Any:
@@ -226,25 +220,25 @@ def read_octave_text(path: Path) -> Log:
             and head.get("rows", "").isdecimal()
             and head.get("columns", "").isdecimal()
         ):
-            _matrix(builder, path, lines, int(head["rows"]), int(head["columns"]))
+            rows, columns = int(head["rows"]), int(head["columns"])
+            numbers = [line for line in lines[1:] if not line.startswith("#")]
+            written = sum(len(line.split()) for line in numbers)
+            most = max(written, rows * columns)
+            builder.budget.charge(lines[0], most, raw=CELL_TEXT_BYTES * written)
+            cells = " ".join(numbers).split()
+            if len(cells) != rows * columns:
+                raise FileError(
+                    f"{path}: {lines[0]} has {len(cells)} values, but its header has {rows} x "
+                    f"{columns}.",
+                    "The file is damaged or truncated. Save it again.",
+                    code="damaged",
+                )
+            values = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
+            builder.add(lines[0], values.reshape(rows, columns))
         elif kind not in OCTAVE_STRUCTS:
             builder.leave_out(lines[0], f"{kind}, save it with -v7")
     builder.note("text saved by Octave")
     return builder.log(path, "mat")
-
-
-def _matrix(builder: ChannelBuilder, path: Path, lines: list[str], rows: int, columns: int) -> None:
-    written = sum(len(line.split()) for line in lines[1:] if not line.startswith("#"))
-    builder.budget.charge(lines[0], max(written, rows * columns), raw=CELL_TEXT_BYTES * written)
-    cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
-    if len(cells) != rows * columns:
-        raise FileError(
-            f"{path}: {lines[0]} has {len(cells)} values, but its header has {rows} x {columns}.",
-            "The file is damaged or truncated. Save it again.",
-            code="damaged",
-        )
-    numbers = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
-    builder.add(lines[0], numbers.reshape(rows, columns))
 
 
 KIND = Kind(

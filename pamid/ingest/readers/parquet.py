@@ -33,7 +33,15 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
-        declared = _declared(file)
+        # how many values the footer declares, by column
+        declared: Counter[str] = Counter()
+        groups = (file.metadata.row_group(index) for index in range(file.metadata.num_row_groups))
+        for group in groups:
+            for index in range(group.num_columns):
+                chunk = group.column(index)  # its path is NAME or NAME.list.element
+                parts = chunk.path_in_schema.split(".")
+                for end in range(1, len(parts) + 1):
+                    declared[".".join(parts[:end])] += chunk.num_values
         rows = file.metadata.num_rows
         reserved = [  # the sum of all is known before any is read; a decimal has 16 bytes
             name
@@ -99,19 +107,6 @@ def _columns(builder: ChannelBuilder, file: Any) -> list[str]:
         else:
             builder.leave_out(field.name, f"of type {kind}")
     return readable
-
-
-def _declared(file: Any) -> Counter[str]:
-    """How many values the footer declares, by column; of lists those inside."""
-    declared: Counter[str] = Counter()
-    groups = (file.metadata.row_group(index) for index in range(file.metadata.num_row_groups))
-    for group in groups:
-        for index in range(group.num_columns):
-            chunk = group.column(index)  # its path is NAME or NAME.list.element
-            parts = chunk.path_in_schema.split(".")
-            for end in range(1, len(parts) + 1):
-                declared[".".join(parts[:end])] += chunk.num_values
-    return declared
 
 
 def _values(pyarrow: Any, column: Any) -> Any:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -77,7 +76,10 @@ def read_text(path: Path) -> Log:
     text, encoding = decode(builder.budget)
     text, serial = as_table(text)
     head = text.split("\n", SAMPLE)[:SAMPLE]
-    _refuse_messages(head, path)
+    lines = [line for line in head if line.strip()]
+    for pattern, what, hint in _MESSAGES:
+        if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
+            raise FileError(f"{path} contains {what}.", hint, code="messages")
     dialect = find_dialect(path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
     builder.note(f"encoding: {encoding}")
@@ -87,14 +89,6 @@ def read_text(path: Path) -> Log:
     mark = "," if dialect.delimiter == "," else "\n"  # no decimal mark then
     stated = stated_period(line.replace(mark, mark + " ") for line in head[: dialect.first])
     return replace(builder.log(path, "csv"), stated=stated)
-
-
-def _refuse_messages(head: Sequence[str], path: Path) -> None:
-    """Raise FileError for text that is not a table: lists of messages, or frames of a bus."""
-    lines = [line for line in head if line.strip()]
-    for pattern, what, hint in _MESSAGES:
-        if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
-            raise FileError(f"{path} contains {what}.", hint, code="messages")
 
 
 def decode(budget: MemoryBudget) -> tuple[str, str]:
