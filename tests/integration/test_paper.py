@@ -15,13 +15,13 @@ from pamid.base.json_file import read_json
 from pamid.base.metrics import mae
 from pamid.model.registry import effects
 from pamid.recording.recording import read_recording
-from pamid.replications import joint_paper as paper
 from pamid.replications.joint_twin import (
     TWIN_INERTIAS,
     Twin,
     analytic_loop,
     calibration,
 )
+from pamid.replications.papers import joint as paper
 from pamid.replications.papers.joint import text as table_text
 
 SMALL = (
