@@ -103,29 +103,20 @@ def _delayed_residual(u: Array, y: Array, most: int) -> tuple[float, float]:
 def _model_echoes(comparison: SheetComparison, source: int, output: int, latest: float) -> bool:
     """True if the rig's model follows this input as closely, at most `latest` samples late."""
     stepped = isinstance(comparison.assembly.rig, StepRig)
-    size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
-    u = comparison.u[:size, source]
-    for p in _parameters(comparison, STEPPED_DRAWS if stepped else ECHO_DRAWS):
-        model = comparison.follow(p, size)
-        if model is None:
-            continue
-        y = model[:, output]
-        if closest_echo(u, y, latest)[0] < MODEL_CLOSE * float(y.std()):
-            return True
-    return False
-
-
-def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
-    """Parameters of the data sheet, then draws in prior spreads around it, within the bounds."""
-    yield comparison.p
-    random = np.random.default_rng(0)
-    for _ in range(draws):
+    size, draws = (MOST_STEPPED_ECHO, STEPPED_DRAWS) if stepped else (MOST_ECHO_SAMPLES, ECHO_DRAWS)
+    u, random = comparison.u[:size, source], np.random.default_rng(0)
+    for draw in range(1 + draws):
+        # the data sheet, then draws in prior spreads around it, within the bounds
         p = comparison.p.copy()
-        for k, b in enumerate(comparison.assembly.parameters):
+        for k, b in enumerate(comparison.assembly.parameters if draw else ()):
             if b.fitted and not b.nuisance:
                 off = PRIOR_REACH * b.spread * random.uniform(-1.0, 1.0)
                 p[k] = np.clip(p[k] * np.exp(off) if b.log else p[k] + off, b.low, b.high)
-        yield p
+        model = comparison.follow(p, size)
+        y = np.zeros(size) if model is None else model[:, output]
+        if model is not None and closest_echo(u, y, latest)[0] < MODEL_CLOSE * float(y.std()):
+            return True
+    return False
 
 
 def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, str]]:
@@ -135,8 +126,8 @@ def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, st
         reference = match_column(recording.columns, loop.reference)
         if reading is None or reference is None or reading == reference:
             continue
-        y, r = recording.si(reading), recording.si(reference)
-        if float(np.ptp(y)) > 0.0 and np.array_equal(y, r):
+        y = recording.si(reading)
+        if float(np.ptp(y)) > 0.0 and np.array_equal(y, recording.si(reference)):
             yield reading, reference
 
 

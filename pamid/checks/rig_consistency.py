@@ -96,33 +96,21 @@ def contradictions(
         factor = clocks[0].slip.factor
         text = f"at which rig {rig.name!r} would behave quite differently"
         return [_clock_issue(recording, text, CLOCKS[factor], 1.0 / factor)], {}
-    issues = _slip_issues(
-        [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
-        evidence,
-        rig,
-    )
+    named = [explanation for explanation in slips if explanation.slip.kind not in UNNAMED]
+    issues = _slip_issues(named, evidence, rig)
     factors = [explanation for explanation in slips if explanation.slip.kind in UNNAMED]
     if thorough and not any(i.severity == "wrong" for i in issues):
         issues += _unexplained_channels(factors, judgement, recording_, e, rig)
     if not e.ran:
         return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
-    columns = recorded_columns(e.names, recording)
-    suits = {
-        c
-        for c, correlation in zip(columns, e.agreement()[0], strict=True)
-        if correlation > COMPARABLE_CORRELATION
-    }
-    rests = {
-        c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
-    }
-    issues += _delays(e, recording, rig) + (dead := dead_sensors(recording, rig, e))
-    return issues, {
-        "unit": suits,
-        "pressure": suits,
-        "absolute-pressure": suits,
-        "dead": rests | {i.columns[0] for i in dead},
-    }
+    columns = np.array(recorded_columns(e.names, recording))
+    suits = set(columns[e.agreement()[0] > COMPARABLE_CORRELATION].tolist())
+    rests = set(columns[e.model.std(axis=0) < STIR * noise].tolist())
+    dead = dead_sensors(recording, rig, e)
+    judged = dict.fromkeys(("unit", "pressure", "absolute-pressure"), suits)
+    judged["dead"] = rests | {i.columns[0] for i in dead}
+    return issues + _delays(e, recording, rig) + dead, judged
 
 
 # ---- clock ---------------------------------------------------------------------------------------
@@ -161,9 +149,9 @@ def _slip_issues(
     """One finding for each slip; columns in the same other unit share a finding."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
     for k, explanation in enumerate(slips):
-        units = {split_column(name)[1] for name in explanation.slip.names}
-        same = (explanation.slip.kind, explanation.slip.meaning, *sorted(units))
-        joined = explanation.slip.kind in ("unit", "absolute-pressure")
+        slip = explanation.slip
+        same = (slip.kind, slip.meaning, *sorted({split_column(name)[1] for name in slip.names}))
+        joined = slip.kind in ("unit", "absolute-pressure")
         groups.setdefault(same if joined else (str(k),), []).append(explanation)
     return [_slip_issue(group, before, rig) for group in groups.values()]
 

@@ -98,8 +98,7 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | Non
         return None
 
 
-def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
-    assembly = Assembly(rig)
+def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
     data = data_of(rig, recording)
     names = data.measured(rig)
     assembly = Assembly(rig, outputs=names)
