@@ -186,8 +186,7 @@ class _Equations(SourceText):
             if lost := self.lost.get(name):
                 offered = self.rig.ports[name].signals
                 assert isinstance(offered, dict) and isinstance(value, ast.Call)
-                rest = {s: u for s, u in offered.items() if s not in lost}
-                words = ", ".join(f'"{s}": "{u}"' for s, u in rest.items())
+                words = ", ".join(f'"{s}": "{u}"' for s, u in offered.items() if s not in lost)
                 self.replace(value.args[2], f"{{{words}}}")
 
     def _background(self) -> None:

@@ -271,7 +271,10 @@ class LocalJobs:
                         yield busy.pop(future), outcome
             except BrokenProcessPool:
                 pass
-        return list(busy.values()), _end_of(processes)
+        # how the first process ended that was not asked to
+        codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
+        code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
+        return list(busy.values()), f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 @contextlib.contextmanager
@@ -309,13 +312,6 @@ def _workers(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _end_of(processes: list[BaseProcess]) -> str:
-    """How the first process ended that was not asked to."""
-    codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
-    code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 _given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if it does jobs
