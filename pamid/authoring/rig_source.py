@@ -161,8 +161,8 @@ class RigSource:
                 source.insert(source.span(node)[1], self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
             # a map that is off by 2 % would be traded for the scale, which is unknown
-            text = "# background: state by how much the maps may be off when the scales are known"
-            source.replace(node, text)
+            remark = "# background: state by how much the maps may be off when the scales are known"
+            source.replace(node, remark)
         elif name == "parameters":
             self._parameters(node)
 

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,7 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             continue  # a natural end: slack, vented, shut
         least = CORNER_NOISE * s.noise if s.white else CORNER_STEPS * max(s.step, s.grain)
         least = max(least, CORNER_SPAN * s.span)
-        corners = at_top.each(lambda a, b, z=z, least=least: _corner(z, a, b) > least)
+        corners = at_top.each(partial(_is_corner, z, least))
         if corners.sum() < 2:
             # a turning point or a rest; a valve that shuts stops a pressure as sharply, but not
             # twice at the same value
@@ -236,14 +236,15 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
     return issues, where
 
 
-def _corner(z: FloatArray, start: int, stop: int) -> float:
-    """Overshoot beyond the top if the signal had kept the speed with which it reached or left it.
+def _is_corner(z: FloatArray, least: float, start: int, stop: int) -> bool:
+    """True if the signal would have gone this far beyond the top at the speed with which it reached
+    or left it.
 
     The time at the top counts there and back, with at most 20 samples.
     """
     before = z[start] - z[max(0, start - 3)]
     behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
-    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
+    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0) > least
 
 
 def sampled_slowly(s: CheckedSignal) -> int:

@@ -57,7 +57,7 @@ class Store:
     def put(self, key: str, what: str, result: Packed) -> None:
         """Keep a result, whole or not at all, and note in the journal that it was worked out."""
         make_folder(self.folder)
-        about = {"key": key, "what": what, "sha256": _digest_of(result)}
+        about: dict[str, Any] = {"key": key, "what": what, "sha256": _digest_of(result)}
         about |= {"arrays": len(result.arrays), "result": result.tree}
         by_name = {f"a{i}": a for i, a in enumerate(result.arrays)}
         by_name[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
