@@ -338,16 +338,3 @@ def _end_with_parent() -> None:
 def _done_here(number: int) -> Packed | Failed:
     work, items = _given[-1]
     return packed_or_failure(work, items[number])
-
-
-def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:
-    """[work(item) for item in items] on `jobs` threads; an error ends them all."""
-    todo = list(items)
-    with threadpool_limits(limits=1, user_api="blas"):
-        if jobs <= 1:
-            return [work(item) for item in todo]
-        pool = ThreadPoolExecutor(max_workers=jobs)
-        try:
-            return list(pool.map(work, todo))
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
