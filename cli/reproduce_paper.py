@@ -86,6 +86,7 @@ def command(arguments: Arguments) -> frame.Result:
     special = ("iterations", "starts", "seconds", "jobs", "resume")
     frame.refuse_inapplicable(Arguments, f"--paper {a.paper}")
     options = {name: getattr(a, name) for name in special if name in chosen.OPTIONS}
+    resume = options.pop("resume", False)
     how = f"--paper {a.paper}" if a.paper != "joint" else "--quick" if a.quick else ""
     stages = WORK_STAGES.get(f"reproduce-paper {how}".rstrip())
     with progress_line("reproduce-paper", stages=stages) as progress:
@@ -93,10 +94,8 @@ def command(arguments: Arguments) -> frame.Result:
             a.paper,
             Path(a.output),
             command=frame.command_line(),
-            seed=a.seed,
-            quick=a.quick,
-            resume=options.pop("resume", False),
-            options=options,
+            options={"seed": a.seed, "quick": a.quick, **options},
+            resume=resume,
             overwrite=a.overwrite,
             progress=progress.say,
         )

@@ -146,13 +146,9 @@ def examples() -> dict[str, type[Rig]]:
 
 
 def _stands_alone(rig: type[Rig]) -> bool:
-    source = inspect.getsource(sys.modules[rig.__module__])
-    leans = [
-        line.split()[1]
-        for line in source.splitlines()
-        if line.startswith(("from pamid", "import pamid"))
-    ]
-    return all(name.startswith(_COPIED) for name in leans)
+    lines = inspect.getsource(sys.modules[rig.__module__]).splitlines()
+    ours = (line for line in lines if line.startswith(("from pamid", "import pamid")))
+    return all(line.split()[1].startswith(_COPIED) for line in ours)
 
 
 def example_named(name: str) -> type[Rig]:
@@ -165,10 +161,8 @@ def example_named(name: str) -> type[Rig]:
             f"rig {name!r} is built of parts that several rigs share: it is used as it is.",
             f"Add --rig {name} to the commands, or start from {', '.join(known)}.",
         )
-    raise UsageError(
-        f"Rig {name!r} is not in the catalogue.",
-        nearest(name, known) or f"Rigs: {', '.join(known)}.",
-    )
+    hint = nearest(name, known) or f"Rigs: {', '.join(known)}."
+    raise UsageError(f"Rig {name!r} is not in the catalogue.", hint)
 
 
 def roles_of(rig: type[Rig]) -> dict[str, str]:
@@ -188,21 +182,9 @@ def match_columns(
 ) -> Match:
     """Assign recorded columns to those of a rig.
 
-    Parameters
-    ----------
-    recorded
-        Columns of the recording.
-    rig
-        Rig to match.
-    stated
-        Column of the rig -> recorded column; the user's assignments, which are not questioned.
-    held
-        Recorded columns that step from level to level, which no measured or moving quantity does.
-
-    Raises
-    ------
-    UsageError
-        A stated name does not exist on its side.
+    stated: column of the rig -> recorded column; the user's assignments, which are not questioned.
+    held: recorded columns that step from level to level, which no measured or moving quantity does.
+    Raises UsageError: a stated name does not exist on its side.
     """
     recorded, roles, stated = list(recorded), roles_of(rig), dict(stated or {})
     for wanted, column in stated.items():
@@ -221,10 +203,10 @@ def match_columns(
                 f"{column} is the rate of {wanted}: no gain makes one of the other.",
                 _integration_hint(column, wanted),
             )
-    assigned = {
-        wanted: Pair(wanted, column, roles[wanted], "you", not _same(column, wanted), 1.0)
-        for wanted, column in stated.items()
-    }
+    assigned = {}
+    for wanted, column in stated.items():
+        scaled = not compatible(split_column(column)[1], split_column(wanted)[1])
+        assigned[wanted] = Pair(wanted, column, roles[wanted], "you", scaled, 1.0)
     free = [column for column in recorded if column not in stated.values()]
     needed = [name for name in rig.inputs if name not in rig.optional]
     fits = {
@@ -259,21 +241,6 @@ def match_columns(
     )
 
 
-def _has_all_columns(recorded: Iterable[str], rig: type[Rig]) -> bool:
-    """True if the recording has all inputs of the rig and an output, under the rig's names."""
-    names, needed = set(recorded), set(rig.inputs) - set(rig.optional)
-    return bool(needed) and names >= needed and bool(names & set(rig.outputs))
-
-
-def _by_names(match: Match) -> bool:
-    """True if both names of every pair agree, in units of one quantity."""
-    return all(q.by == "name" and not q.scaled for q in match.pairs)
-
-
-def _same(symbol: str, wanted: str) -> bool:
-    return compatible(split_column(symbol)[1], split_column(wanted)[1])
-
-
 def best_match(
     recorded: Iterable[str],
     like: str | None = None,
@@ -285,37 +252,23 @@ def best_match(
     A match by units alone is reported, but not used. Two quantities of one kind do not identify a
     machine.
 
-    Parameters
-    ----------
-    held
-        As in `match_columns`.
-
-    Raises
-    ------
-    FileError
-        No rig matches, or only by units. The message lists the gaps of each rig.
-    UsageError
-        A stated name does not exist.
+    Raises FileError: no rig matches, or only by units. The message lists the gaps of each rig.
+    Raises UsageError: a stated name does not exist.
     """
     recorded = list(recorded)
     if like is not None:
         wanted = match_columns(recorded, example_named(like), stated, held)
         speeds = [(q, w) for w in wanted.missing for q in wanted.unused if _is_rate(q, w)]
-        if speeds:
-            raise FileError(
-                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
-                _integration_hint(*speeds[0]),
-                code="no-match",
-            )
-        if not wanted.fits:
-            raise FileError(
-                f"The recording does not fit {like!r}: {wanted.missing_parts()}.",
-                "Say which column it is with --column "
-                f"{(wanted.missing or tuple(wanted.rig.outputs))[0]}=NAME; the recording has "
-                f"{listed(recorded)}.",
-                code="no-match",
-            )
-        return wanted, []
+        if wanted.fits and not speeds:
+            return wanted, []
+        column = (wanted.missing or tuple(wanted.rig.outputs))[0]
+        hint = (
+            f"Say which column it is with --column {column}=NAME; the recording has "
+            f"{listed(recorded)}."
+        )
+        hint = _integration_hint(*speeds[0]) if speeds else hint
+        message = f"The recording does not fit {like!r}: {wanted.missing_parts()}."
+        raise FileError(message, hint, code="no-match")
     every = []
     for rig in examples().values():
         known = {k: v for k, v in (stated or {}).items() if k in roles_of(rig)}
@@ -327,20 +280,28 @@ def best_match(
     # by units alone the smallest machine is most plausible: columns of larger ones are missing
     guessed = sorted((match for match in fitting if not match.named), key=_left_over)
     fitting = [match for match in fitting if match.named]
-    whole = next((name for name, rig in rigs().items() if _has_all_columns(recorded, rig)), "")
-    if whole and whole not in examples() and not any(map(_by_names, fitting)):
+    names = set(recorded)
+    whole = ""
+    for name, rig in rigs().items():
+        # the recording has all inputs of the rig and an output, under the rig's names
+        needed = set(rig.inputs) - set(rig.optional)
+        if needed and names >= needed and names & set(rig.outputs):
+            whole = name
+            break
+    by_names = (all(q.by == "name" and not q.scaled for q in m.pairs) for m in fitting)
+    if whole and whole not in examples() and not any(by_names):
         raise FileError(
             f"These are the columns of rig {whole!r}, which is used as it is.",
             f"Add --rig {whole} to the commands.",
             code="no-match",
         )
     if guessed and not fitting:
-        names = ", ".join(
+        machines = ", ".join(
             f"{match.rig.name} ({inspect.cleandoc(match.rig.__doc__ or '').splitlines()[0]})"
             for match in guessed[:4]
         )
         raise FileError(
-            f"The columns {listed(recorded)} fit by their units alone: {names}.",
+            f"The columns {listed(recorded)} fit by their units alone: {machines}.",
             f"Say which machine it is, for example --like {guessed[0].rig.name}.",
             code="no-match",
         )

@@ -23,12 +23,7 @@ from pamid.model.trace import trace
 def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, ...]]:
     """Return the source of a rig with some of its outputs, and the names of the removed states.
 
-    Parameters
-    ----------
-    rig
-        Rig of the catalogue that is written in a single file.
-    recorded
-        Recorded outputs of the rig, at least one.
+    recorded: recorded outputs of the rig, at least one.
     """
     traced = trace(rig, lambda port, place: [], {})
     hidden = unobserved_states(traced, recorded)
@@ -191,8 +186,7 @@ class _Equations(SourceText):
             if lost := self.lost.get(name):
                 offered = self.rig.ports[name].signals
                 assert isinstance(offered, dict) and isinstance(value, ast.Call)
-                rest = {s: u for s, u in offered.items() if s not in lost}
-                words = ", ".join(f'"{s}": "{u}"' for s, u in rest.items())
+                words = ", ".join(f'"{s}": "{u}"' for s, u in offered.items() if s not in lost)
                 self.replace(value.args[2], f"{{{words}}}")
 
     def _background(self) -> None:
@@ -224,7 +218,17 @@ class _Unused(SourceText):
     """Removes unused definitions."""
 
     def without(self) -> str:
-        self._locals()
+        for function in self.functions():
+            loaded = {
+                n.id
+                for n in ast.walk(function)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+            }
+            for node in function.body:
+                if isinstance(node, ast.Assign):
+                    names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
+                    if not names & loaded:
+                        self.drop(node)
         self._methods()
         used = {name for f in self.functions() for n in ast.walk(f) if (name := _port_of(n))}
         for table in ("ports", "background"):
@@ -237,19 +241,6 @@ class _Unused(SourceText):
             self.thin_tuple(parameters, lambda name: name in read)
         self._names()
         return self.edited()
-
-    def _locals(self) -> None:
-        for function in self.functions():
-            loaded = {
-                n.id
-                for n in ast.walk(function)
-                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
-            }
-            for node in function.body:
-                if isinstance(node, ast.Assign):
-                    names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
-                    if not names & loaded:
-                        self.drop(node)
 
     def _methods(self) -> None:
         called = {_read(node, "self") for node in ast.walk(self.kind)}

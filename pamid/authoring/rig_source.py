@@ -20,15 +20,7 @@ from pamid.authoring.column_match import Match, Pair
 from pamid.authoring.pruned_source import SourceText, declared, pruned_source
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
-from pamid.base.units import (
-    NONE,
-    quotient,
-    si_symbol,
-    size_to_si,
-    split_column,
-    suffix_of,
-    to_si,
-)
+from pamid.base.units import NONE, quotient, si_symbol, size_to_si, split_column, suffix_of, to_si
 from pamid.checks.conformance import ExcitedRig
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
@@ -169,10 +161,8 @@ class RigSource:
                 source.insert(source.span(node)[1], self._left_over())
         elif name == "background" and any(pair.scaled for pair in self.match.pairs):
             # a map that is off by 2 % would be traded for the scale, which is unknown
-            comment = (
-                "# background: state by how much the maps may be off when the scales are known"
-            )
-            source.replace(node, comment)
+            remark = "# background: state by how much the maps may be off when the scales are known"
+            source.replace(node, remark)
         elif name == "parameters":
             self._parameters(node)
 
@@ -212,11 +202,8 @@ class RigSource:
                     self.source.replace(node, text)
             elif isinstance(node, ast.Dict):
                 for key, value in zip(node.keys, node.values, strict=True):
-                    pair = (
-                        self.by_wanted.get(str(key.value))
-                        if isinstance(key, ast.Constant)
-                        else None
-                    )
+                    name = str(key.value) if isinstance(key, ast.Constant) else ""
+                    pair = self.by_wanted.get(name)
                     if key is None or pair is None or pair.role != "output":
                         continue
                     self.source.replace(key, _literal(pair.recorded))
@@ -281,17 +268,15 @@ class RigSource:
         """Gain between a column and the template's quantity, from the ranges of both."""
         if not pair.scaled:
             return None
-        symbol, rig_unit = (
-            si_symbol(split_column(pair.recorded)[1]),
-            {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
-        )
-        span = motion(to_si(self._values(pair), split_column(pair.recorded)[1])) or 1.0
+        stem, recorded = split_column(pair.recorded)
+        symbol = si_symbol(recorded)
+        rig_unit = {**self.rig.inputs, **self.rig.outputs}[pair.wanted]
+        span = motion(to_si(self._values(pair), recorded)) or 1.0
         usual = self._usual_span(pair.wanted) or 1.0
         above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
-        name = f"{split_column(pair.recorded)[0]}_gain"
         unit_text = quotient(above or NONE, below or NONE)
-        return _Gain(name, _short(ratio), "" if unit_text == NONE else unit_text)
+        return _Gain(f"{stem}_gain", _short(ratio), "" if unit_text == NONE else unit_text)
 
     def _usual_span(self, column: str) -> float:
         """Span of the template's column (SI) under its usual excitation."""

@@ -24,24 +24,18 @@ chance is rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import motion, runs_of
 from pamid.base.units import NONE, split_column
-from pamid.checks.findings import QualityIssue, advice, share_words
+from pamid.checks.findings import QualityIssue, issue, share_words
 from pamid.recording.file_checks import HUGE, TINY
-from pamid.recording.noise import (
-    MAY_BE_NOISE,
-    is_white,
-    noise_level,
-    plateaus,
-    quantisation_step,
-)
+from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, plateaus, quantisation_step
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -115,14 +109,7 @@ class CheckedSignal:
 def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
     """Measure step and noise of a column; all are 0 if it is not `measurable`.
 
-    Parameters
-    ----------
-    name
-        Column.
-    time, values
-        Stamps (s) and readings (n,).
-    sent
-        True for a command or a reference.
+    time, values: stamps (s) and readings (n,). sent: True for a command or a reference.
     """
     if not measurable(values):
         return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
@@ -159,29 +146,56 @@ def measurable(values: FloatArray) -> bool:
 # ---- stretches ---------------------------------------------------------------------------------
 
 
-def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[float, float], ...]:
-    """Intervals [start, stop) as times. Close intervals are joined until at most 60 remain."""
-    gap = 5
-    while starts.size:
-        separated = starts[1:] - stops[:-1] > gap
-        first, last = (
-            starts[np.concatenate([[True], separated])],
-            stops[np.concatenate([separated, [True]])],
-        )
-        if first.size <= MOST_WINDOWS:
-            return tuple(
-                (float(time[a]), float(time[b - 1])) for a, b in zip(first, last, strict=True)
-            )
-        gap *= 2
-    return ()
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Intervals [start, stop) of samples, in order."""
 
+    time: FloatArray
+    starts: Places
+    stops: Places
 
-def interval_mask(size: int, starts: Places, stops: Places) -> Mask:
-    """Mask of the samples within the intervals."""
-    edges = np.zeros(size + 1, dtype=np.int64)
-    np.add.at(edges, starts, 1)
-    np.add.at(edges, stops, -1)
-    return np.cumsum(edges[:-1]) > 0
+    @classmethod
+    def of(cls, time: FloatArray, mask: Mask) -> Stretches:
+        """Intervals in which the mask is true."""
+        return cls(time, *runs_of(mask))
+
+    def only(self, chosen: Mask | slice) -> Stretches:
+        return Stretches(self.time, self.starts[chosen], self.stops[chosen])
+
+    def each(self, check: Callable[[int, int], bool]) -> Mask:
+        """Result of a check of start and stop, for each interval."""
+        pairs = zip(self.starts.tolist(), self.stops.tolist(), strict=True)
+        return np.array([check(a, b) for a, b in pairs], dtype=bool)
+
+    @property
+    def lengths(self) -> Places:
+        return self.stops - self.starts
+
+    @property
+    def figures(self) -> dict[str, float]:
+        longest = float(self.lengths.max())
+        return {"share": float(self.mask.mean()), "longest_samples": longest}
+
+    @property
+    def mask(self) -> Mask:
+        """Mask of the samples within the intervals."""
+        edges = np.zeros(self.time.size + 1, dtype=np.int64)
+        np.add.at(edges, self.starts, 1)
+        np.add.at(edges, self.stops, -1)
+        return np.cumsum(edges[:-1]) > 0
+
+    @property
+    def windows(self) -> tuple[tuple[float, float], ...]:
+        """Intervals as times. Close intervals are joined until at most 60 remain."""
+        gap = 5
+        while self.starts.size:
+            separated = self.starts[1:] - self.stops[:-1] > gap
+            first = self.starts[np.concatenate([[True], separated])]
+            last = self.stops[np.concatenate([separated, [True]])] - 1
+            if first.size <= MOST_WINDOWS:
+                return tuple(zip(self.time[first].tolist(), self.time[last].tolist(), strict=True))
+            gap *= 2
+        return ()
 
 
 # ---- findings ----------------------------------------------------------------------------------
@@ -196,55 +210,41 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
         z = sign * s.values
         top = float(z.max())
-        starts, stops = runs_of((z >= top - 1e-9 * s.span) & ~idle)
-        long = stops - starts >= max(SHORTEST_CLIP, shortest_repeat(s))
-        starts, stops = starts[long], stops[long]
+        at_top = Stretches.of(s.time, (z >= top - 1e-9 * s.span) & ~idle)
+        at_top = at_top.only(at_top.lengths >= max(SHORTEST_CLIP, shortest_repeat(s)))
         if not s.white and abs(top) <= max(2.0 * s.step, CORNER_SPAN * s.span):
             continue  # a natural end: slack, vented, shut
-        sharp = np.array([_corner(z, a, b) for a, b in zip(starts, stops, strict=True)])
         least = CORNER_NOISE * s.noise if s.white else CORNER_STEPS * max(s.step, s.grain)
-        corners = sharp > max(least, CORNER_SPAN * s.span)
+        least = max(least, CORNER_SPAN * s.span)
+        corners = at_top.each(partial(_is_corner, z, least))
         if corners.sum() < 2:
             # a turning point or a rest; a valve that shuts stops a pressure as sharply, but not
             # twice at the same value
             continue
-        if not s.white:
-            starts, stops = starts[corners], stops[corners]
-        if not starts.size:
-            continue
-        at = interval_mask(z.size, starts, stops)
-        where |= at
-        share, windows = float(at.mean()), windows_of(s.time, starts, stops)
+        at_top = at_top if s.white else at_top.only(corners)
+        where |= at_top.mask
         message = (
             f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, "
-            f"{share_words(share)}"
+            f"{share_words(at_top.figures['share'])}"
         )
-        issues.append(
-            advice(
-                "clipped",
-                s.name,
-                message,
-                "Widen the range of the sensor or of its input, "
-                "or move less far; until then leave these stretches out.",
-                {
-                    "level": sign * top,
-                    "share": share,
-                    "longest_samples": float((stops - starts).max()),
-                },
-                windows,
-            )
+        hint = (
+            "Widen the range of the sensor or of its input, or move less far; until then leave "
+            "these stretches out."
         )
+        figures = {"level": sign * top, **at_top.figures}
+        issues.append(issue("clipped", s.name, message, hint, figures, at_top.windows))
     return issues, where
 
 
-def _corner(z: FloatArray, start: int, stop: int) -> float:
-    """Overshoot beyond the top if the signal had kept the speed with which it reached or left it.
+def _is_corner(z: FloatArray, least: float, start: int, stop: int) -> bool:
+    """True if the signal would have gone this far beyond the top at the speed with which it reached
+    or left it.
 
     The time at the top counts there and back, with at most 20 samples.
     """
     before = z[start] - z[max(0, start - 3)]
     behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
-    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
+    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0) > least
 
 
 def sampled_slowly(s: CheckedSignal) -> int:
@@ -256,11 +256,8 @@ def sampled_slowly(s: CheckedSignal) -> int:
     usual = int(np.bincount(lengths).argmax())
     jumps = np.abs(np.diff(s.values[moved]))
     beyond_a_step = float(np.mean(jumps > 1.5 * s.step)) if s.step else 1.0
-    return (
-        usual
-        if usual > 1 and np.mean(lengths == usual) >= HELD_SHARE and beyond_a_step > 0.2
-        else 1
-    )
+    held = np.mean(lengths == usual) >= HELD_SHARE and beyond_a_step > 0.2
+    return usual if held else 1
 
 
 def repeat_chance(s: CheckedSignal) -> float:
@@ -292,63 +289,35 @@ def independent(s: CheckedSignal, aside: Mask) -> bool:
     """
     if not s.white:
         return False
-    starts, stops = runs_of(s.still & ~aside)
-    repeats = int((stops - starts)[stops - starts < SHORTEST_FREEZE].sum())
+    lengths = Stretches.of(s.time, s.still & ~aside).lengths
+    repeats = int(lengths[lengths < SHORTEST_FREEZE].sum())
     return repeats <= MORE_REPEATS * max(1.0, repeat_chance(s) * s.values.size)
 
 
 def standstills(
     s: CheckedSignal, aside: Mask, liveliest: CheckedSignal | None
 ) -> tuple[list[QualityIssue], Mask]:
-    """Intervals in which the channel stands exactly still while others move.
+    """Intervals in which the channel stands exactly still while others move, and their mask.
 
-    Parameters
-    ----------
-    s
-        Channel.
-    aside
-        Mask of the samples with another explanation already.
-    liveliest
-        The other channel with the smallest share of standstill; None without one.
-
-    Returns
-    -------
-    list, Mask
-        Findings, and the mask of the frozen samples.
+    aside: mask of the samples with another explanation already. liveliest: the other channel with
+    the smallest share of standstill; None without one.
     """
-    if liveliest is None:
-        return [], np.zeros(s.values.size, dtype=bool)
-    starts, stops = runs_of(s.still & ~aside)
+    still = Stretches.of(s.time, s.still & ~aside)
     chance = 2.0 * shortest_repeat(s) if independent(s, aside) else math.inf
-    keep = np.array(
-        [
-            b - a >= SHORTEST_FREEZE
+    frozen = still.each(
+        lambda a, b: (
+            liveliest is not None
+            and b - a >= SHORTEST_FREEZE
             and (_jumps_on(s, a, b) or (b - a >= chance and has_noise_around(s, a, b)))
-            for a, b in zip(starts, stops, strict=True)
-        ],
-        dtype=bool,
-    )
-    starts, stops = starts[keep], stops[keep]
-    awake = np.array(
-        [not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool
-    )
-    starts, stops = starts[awake], stops[awake]
-    if not starts.size:
-        return [], np.zeros(s.values.size, dtype=bool)
-    at = interval_mask(s.values.size, starts, stops)
-    windows, share = windows_of(s.time, starts, stops), float(at.mean())
-    message = f"{s.name} stands still while the others move, {share_words(share)}"
-    hint = "Check its plug, its bus and its driver; leave these stretches out."
-    return [
-        advice(
-            "frozen",
-            s.name,
-            message,
-            hint,
-            {"share": share, "longest_samples": float((stops - starts).max())},
-            windows,
+            and not liveliest.still[a:b].all()
         )
-    ], at
+    )
+    still = still.only(frozen)
+    if not still.starts.size:
+        return [], still.mask
+    message = f"{s.name} stands still while the others move, {share_words(still.figures['share'])}"
+    hint = "Check its plug, its bus and its driver; leave these stretches out."
+    return [issue("frozen", s.name, message, hint, still.figures, still.windows)], still.mask
 
 
 def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
@@ -381,32 +350,19 @@ def interpolated_gaps(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
         return []
     bend = np.abs(np.diff(s.values, n=2))
     flat = np.concatenate([[False], bend < 0.02 * s.noise, [False]]) & ~aside & ~s.still
-    starts, stops = runs_of(flat)
-    keep = np.array(
-        [
-            b - a >= SHORTEST_LINE and has_noise_around(s, a, b)
-            for a, b in zip(starts, stops, strict=True)
-        ],
-        dtype=bool,
+    lines = Stretches.of(s.time, flat)
+    lines = lines.only(
+        lines.each(lambda a, b: b - a >= SHORTEST_LINE and has_noise_around(s, a, b))
     )
-    starts, stops = starts[keep], stops[keep]
-    if not starts.size:
+    if not lines.starts.size:
         return []
-    windows, share = (
-        windows_of(s.time, starts, stops),
-        float((stops - starts).sum()) / s.values.size,
+    share = float(lines.lengths.sum()) / s.values.size
+    message = (
+        f"{s.name} follows a straight line without noise, like an interpolated gap, "
+        f"{share_words(share)}"
     )
-    return [
-        advice(
-            "bridged",
-            s.name,
-            f"{s.name} follows a straight line without noise, like an "
-            f"interpolated gap, {share_words(share)}",
-            "Ingest the raw log again with a smaller max_gap_s, which splits it there.",
-            {"share": share},
-            windows,
-        )
-    ]
+    hint = "Ingest the raw log again with a smaller max_gap_s, which splits it there."
+    return [issue("bridged", s.name, message, hint, {"share": share}, lines.windows)]
 
 
 def spikes(s: CheckedSignal) -> list[QualityIssue]:
@@ -426,26 +382,15 @@ def spikes(s: CheckedSignal) -> list[QualityIssue]:
         down = np.minimum(before, behind) - np.maximum.reduce(inner) > least
         for k in range(1, wide + 1):
             out[k : k + before.size] |= up | down
-    starts, stops = runs_of(out)
-    if not starts.size:
+    places, where = np.flatnonzero(out), Stretches.of(s.time, out)
+    if not places.size:
         return []
-    places = np.flatnonzero(out)
-    size = float(
-        np.abs(
-            y[places] - 0.5 * (y[np.maximum(places - 2, 0)] + y[np.minimum(places + 2, y.size - 1)])
-        ).max()
-    )
-    many = f"{starts.size} {'spike' if starts.size == 1 else 'spikes'}"
-    return [
-        advice(
-            "spikes",
-            s.name,
-            f"{s.name} has {many} of up to {size:.3g}{s.unit}",
-            "Look for a loose contact or a bus error; replace these samples or leave them out.",
-            {"count": float(starts.size), "largest": size},
-            windows_of(s.time, starts, stops),
-        )
-    ]
+    around = y[np.maximum(places - 2, 0)] + y[np.minimum(places + 2, y.size - 1)]
+    size, count = float(np.abs(y[places] - 0.5 * around).max()), where.starts.size
+    message = f"{s.name} has {count} spike{'' if count == 1 else 's'} of up to {size:.3g}{s.unit}"
+    hint = "Look for a loose contact or a bus error; replace these samples or leave them out."
+    figures = {"count": float(count), "largest": size}
+    return [issue("spikes", s.name, message, hint, figures, where.windows)]
 
 
 def shows_only_noise(s: CheckedSignal) -> bool:
@@ -460,16 +405,8 @@ def level_issues(
 ) -> list[QualityIssue]:
     """Findings on a channel that is dead, coarse or noisy throughout.
 
-    Parameters
-    ----------
-    s
-        Channel.
-    others_move
-        True if other channels move.
-    usual_noise
-        Typical noise of its sensor, in the column's unit; 0 if unknown.
-    sent
-        Commands that may move the machine from level to level.
+    usual_noise: typical noise of its sensor, in the column's unit; 0 if unknown. sent: commands
+    that may move the machine from level to level.
     """
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])
@@ -478,29 +415,27 @@ def level_issues(
             f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
-        return [advice("dead", s.name, message, PLUGGED, numbers)] if others_move else []
+        return [issue("dead", s.name, message, PLUGGED, numbers)] if others_move else []
     spacing, level = (0.0, 0.0) if s.sent else plateaus(y)
     if spacing and any(_steps_as_often(o, (y - level) / spacing) for o in sent):
         spacing = 0.0  # levels that the machine was sent to
     if (step := spacing or s.step) > COARSE_STEP * float(high - low) > 0.0:
         finer = "; something rounds it before the logger, which is finer" if spacing else ""
-        return [
-            advice(
-                "coarse",
-                s.name,
-                f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its "
-                f"range has only {float(high - low) / step:.0f}{finer}",
-                "Use a finer range of the converter, a finer "
-                "sensor, or larger excitation; an effect smaller than a step cannot be seen.",
-                numbers,
-            )
-        ]
+        message = (
+            f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its range has only "
+            f"{float(high - low) / step:.0f}{finer}"
+        )
+        hint = (
+            "Use a finer range of the converter, a finer sensor, or larger excitation; an effect "
+            "smaller than a step cannot be seen."
+        )
+        return [issue("coarse", s.name, message, hint, numbers)]
     if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
         message = (
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
-        return [advice("noisy", s.name, message, "Check shielding, earth and filter.", numbers)]
+        return [issue("noisy", s.name, message, "Check shielding, earth and filter.", numbers)]
     return []
 
 
@@ -522,12 +457,14 @@ def standstill(
     moving = [s for s in measured if s.span > 0.0]
     if not moving:
         return []
-    starts, stops = runs_of(np.logical_and.reduce([s.still for s in moving]))
-    if not starts.size:
+    time = moving[0].time
+    still = Stretches.of(time, np.logical_and.reduce([s.still for s in moving]))
+    if not still.starts.size:
         return []
-    longest = int(np.argmax(stops - starts))
-    first, stop = int(starts[longest]) - 1, int(stops[longest])  # from the value that is repeated
-    time, share = moving[0].time, (stop - first) / moving[0].time.size
+    longest = int(np.argmax(still.lengths))
+    # from the value that is repeated
+    first, stop = int(still.starts[longest]) - 1, int(still.stops[longest])
+    share = (stop - first) / time.size
     if share < LONG_STANDSTILL:
         return []
     driven = [s.name for s in sent if s.span > 0.0 and not s.still[first + 1 : stop].all()]
@@ -537,13 +474,7 @@ def standstill(
         f"{f' while {driven[0]} moves' if driven else ''} {share_words(share)}"
     )
     look = "Check the sensor and the logger there, and cut" if driven else "Cut"
-    return [
-        advice(
-            "standstill",
-            tuple(resting),
-            message,
-            f"{look} the recording to the part that moves.",
-            {"share": share, "longest_samples": float(stop - first)},
-            ((float(time[first]), float(time[stop - 1])),),
-        )
-    ]
+    hint = f"{look} the recording to the part that moves."
+    figures = {"share": share, "longest_samples": float(stop - first)}
+    window = (float(time[first]), float(time[stop - 1]))
+    return [issue("standstill", tuple(resting), message, hint, figures, [window])]

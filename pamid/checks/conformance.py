@@ -148,11 +148,9 @@ class ExcitedRig:
 
     @cached_property
     def assembly(self) -> Assembly:
-        return (
-            Assembly(self.rig, (self.attachment,), sizes=self.sizes)
-            if self.attachment
-            else self.plain
-        )
+        if self.attachment is None:
+            return self.plain
+        return Assembly(self.rig, (self.attachment,), sizes=self.sizes)
 
     @cached_property
     def u(self) -> Array:
@@ -169,29 +167,19 @@ class ExcitedRig:
                 columns.append(np.full(self.samples, rig.optional[name]))
                 continue
             centre, half = usual or (0.0, 0.7)
-            level = aprbs(
-                self.samples * period,
-                period,
-                half,
-                (8 * period, min(60, self.samples // 6) * period),
-                seed=self.seed + i,
-            )
+            hold_s = (8 * period, min(60, self.samples // 6) * period)
+            level = aprbs(self.samples * period, period, half, hold_s, seed=self.seed + i)
             columns.append(centre + (ramps(level) if name in rig.ramped else level))
-        return (
-            np.ascontiguousarray(np.stack(columns, axis=1))
-            if columns
-            else np.zeros((self.samples, 0))
-        )
-
-    @property
-    def owner(self) -> str:
-        return self.attachment.label if self.attachment else ""
+        if not columns:
+            return np.zeros((self.samples, 0))
+        return np.ascontiguousarray(np.stack(columns, axis=1))
 
     @cached_property
     def tested_parameters(self) -> list[tuple[int, Bound]]:
         """Indices of the parameters under test: those of the effect, or of the rig without an
         effect."""
-        return [(i, b) for i, b in enumerate(self.assembly.parameters) if b.owner == self.owner]
+        owner = self.attachment.label if self.attachment else ""
+        return [(i, b) for i, b in enumerate(self.assembly.parameters) if b.owner == owner]
 
     def stepping(self, p: Array) -> Stepping:
         return choose_stepping(self.assembly, self.u, p, self.rig.period_s, self.assembly.start(p))
@@ -216,29 +204,21 @@ class ExcitedRig:
                 continue
             low = b.low if np.isfinite(b.low) else b.value - 3.0 * b.spread
             high = b.high if np.isfinite(b.high) else b.value + 3.0 * b.spread
-            logs = b.log and low > 0.0
-            p[i] = (
-                np.exp(random.uniform(np.log(low), np.log(high)))
-                if logs
-                else random.uniform(low, high)
-            )
+            if b.log and low > 0.0:
+                p[i] = np.exp(random.uniform(np.log(low), np.log(high)))
+            else:
+                p[i] = random.uniform(low, high)
         return p
+
+    def changes(self, p: Array) -> Array:
+        """Change of the outputs by the effect, relative to their size (samples x outputs)."""
+        step, plain = self.stepping(p), self.plain
+        run = free_run(plain, self.u, plain.values(), self.rig.period_s, stepping=step)
+        return np.asarray(np.abs(self.run(p, step) - run.outputs) / _scale(run.outputs))
 
 
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
-    """Largest change of any output, relative to its size, with the effect at its null.
-
-    Parameters
-    ----------
-    rig
-        Rig that the effect acts on.
-    attachment
-        Effect at its ports.
-    draws
-        Random draws of the remaining parameters of the effect.
-    seed
-        Seed of the draws.
-    """
+    """Largest change of any output, relative to its size, with the effect at its null."""
     trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
@@ -246,12 +226,7 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
         p = trial.random_point(random)
         for i, b in trial.tested_parameters:
             p[i] = p[i] if b.null is None else b.null
-        step = trial.stepping(p)
-        before = free_run(
-            trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step
-        ).outputs
-        change = np.abs(trial.run(p, step) - before).max(axis=0) / _scale(before)
-        worst = max(worst, float(np.nan_to_num(change, nan=np.inf).max()))
+        worst = max(worst, float(np.nan_to_num(trial.changes(p), nan=np.inf).max()))
     return worst
 
 
@@ -265,11 +240,7 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     if all(b.null is None or b.value == b.null for _, b in trial.tested_parameters):
         for i, b in trial.tested_parameters:
             p[i] = b.value if b.null is None else min(b.value + b.spread, b.high)
-    step = trial.stepping(p)
-    before = free_run(
-        trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step
-    ).outputs
-    return float(np.nanmax(np.abs(trial.run(p, step) - before) / _scale(before)))
+    return float(np.nanmax(trial.changes(p)))
 
 
 def _short_length(rig: Rig) -> int:
@@ -288,32 +259,20 @@ def finite_everywhere(
 ) -> list[str]:
     """Points of the bounds, as text, at which the outputs are not finite; empty without any.
 
-    Parameters
-    ----------
-    rig
-        Rig to run.
-    attachment
-        Effect at its ports; None for the rig alone.
-    draws
-        Number of random points.
-    seed
-        Seed of the points.
+    attachment: effect at its ports; None for the rig alone.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
     problems = []
     for draw in range(draws):
         p = trial.random_point(random) if draw else trial.assembly.values()
-        if (
-            np.isfinite(trial.run(p)).all()
-            or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all()
-        ):
+        finite = np.isfinite(trial.run(p)).all(axis=1)
+        if finite.all() or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all():
             continue
-        point = ", ".join(
-            f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.tested_parameters if b.fitted
-        )
-        sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
-        problems.append(f"not finite after {sample * rig.period_s:.3g} s at {point}")
+        fitted = [(i, b) for i, b in trial.tested_parameters if b.fitted]
+        point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in fitted)
+        after_s = int(np.argmax(~finite)) * rig.period_s
+        problems.append(f"not finite after {after_s:.3g} s at {point}")
     return problems
 
 
@@ -324,14 +283,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     If errors of the state grow exponentially, as in an undamped arm, large differences are not
     slopes.
 
-    Parameters
-    ----------
-    rig
-        Rig to run.
-    attachment
-        Effect at its ports; None for the rig alone.
-    seed
-        Seed of the random point.
+    attachment: effect at its ports; None for the rig alone.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
@@ -360,39 +312,26 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
         # a shorter one crosses fewer; a wrong derivative agrees with none
         for share in (1.0, 8.0, 0.125):
             if error.max(initial=0.0) > SAME_SLOPE:
-                errors = _slope_errors(trial, p, i, share * h, step, exact[:, :, column], _scale(Y))
-                error = (
-                    np.nan_to_num(errors, posinf=np.inf) if share == 1.0 else np.fmin(error, errors)
-                )
+                moved = p.copy(), p.copy()
+                moved[0][i], moved[1][i] = p[i] + share * h, p[i] - share * h
+                runs = [trial.run(point, step) for point in moved]
+                half = 0.5 * (runs[0] - runs[1])
+                errors = _slope_errors(half, share * h, exact[:, :, column], _scale(Y))
+                first = share == 1.0
+                error = np.nan_to_num(errors, posinf=np.inf) if first else np.fmin(error, errors)
         worst = max(worst, float(error.max(initial=0.0)))
     return worst
 
 
-def _slope_errors(
-    trial: ExcitedRig,
-    p: Array,
-    place: int,
-    h: float,
-    stepping: Stepping,
-    exact: Array,
-    scale: Array,
-) -> Array:
+def _slope_errors(moved: Array, h: float, exact: Array, scale: Array) -> Array:
     """Difference between exact sensitivities by a parameter and differences over +-h.
 
     It is relative to each channel's largest value, and counts while no output moves by more than
     `SMALL_MOVE`. A channel that the parameter does not reach has NaN, because its differences are
     rounding errors.
 
-    Parameters
-    ----------
-    exact
-        Sensitivities (samples x channels).
-    scale
-        Size of every output.
+    moved: half the difference of the outputs (samples x channels), of which scale is the size.
     """
-    up, down = p.copy(), p.copy()
-    up[place], down[place] = p[place] + h, p[place] - h
-    moved = 0.5 * (trial.run(up, stepping) - trial.run(down, stepping))
     far = (np.abs(moved) > SMALL_MOVE * scale).any(axis=1)
     near = slice(int(np.argmax(far)) if far.any() else len(moved))
     slope, exact = moved[near] / h, exact[near]
@@ -440,15 +379,8 @@ def rig_findings(
 ) -> list[CheckOutcome]:
     """All findings on a rig without a recording.
 
-    Parameters
-    ----------
-    rig
-        Rig to check.
-    effects
-        Effects that may act on it.
-    slopes
-        Compare its sensitivities with differences. pamid generates those of a model file, and
-        nothing in the file can spoil them.
+    effects: effects that may act on it. slopes: compare its sensitivities with differences. pamid
+    generates those of a model file, and nothing in the file can spoil them.
     """
     try:
         tell("equations")
@@ -457,29 +389,22 @@ def rig_findings(
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [fault("equations", str(error))]
-    findings = background_findings(rig) + [
-        passed(
-            "equations",
-            f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
-            f"{len(rig.outputs)} outputs; every port is used",
-        )
-    ]
-    findings += [fault("finite", b) for b in bad] or [
-        passed("finite", "over random points of the bounds")
-    ]
+    built = (
+        f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
+        f"{len(rig.outputs)} outputs; every port is used"
+    )
+    findings = [*background_findings(rig), passed("equations", built), *_finite_findings(bad)]
     if isinstance(rig, StepRig):
         with counted_warnings() as warned:
             trial.run(trial.assembly.values())
         texts = warned.sentences("in an excited run from the start")
         findings += [note("simulator", text) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
-        findings.append(
-            note(
-                "finite",
-                f"the rig states no period_s, so that it was tried at {Rig.period_s:g} s a sample: "
-                "state that of your recordings (period_s = 1e-5) where the machine is faster",
-            )
+        text = (
+            f"the rig states no period_s, so that it was tried at {Rig.period_s:g} s a sample: "
+            "state that of your recordings (period_s = 1e-5) where the machine is faster"
         )
+        findings.append(note("finite", text))
     if slopes and not bad:
         tell("sensitivities")
         findings.append(_slope_finding(rig, None))
@@ -498,15 +423,13 @@ def rig_findings(
     findings += [note("sign", words) for words in driving_words(rig)]
     tell("effects")
     fit = sorted(a.label for a in attachments(rig, effects))
-    findings.append(
-        outcome(
-            "effects",
-            bool(fit),
-            f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits",
-            advice=True,
-        )
-    )
-    return findings
+    text = f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits"
+    return [*findings, outcome("effects", bool(fit), text, advice=True)]
+
+
+def _finite_findings(bad: list[str]) -> list[CheckOutcome]:
+    faults = [fault("finite", text) for text in bad]
+    return faults or [passed("finite", "over random points of the bounds")]
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
@@ -519,10 +442,8 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
     ]
     places = [(rig, a) for rig in (*rigs, EveryPortRig()) for a in attachments(rig, [effect])]
     if not places:
-        needs = " or ".join((*effect.kinds, *effect.general_kinds)) + "".join(
-            f", {s}"
-            for s in dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
-        )
+        signals = dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
+        needs = ", ".join([" or ".join((*effect.kinds, *effect.general_kinds)), *signals])
         findings.append(note("place", f"no rig has a port for it; it needs {needs}"))
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
@@ -536,30 +457,17 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
 def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
     try:
         off = null_error(rig, attachment)
-        findings = [
-            outcome(
-                "null",
-                off <= NULL_TOLERANCE,
-                f"at its null it changes the outputs by {off:.2g} of their size "
-                f"(allowed {NULL_TOLERANCE:g})",
-            )
-        ]
+        text = (
+            f"at its null it changes the outputs by {off:.2g} of their size (allowed "
+            f"{NULL_TOLERANCE:g})"
+        )
         bad = finite_everywhere(rig, attachment)
-        findings += [fault("finite", b) for b in bad] or [
-            passed("finite", "over random points of the bounds")
-        ]
+        findings = [outcome("null", off <= NULL_TOLERANCE, text), *_finite_findings(bad)]
         if not bad:
             findings.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
-            findings.append(
-                outcome(
-                    "change",
-                    change > LEAST_EFFECT,
-                    f"at its typical size it changes the outputs by up to "
-                    f"{change:.2g} of their size",
-                    advice=True,
-                )
-            )
+            text = f"at its typical size it changes the outputs by up to {change:.2g} of their size"
+            findings.append(outcome("change", change > LEAST_EFFECT, text, advice=True))
         return findings
     except PamidError as error:
         return [fault("equations", str(error))]
@@ -575,10 +483,6 @@ def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
         return passed("sensitivities", "those of its mean course (mean_slope_at)")
     worst, stepped = sensitivity_error(rig, attachment), isinstance(rig, StepRig)
     stepped = stepped and worst > SAME_SLOPE
-    return outcome(
-        "sensitivities",
-        worst <= SAME_SLOPE,
-        f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})"
-        + (": contacts and other steps that are not smooth have no slopes" if stepped else ""),
-        advice=stepped,
-    )
+    text = f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})"
+    text += ": contacts and other steps that are not smooth have no slopes" if stepped else ""
+    return outcome("sensitivities", worst <= SAME_SLOPE, text, advice=stepped)

@@ -55,35 +55,27 @@ class QualityIssue(Issue):
 def issue(
     kind: str,
     columns: str | Sequence[str],
-    severity: str,
     message: str,
     hint: str = "",
     figures: dict[str, float] | None = None,
     windows: Windows = (),
+    *,
+    wrong: bool = False,
 ) -> QualityIssue:
-    """Finding about one column or several; figures: the numbers behind it, with their units in the
-    names."""
+    """Finding about one column or several.
+
+    figures: the numbers behind it, with their units in the names. wrong: any fit is nonsense; else
+    it is worth knowing, or worth a correction.
+    """
     return QualityIssue(
         kind=kind,
         columns=(columns,) if isinstance(columns, str) else tuple(columns),
-        severity="wrong" if severity == "wrong" else "advice",
+        severity="wrong" if wrong else "advice",
         message=message,
         hint=hint,
         windows_s=tuple(windows),
         figures=figures or {},
     )
-
-
-def advice(
-    kind: str,
-    columns: str | Sequence[str],
-    message: str,
-    hint: str = "",
-    figures: dict[str, float] | None = None,
-    windows: Windows = (),
-) -> QualityIssue:
-    """Finding that is worth knowing, or worth a correction."""
-    return issue(kind, columns, "advice", message, hint, figures, windows)
 
 
 def where_words(windows: Windows) -> str:

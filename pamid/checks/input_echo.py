@@ -45,15 +45,6 @@ def echoed_inputs(
     """Findings on measured columns that carry the signal of an input or a reference.
 
     A controller derives its command from the reading, so inputs of a closed loop are not compared.
-
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig.
-    comparison
-        Comparison of the recording with the data sheet's run.
     """
     issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
     followed = any(recording.has(loop.reference) for loop in rig.loops)
@@ -76,17 +67,8 @@ def echoed_inputs(
 def closest_echo(u: Array, y: Array, latest: float = np.inf) -> tuple[float, float]:
     """RMS residual of an output after the closest echo of an input, and the delay of the echo.
 
-    Parameters
-    ----------
-    u, y
-        Input and output (samples,).
-    latest
-        Largest sum of delay and lag, in samples.
-
-    Returns
-    -------
-    float, float
-        Residual in the unit of y; delay plus lag, in samples.
+    u, y: input and output (samples,). latest: largest sum of delay and lag, in samples. Returns
+    residual in the unit of y; delay plus lag, in samples.
     """
     size = len(u)
     u, y = u - u[0], y - y.mean()
@@ -124,9 +106,15 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
     The machine may follow more closely: its gains differ from the data sheet's.
     """
     stepped = isinstance(comparison.assembly.rig, StepRig)
-    size = MOST_STEPPED_ECHO if stepped else MOST_ECHO_SAMPLES
-    u = comparison.u[:size, source]
-    for p in _parameters(comparison, STEPPED_DRAWS if stepped else ECHO_DRAWS):
+    size, draws = (MOST_STEPPED_ECHO, STEPPED_DRAWS) if stepped else (MOST_ECHO_SAMPLES, ECHO_DRAWS)
+    u, random = comparison.u[:size, source], np.random.default_rng(0)
+    for draw in range(1 + draws):
+        # the data sheet, then draws in prior spreads around it, within the bounds
+        p = comparison.p.copy()
+        for k, b in enumerate(comparison.assembly.parameters if draw else ()):
+            if b.fitted and not b.nuisance:
+                off = PRIOR_REACH * b.spread * random.uniform(-1.0, 1.0)
+                p[k] = np.clip(p[k] * np.exp(off) if b.log else p[k] + off, b.low, b.high)
         model = comparison.follow(p, size)
         if model is None:
             continue
@@ -136,19 +124,6 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
     return False
 
 
-def _parameters(comparison: SheetComparison, draws: int) -> Iterator[Array]:
-    """Parameters of the data sheet, then draws in prior spreads around it, within the bounds."""
-    yield comparison.p
-    random = np.random.default_rng(0)
-    for _ in range(draws):
-        p = comparison.p.copy()
-        for k, b in enumerate(comparison.assembly.parameters):
-            if b.fitted and not b.nuisance:
-                off = PRIOR_REACH * b.spread * random.uniform(-1.0, 1.0)
-                p[k] = np.clip(p[k] * np.exp(off) if b.log else p[k] + off, b.low, b.high)
-        yield p
-
-
 def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, str]]:
     """Readings that equal their loop's reference in every sample."""
     for loop in rig.loops:
@@ -156,8 +131,8 @@ def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, st
         reference = match_column(recording.columns, loop.reference)
         if reading is None or reference is None or reading == reference:
             continue
-        y, r = recording.si(reading), recording.si(reference)
-        if float(np.ptp(y)) > 0.0 and np.array_equal(y, r):
+        y = recording.si(reading)
+        if float(np.ptp(y)) > 0.0 and np.array_equal(y, recording.si(reference)):
             yield reading, reference
 
 
@@ -165,11 +140,11 @@ def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:
     return issue(
         "echo",
         (output, source),
-        "wrong",
         f"{output} and {source} carry the same signal: apart from scale, offset and delay they "
         f"differ by {100.0 * share:.2g} % of the motion, where the model of rig {rig.name!r} has "
         "dynamics between them",
         f"Export the measured column as {output}; it seems to hold {source} again. If a controller "
         f'computes {source} from it, write loop = "closed" below [recording] in the TOML.',
         {"residual_over_motion": share},
+        wrong=True,
     )

@@ -18,12 +18,7 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import background_findings, effect_findings, rig_findings
 from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
-from pamid.checks.recording_quality import (
-    before_a_fit,
-    channel_figures,
-    examine,
-    signals_of,
-)
+from pamid.checks.recording_quality import before_a_fit, examine, signals_of
 from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.ingest.matcher import with_stand_ins
@@ -46,7 +41,6 @@ from pamid.recording.file_checks import (
 )
 from pamid.recording.recording import (
     MIN_SAMPLES,
-    FloatArray,
     Recording,
     match_column,
     read_recording,
@@ -81,17 +75,8 @@ def inspect(
     The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
     inside the file are listed, not raised.
 
-    Parameters
-    ----------
-    path
-        File, rig or effect.
-    rig
-        Rig of a recording; by default the one that its TOML names.
-
-    Raises
-    ------
-    FileError
-        The file is absent or of another kind.
+    rig: rig of a recording; by default the one that its TOML names. Raises FileError: the file is
+    absent or of another kind.
     """
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
@@ -125,11 +110,8 @@ def inspect(
     wrong = [f for f in findings if f.wrong]
     summary: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
     if wrong:
-        summary |= {
-            "code": "file",
-            "message": f"{path}: {wrong[0].detail}",
-            "hint": "Every problem is in `findings`.",
-        }
+        summary |= {"code": "file", "message": f"{path}: {wrong[0].detail}"}
+        summary["hint"] = "Every problem is in `findings`."
     file = result.CheckFile(**summary, findings=tuple(findings))
     return Inspection(file.as_json(), recording, issues)
 
@@ -180,28 +162,22 @@ def _recording(
     with counted_warnings() as warned:
         issues = examine(recording, rig, signals)
         tell("held or linear")
-        between = (
-            []
-            if rig is None or any(i.severity == "wrong" for i in issues)
-            else compare_holds(recording, rig)
-        )
+        sound = None if any(i.severity == "wrong" for i in issues) else rig
+        between = compare_holds(recording, sound) if sound else []
     findings += [note("simulator", text) for text in warned.sentences("in the runs of this check")]
-    findings += [
-        outcome("between", not hold.wrong, hold.text(recording), advice=hold.wrong)
-        for hold in between
-    ]
-    if rig is not None and not any(i.severity == "wrong" for i in issues):
-        findings += [
-            note("rows", order.text(recording)) for order in misplaced_readings(recording, rig)
-        ]
-    findings += [] if rig is None else _noise_findings(recording, rig)
-    findings += against + [
-        outcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
-    ]
-    if not issues:
-        findings.append(
-            passed("quality", "nothing clipped, frozen, lost, exchanged, late or in another unit")
-        )
+    findings += [outcome("between", not h.wrong, h.text(recording), h.wrong) for h in between]
+    if sound is not None:
+        orders = misplaced_readings(recording, sound)
+        findings += [note("rows", order.text(recording)) for order in orders]
+    if rig is not None:
+        # outputs whose noise in fits contradicts the rig or the samples
+        data = data_of(rig, recording)
+        moving = [c for c in rig.outputs if c in data.values and motion(data.values[c]) > 0.0]
+        findings += [note(r.kind, r.text) for r in noise_remarks(rig, [data], moving)]
+    findings += against
+    findings += [outcome(i.kind, False, i.text, i.severity == "advice") for i in issues]
+    fine = "nothing clipped, frozen, lost, exchanged, late or in another unit"
+    findings += [] if issues else [passed("quality", fine)]
     period = recording.sampling_period_s
     about = {
         "kind": "recording",
@@ -214,7 +190,9 @@ def _recording(
         "controller": recording.controller,
         "columns": {name: _column(recording, name) for name in recording.columns},
         "quality": {
-            "channels": channel_figures(recording, rig, signals),
+            "channels": {
+                s.name: {"span": s.span, "step": s.step, "noise": s.noise} for s in signals
+            },
             "issues": issues,
         },
         **({"between": between} if between else {}),
@@ -252,11 +230,10 @@ def _against_rig(
     run.
     """
     try:
-        rig = (
-            library.rig_named(rig_name)
-            if rig_name
-            else library.catalogue_rig(library.rig_of([recording]))
-        )
+        if rig_name:
+            rig = library.rig_named(rig_name)
+        else:
+            rig = library.catalogue_rig(library.rig_of([recording]))
         recording, stand_ins = with_stand_ins(recording, rig)
         rig = as_recorded(rig, [recording])
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
@@ -268,47 +245,31 @@ def _against_rig(
         stepped = isinstance(rig, StepRig)
         findings.append(outcome("form", not stepped, rig.form_note, advice=stepped))
     findings += _known_findings(recording, rig)
-    runs = not any(f.wrong for f in findings)
-    if runs:
+    if not any(f.wrong for f in findings):
+        data = data_of(rig, recording)
         findings += [note("sign", words) for words in driving_words(rig)]
-        findings += [
-            note("background", term.text)
-            for term in without_idle_terms(rig, [data_of(rig, recording)])[1]
-        ]
-    if runs:
+        findings += [note("background", t.text) for t in without_idle_terms(rig, [data])[1]]
         try:
-            require_informative(rig, data_of(rig, recording))
+            require_informative(rig, data)
         except DataError as error:
             findings.append(fault("excitation", f"nothing can be fitted: {error}"))
     every = passed("rig", f"every column of rig {rig.name!r} is there")
     return recording, rig, findings or [every]
 
 
-def _noise_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Findings on outputs whose noise in fits contradicts the rig or the samples."""
-    data = data_of(rig, recording)
-    channels = [c for c in rig.outputs if c in data.values and motion(data.values[c]) > 0.0]
-    return [note(remark.kind, remark.text) for remark in noise_remarks(rig, [data], channels)]
-
-
 def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
     """Findings on known values without a parameter in the rig, or outside their bounds."""
-    plain = Assembly(rig)
-    names = [p.outside_name for p in rig.parameters]
-    strange = [key for key in recording.known if not plain.knows(key)]
-    findings = [
-        fault(
-            "known",
-            f"[known] {key!r} is not a parameter of rig {rig.name!r}. "
-            f"{nearest(key, names)}".rstrip(),
-        )
-        for key in strange
-    ]
-    known = {key: value for key, value in recording.known.items() if key not in strange}
-    return findings + [
-        outcome("known", False, f"{objection.text}. {CURE}", advice=not objection.impossible)
-        for objection in plain.known_objections(known)
-    ]
+    plain, findings = Assembly(rig), []
+    known = {key: value for key, value in recording.known.items() if plain.knows(key)}
+    for key in recording.known:
+        if key not in known:
+            near = nearest(key, [p.outside_name for p in rig.parameters])
+            text = f"[known] {key!r} is not a parameter of rig {rig.name!r}. {near}"
+            findings.append(fault("known", text.rstrip()))
+    for objection in plain.known_objections(known):
+        text = f"{objection.text}. {CURE}"
+        findings.append(outcome("known", False, text, advice=not objection.impossible))
+    return findings
 
 
 def _column_findings(
@@ -318,38 +279,22 @@ def _column_findings(
 
     wanted: recorded column for each input and output of the rig.
     """
-    references = [loop.reference for loop in rig.loops]
-    strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
-    missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
-    seen = [c for c in rig.outputs if wanted[c] is not None]
-    findings = [
-        fault(
-            "input",
-            f"the input {c!r} of rig {rig.name!r} is missing. "
-            f"{nearest(c, recording.columns)}".rstrip(),
-        )
-        for c in missing
-    ]
-    if not seen:
-        findings.append(
-            fault(
-                "output",
-                f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
-            )
-        )
-    findings += [
-        note("output", f"{c} is not recorded: effects that only it shows stay unknown")
-        for c in rig.outputs
-        if wanted[c] is None and seen
-    ]
-    findings += [
-        note(
-            "column",
-            f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
-            f"{nearest(c, wanted)}".rstrip(),
-        )
-        for c in strange
-    ]
+    findings, used = [], {*wanted.values(), *(loop.reference for loop in rig.loops)}
+    for c in rig.inputs:
+        if wanted[c] is None and c not in rig.optional:
+            text = f"the input {c!r} of rig {rig.name!r} is missing. "
+            findings.append(fault("input", f"{text}{nearest(c, recording.columns)}".rstrip()))
+    lacking = [c for c in rig.outputs if wanted[c] is None]
+    if len(lacking) == len(rig.outputs):
+        text = f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}"
+        findings.append(fault("output", text))
+    else:
+        text = "is not recorded: effects that only it shows stay unknown"
+        findings += [note("output", f"{c} {text}") for c in lacking]
+    for c in recording.columns:
+        if c not in used:
+            text = f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
+            findings.append(note("column", f"{text}{nearest(c, wanted)}".rstrip()))
     return findings
 
 
@@ -365,35 +310,11 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
             return None
 
     names = attempt(lambda: read_header(path))
-    if names is None:
-        return list(outcomes.values())
-    if len(names) == 1:  # another dialect: its cells would be misread, too
+    if names is None or len(names) == 1:  # another dialect: its cells would be misread, too
         return list(outcomes.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
-    time = _time_column(path)
-    if time.size > 1:
-        attempt(lambda: check_stamps(path, time))
-        if first.code != "sampling-period":
-            attempt(lambda: sidecar_of(path, names, time))
-    if time.size < MIN_SAMPLES and first.code != "empty":
-        outcomes.setdefault(
-            "short",
-            fault("too-short", f"{time.size} samples, at least {MIN_SAMPLES} are needed"),
-        )
-    suffixes = [
-        n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
-    ]
-    outcomes |= {
-        n: note("unit", f"column {n!r} does not end in a known unit")
-        for n in suffixes
-        if not n.rsplit("_", 1)[1].isdigit()
-    }
-    return list(outcomes.values())
-
-
-def _time_column(path: Path) -> FloatArray:
-    """Readable stamps, one per row."""
+    # readable stamps, one per row
     stamps = []
     for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:
@@ -401,7 +322,20 @@ def _time_column(path: Path) -> FloatArray:
         except ValueError:
             continue
     time = np.array(stamps)
-    return time[np.isfinite(time)]
+    time = time[np.isfinite(time)]
+    if time.size > 1:
+        attempt(lambda: check_stamps(path, time))
+        if first.code != "sampling-period":
+            attempt(lambda: sidecar_of(path, names, time))
+    if time.size < MIN_SAMPLES and first.code != "empty":
+        outcomes.setdefault(
+            "short", fault("too-short", f"{time.size} samples, at least {MIN_SAMPLES} are needed")
+        )
+    for n in names[1:]:
+        plain = "_" in n and split_column(n)[1] == NONE and not is_unit(n)
+        if plain and not n.rsplit("_", 1)[1].isdigit():
+            outcomes[n] = note("unit", f"column {n!r} does not end in a known unit")
+    return list(outcomes.values())
 
 
 # ---- rig and effect files ----------------------------------------------------------------------
@@ -412,14 +346,8 @@ def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
         module = library.load_file(path)
     except PamidError as error:
         return {"kind": "python"}, [fault("file", str(error))]
-    return _classes(
-        path,
-        [
-            v
-            for v in vars(module).values()
-            if isinstance(v, type) and v.__module__ == module.__name__
-        ],
-    )
+    classes = [v for v in vars(module).values() if isinstance(v, type)]
+    return _classes(path, [c for c in classes if c.__module__ == module.__name__])
 
 
 def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
@@ -428,8 +356,7 @@ def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
         rig = library.rig_named(str(path))
     except PamidError as error:
         return {"kind": "rig"}, [fault("model", str(error))]
-    effects = library.effects()
-    findings, ports = _built(rig, effects, slopes=False)
+    findings, ports = _built(rig, library.effects(), slopes=False)
     about = {"kind": "rig", "rigs": [rig.name], "effects": []}
     return {**about, **({"ports": ports} if ports else {})}, findings
 
@@ -440,13 +367,10 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
     kind = "rig" if rigs else "effect" if effects else "python"
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
-        return about, [
-            fault(
-                "file",
-                "it holds neither a rig nor an effect (a class derived from pamid.Rig or "
-                "pamid.Effect)",
-            )
-        ]
+        text = (
+            "it holds neither a rig nor an effect (a class derived from pamid.Rig or pamid.Effect)"
+        )
+        return about, [fault("file", text)]
     findings: list[CheckOutcome] = []
     if len(rigs) > 1:
         findings.append(fault("file", f"it holds {len(rigs)} rigs; keep one rig in one file"))
@@ -455,13 +379,10 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
         others = [r() for r in library.rigs().values()]
         findings += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
-            findings.append(
-                note(
-                    "name",
-                    f"{effect.name!r} is the name of an effect of the catalogue, which it "
-                    "would replace",
-                )
+            text = (
+                f"{effect.name!r} is the name of an effect of the catalogue, which it would replace"
             )
+            findings.append(note("name", text))
     ports: list[dict[str, Any]] = []
     for rig in rigs:
         rig_findings_, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
@@ -479,9 +400,8 @@ def _rig(
     except PamidError as error:
         return [fault("declarations", str(error))], []
     except Exception as error:  # a rig's __init__ may raise anything
-        return [
-            fault("declarations", f"{kind.__name__}() failed: {type(error).__name__}: {error}")
-        ], []
+        text = f"{kind.__name__}() failed: {type(error).__name__}: {error}"
+        return [fault("declarations", text)], []
     findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)

@@ -16,9 +16,8 @@ SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do n
 # lines per group of ports and per finding, with less and less of both
 DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)
 NAMED_LIKEWISE = 3  # findings of one kind that are named after the first
-_VARIABLE = re.compile(
-    r"'[^']*'|[-+]?\d[\w.+-]*"
-)  # names and numbers, in which like findings differ
+# names and numbers, in which like findings differ
+_VARIABLE = re.compile(r"'[^']*'|[-+]?\d[\w.+-]*")
 
 
 def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
@@ -27,12 +26,8 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
     everything: True prints all of it. Otherwise a rig is shortened to one screen, with similar
     ports and findings joined.
     """
-    lines = [
-        *_head(summary),
-        *_not_fine(summary["findings"]),
-        *ports_text(summary.get("ports", [])),
-    ]
-    lines += _fine(summary["findings"])
+    lines = [*_head(summary), *_not_fine(summary["findings"])]
+    lines += [*ports_text(summary.get("ports", [])), *_fine(summary["findings"])]
     rows = sum(1 + len(line) // WIDTH for text in lines for line in text.splitlines())
     if everything or "samples" in summary or rows < SCREEN:
         return "\n".join([*lines, _count(summary)])
@@ -71,12 +66,13 @@ def _head(summary: dict[str, Any]) -> list[str]:
 
 
 def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
-    """Problems, then notes."""
-    problems = [f for f in findings if not f["ok"]]
-    return [
-        *(_finding_line("wrong  ", f) for f in problems if not f["advice"]),
-        *(_finding_line("note   ", f) for f in problems if f["advice"]),
-    ]
+    """Problems, then notes, folded unless they have a command to copy, which stays on one line."""
+    problems = sorted((f for f in findings if not f["ok"]), key=lambda f: bool(f["advice"]))
+    lines = []
+    for f in problems:
+        line = f"{'note   ' if f['advice'] else 'wrong  '}{f['check']}: {f['detail']}"
+        lines.append(folded(line) if f["check"] == TOLERANCES else line)
+    return lines
 
 
 def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
@@ -98,18 +94,14 @@ def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     for f in findings:
         kind = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])
         groups.setdefault(kind, []).append(f)
-    return [_with_others(group) for group in groups.values()]
-
-
-def _with_others(group: list[dict[str, Any]]) -> dict[str, Any]:
-    first, others = group[0], group[1:]
-    if not others:
-        return first
-    names = [m[0] for f in others if (m := re.search(r"'[^']*'", f["detail"]))]
-    shown = ", ".join(names[:NAMED_LIKEWISE]) + (" .." if len(names) > NAMED_LIKEWISE else "")
-    likewise = f"; likewise {shown}" if shown else ""
-    counted = f"{first['check']}, {len(group)} times"
-    return {**first, "check": counted, "detail": first["detail"] + likewise}
+    joined = []
+    for first, *others in groups.values():
+        names = [m[0] for f in others if (m := re.search(r"'[^']*'", f["detail"]))]
+        shown = ", ".join(names[:NAMED_LIKEWISE]) + (" .." if len(names) > NAMED_LIKEWISE else "")
+        check = f"{first['check']}, {1 + len(others)} times" if others else first["check"]
+        detail = first["detail"] + (f"; likewise {shown}" if shown else "")
+        joined.append({**first, "check": check, "detail": detail})
+    return joined
 
 
 def _count(summary: dict[str, Any]) -> str:
@@ -123,12 +115,6 @@ def _count(summary: dict[str, Any]) -> str:
         if summary["ok"]
         else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
     )
-
-
-def _finding_line(title: str, f: dict[str, Any]) -> str:
-    """Line of a finding, folded unless it has a command to copy, which must stay on one line."""
-    line = f"{title}{f['check']}: {f['detail']}"
-    return folded(line) if f["check"] == TOLERANCES else line
 
 
 def _texture(channel: dict[str, float]) -> str:

@@ -1,7 +1,7 @@
 """Quality of a recording, as far as it shows before a model is fitted.
 
-    examine(recording, rig)           issues, the worst first: fault, place (s), remedy and numbers
-    channel_figures(recording, rig)   step, noise and span of every column
+    examine(recording, rig)        issues, the worst first: fault, place (s), remedy and numbers
+    before_a_fit(recording, rig)   those that spoil a fit
 
 Gaps in the stamps and non-numeric cells are refused by the reader already.
 """
@@ -16,19 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
-from pamid.base.metrics import runs_of
 from pamid.base.units import quantity_of, size_to_si, split_column, to_si
 from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
     CheckedSignal,
     Mask,
-    Places,
+    Stretches,
     clipping,
     has_noise_around,
     independent,
     interpolated_gaps,
-    interval_mask,
     level_issues,
     measurable,
     repeat_chance,
@@ -38,16 +36,13 @@ from pamid.checks.channel_quality import (
     spikes,
     standstill,
     standstills,
-    windows_of,
 )
-from pamid.checks.findings import QualityIssue, advice, issue, share_words
+from pamid.checks.findings import QualityIssue, issue, share_words
 from pamid.excitation.aprbs import coverage
 from pamid.ingest.channel_words import names_command
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
-
-__all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
@@ -70,70 +65,49 @@ PRESSURES_PA = (1.5e4, 3e7)  # of fluid-driven machines, gauge or absolute
 
 
 def examine(
-    recording: Recording,
-    rig: Rig | None = None,
-    signals: Sequence[CheckedSignal] | None = None,
+    recording: Recording, rig: Rig | None = None, signals: Sequence[CheckedSignal] | None = None
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig; without one, issues that need a model are left out.
-    signals
-        Result of `signals_of`, if it has been computed already.
+    rig: its rig; without one, issues that need a model are left out. signals: result of
+    `signals_of`, if it has been computed already.
     """
-    absurd = _absurd(recording)
-    if absurd:
-        return (absurd,)
+    if absurd := _absurd(recording):
+        return tuple(absurd)
     signals = signals_of(recording, rig) if signals is None else signals
     measured = [s for s in signals if not s.sent]
-    issues = _constant(recording, signals, rig)
     sent = [s for s in signals if s.sent and s.span > 0.0]
-    issues += _held_and_clipped([s for s in measured if s.span > 0.0], sent)
-    issues += standstill(measured, sent)
-    issues += _levels(measured, sent, rig)
+    moving = [s for s in measured if s.span > 0.0]
+    issues = _constant(recording, signals, rig)
+    issues += _held_and_clipped(moving, sent) + standstill(measured, sent)
+    # if most channels are dead, the rig rests, and no sensor is faulty
+    alive = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
+    usual = {} if rig is None else rig.noise
+    for s in moving:
+        issues += level_issues(s, alive, usual.get(s.name, 0.0), sent)
     issues += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
     if rig is not None:
         against, judged = _rig_issues(recording, rig, thorough=True)
         issues = [f for f in issues if not judged.get(f.kind, set()) & set(f.columns)] + against
         issues += beyond_range(recording, rig)
     return tuple(
-        sorted(
-            issues, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
-        )
+        sorted(issues, key=lambda i: (i.severity != "wrong", -i.figures.get("share", 1.0)))
     )
-
-
-def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    """Issues that make any fit nonsense, and no others, which is quicker."""
-    return tuple(issue for issue in before_a_fit(recording, rig) if issue.severity == "wrong")
 
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     """Issues that make a fit nonsense (wrong), or that it would take for the machine (advice)."""
     from pamid.checks.slips import ORDER
 
-    absurd = _absurd(recording)
-    issues = [absurd] if absurd else _rig_issues(recording, rig, thorough=False)[0]
+    issues = _absurd(recording) or _rig_issues(recording, rig, thorough=False)[0]
     return tuple(i for i in issues if i.severity == "wrong" or i.kind in ORDER)
 
 
-def _absurd(recording: Recording) -> QualityIssue | None:
+def _absurd(recording: Recording) -> list[QualityIssue]:
     names = tuple(name for name, values in recording.columns.items() if not measurable(values))
-    return (
-        issue(
-            "range",
-            names,
-            "wrong",
-            f"{', '.join(names)}: no sensor shows numbers of this size",
-            "Check how the log was written and read.",
-        )
-        if names
-        else None
-    )
+    message = f"{', '.join(names)}: no sensor shows numbers of this size"
+    hint = "Check how the log was written and read."
+    return [issue("range", names, message, hint, wrong=True)] if names else []
 
 
 def _rig_issues(
@@ -160,24 +134,6 @@ def _rig_issues(
     return issues, judged
 
 
-def channel_figures(
-    recording: Recording,
-    rig: Rig | None = None,
-    signals: Sequence[CheckedSignal] | None = None,
-) -> dict[str, dict[str, float]]:
-    """Per column: span, step (0: none), noise; in the column's unit.
-
-    Parameters
-    ----------
-    recording, rig, signals
-        As in `examine`.
-    """
-    return {
-        s.name: {"span": s.span, "step": s.step, "noise": s.noise}
-        for s in (signals_of(recording, rig) if signals is None else signals)
-    }
-
-
 def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSignal]:
     """Every column with its noise and step."""
     sent = sent_columns(recording, rig)
@@ -187,51 +143,22 @@ def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSign
     ]
 
 
-def _levels(
-    measured: Sequence[CheckedSignal], sent: Sequence[CheckedSignal], rig: Rig | None
-) -> list[QualityIssue]:
-    """Dead, coarse and noisy channels. If most are dead, the rig rests, and no sensor is faulty."""
-    moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
-    usual = {} if rig is None else rig.noise
-    return [
-        issue
-        for s in measured
-        if s.span > 0.0
-        for issue in level_issues(s, moving, usual.get(s.name, 0.0), sent)
-    ]
-
-
 def _constant(
     recording: Recording, signals: Sequence[CheckedSignal], rig: Rig | None
 ) -> list[QualityIssue]:
-    spare = (
-        set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
-    )
+    spare = {match_column(recording.columns, name) for name in (rig.optional if rig else ())}
     issues = []
     # something moves far above its noise; an input is at work
     moving = any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals)
     driven = any(s.sent and s.span > 0.0 for s in signals)
     for s in signals:
-        if s.span == 0.0 and s.name not in spare:
-            dead = not s.sent and moving
-            hint = PLUGGED if dead else ""
-            if s.sent and rig is not None and driven:
-                continue
-            issues.append(
-                advice(
-                    "dead" if dead else "constant",
-                    s.name,
-                    f"{s.name} is constant ({s.values[0]:g}{s.unit}) throughout",
-                    hint,
-                    {"value": float(s.values[0])},
-                )
-            )
+        if s.span or s.name in spare or (s.sent and rig is not None and driven):
+            continue
+        dead, value = not s.sent and moving, float(s.values[0])
+        message = f"{s.name} is constant ({value:g}{s.unit}) throughout"
+        kind, hint = ("dead", PLUGGED) if dead else ("constant", "")
+        issues.append(issue(kind, s.name, message, hint, {"value": value}))
     return issues
-
-
-def _nothing_sent(sent: Sequence[CheckedSignal]) -> Mask:
-    """Mask of the samples at which all commands are 0, so that the machine may rest."""
-    return np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
 
 
 def _held_and_clipped(
@@ -240,10 +167,10 @@ def _held_and_clipped(
     """Causes of standstill: a slow sensor, lost rows, a limit, a dead channel; then bridges and
     spikes.
 
-    While all commands are 0, a standstill is not a fault.
+    While all commands are 0, the machine may rest, and a standstill is not a fault.
     """
     all_issues: list[QualityIssue] = []
-    idle = _nothing_sent(sent)
+    idle = np.logical_and.reduce([s.values == 0.0 for s in sent]) if sent else np.array(False)
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
@@ -252,16 +179,9 @@ def _held_and_clipped(
             f"{', '.join(columns)}: a new value only every {every} samples ({1.0 / period:.4g} "
             "Hz), held between"
         )
-        all_issues.append(
-            advice(
-                "sampled-slowly",
-                columns,
-                message,
-                "Ingest the raw log with the period of its "
-                "slowest channel, or leave `period_s` out.",
-                {"every_samples": float(every)},
-            )
-        )
+        hint = "Ingest the raw log with the period of its slowest channel, or leave `period_s` out."
+        figures = {"every_samples": float(every)}
+        all_issues.append(issue("sampled-slowly", columns, message, hint, figures))
     free = [s for s in measured if s.name not in slow]
     if not free:
         return all_issues
@@ -270,9 +190,8 @@ def _held_and_clipped(
     all_issues += _lost_rows(free, held)
     for s in free:
         issues, at_limit = clipping(s, idle)
-        stuck, still = standstills(
-            s, held | at_limit | idle, next((o for o in lively if o is not s), None)
-        )
+        other = next((o for o in lively if o is not s), None)
+        stuck, still = standstills(s, held | at_limit | idle, other)
         all_issues += [*issues, *stuck, *interpolated_gaps(s, held | at_limit | still), *spikes(s)]
     return all_issues
 
@@ -283,26 +202,27 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     The motion of one of them then continues with a leap, or the noise of two stops and returns.
     """
     together = np.logical_and.reduce([s.still for s in signals])
-    starts, stops = runs_of(together)
-    lost = np.logical_or.reduce([_motion_lost(s, starts, stops) for s in signals])
+    rows = Stretches.of(signals[0].time, together)
+    lost = np.logical_or.reduce([_motion_lost(s, rows) for s in signals])
     noisy = [s for s in signals if independent(s, together)]
     if len(noisy) > 1:
         chance = math.prod(repeat_chance(s) for s in noisy)
-        for k in np.flatnonzero(~lost & (chance ** (stops - starts) * starts.size < CHANCE)):
-            around = sum(has_noise_around(s, int(starts[k]), int(stops[k])) for s in noisy)
-            lost[k] = around > 1
-    return interval_mask(signals[0].values.size, starts[lost], stops[lost])
+        for k in np.flatnonzero(~lost & (chance**rows.lengths * rows.starts.size < CHANCE)):
+            first, stop = int(rows.starts[k]), int(rows.stops[k])
+            lost[k] = sum(has_noise_around(s, first, stop) for s in noisy) > 1
+    return rows.only(lost).mask
 
 
-def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
+def _motion_lost(s: CheckedSignal, rows: Stretches) -> Mask:
     """True if the first move after each interval equals the motion missed at the pace around it.
 
     A channel that mostly continues otherwise does not count: a sticking gauge, a slow sensor.
     """
     d = np.diff(s.values)
     resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
-    inside = (starts > PACE) & (stops < s.values.size - PACE)
-    first, behind = np.where(inside, starts, PACE + 1), np.where(inside, stops, PACE + 1)
+    inside = (rows.starts > PACE) & (rows.stops < s.values.size - PACE)
+    first = np.where(inside, rows.starts, PACE + 1)
+    behind = np.where(inside, rows.stops, PACE + 1)
     # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first one
     # behind it
     before = np.stack([d[first - 2 - k] for k in range(PACE)])
@@ -321,29 +241,18 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
 def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
     if not held.any():
         return []
-    starts, stops = runs_of(held)
-    windows = windows_of(measured[0].time, starts, stops)
-    columns = tuple(s.name for s in measured)
+    rows, columns = Stretches.of(measured[0].time, held), tuple(s.name for s in measured)
     which = "all measured channels" if len(columns) > 1 else columns[0]
-    return [
-        advice(
-            "dropped",
-            columns,
-            f"{int(held.sum())} samples were lost and filled by repeating the last "
-            f"one in {which}, {share_words(float(held.mean()))}",
-            "Check the logger's load and the bus; ingest the raw log without filling, or leave "
-            "these stretches out.",
-            {
-                "samples": float(held.sum()),
-                "share": float(held.mean()),
-                "longest_samples": float((stops - starts).max()),
-            },
-            windows,
-        )
-    ]
-
-
-# ---- pressures ---------------------------------------------------------------------------------
+    message = (
+        f"{int(held.sum())} samples were lost and filled by repeating the last one in {which}, "
+        f"{share_words(float(held.mean()))}"
+    )
+    hint = (
+        "Check the logger's load and the bus; ingest the raw log without filling, or leave these "
+        "stretches out."
+    )
+    figures = {"samples": float(held.sum()), **rows.figures}
+    return [issue("dropped", columns, message, hint, figures, rows.windows)]
 
 
 def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
@@ -356,26 +265,16 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         y = np.asarray(to_si(s.values, symbol))
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
-            issues.append(
-                advice(
-                    "pressure",
-                    s.name,
-                    f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum",
-                    "Is its sign or its unit wrong?",
-                    {"low_pa": float(y.min())},
-                )
-            )
+            message = f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum"
+            hint, low = "Is its sign or its unit wrong?", {"low_pa": float(y.min())}
+            issues.append(issue("pressure", s.name, message, hint, low))
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
-            issues.append(
-                advice(
-                    "unit",
-                    s.name,
-                    f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, "
-                    "unusual for a pressure that drives something",
-                    "Are its values in another unit, such as bar or Pa?",
-                    {"size_pa": size},
-                )
+            message = (
+                f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, unusual for a pressure "
+                "that drives something"
             )
+            hint = "Are its values in another unit, such as bar or Pa?"
+            issues.append(issue("unit", s.name, message, hint, {"size_pa": size}))
         else:
             issues += _atmospheric_floor(s, y)
     return issues
@@ -384,7 +283,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
     """Columns in kelvin beyond the temperature of any room or machine."""
     return [
-        advice(
+        issue(
             "unit",
             s.name,
             f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
@@ -400,24 +299,20 @@ def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
     """Floor at one atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
-    if not VENTED_PA[0] < floor < VENTED_PA[1]:
+    rests = Stretches.of(s.time, y < floor + near)
+    rests = rests.only(rests.lengths * float(np.diff(s.time).mean()) >= 0.2)
+    if not VENTED_PA[0] < floor < VENTED_PA[1] or not rests.starts.size:
         return []
-    starts, stops = runs_of(y < floor + near)
-    long = (stops - starts) * float(np.diff(s.time).mean()) >= 0.2
-    if not long.any():
-        return []
-    return [
-        advice(
-            "absolute-pressure",
-            s.name,
-            f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls "
-            "below: a vented volume on an absolute sensor",
-            "Recordings hold gauge pressures: set pressure = "
-            '"absolute" in the mapping of `pamid ingest`.',
-            {"floor_kpa": floor / 1e3},
-            windows_of(s.time, starts[long], stops[long]),
-        )
-    ]
+    message = (
+        f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls below: a vented volume on an "
+        "absolute sensor"
+    )
+    hint = (
+        'Recordings hold gauge pressures: set pressure = "absolute" in the mapping of `pamid '
+        "ingest`."
+    )
+    figures = {"floor_kpa": floor / 1e3}
+    return [issue("absolute-pressure", s.name, message, hint, figures, rests.windows)]
 
 
 # ---- what is sent ------------------------------------------------------------------------------
@@ -428,29 +323,29 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
     issues = []
-    few = shortfall_alone(recording)
-    if few:
+    if few := shortfall_alone(recording):
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
-        issues.append(issue("short", (), "wrong", few, hint, figures))
+        issues.append(issue("short", (), few, hint, figures, wrong=True))
     for name in _excited_columns(recording, rig):
-        issues += _excitation(recording, name, _usual(rig, name))
-    commands = [name for name in sent_columns(recording, rig) if name.startswith("command")]
-    for name in commands:
+        issues += _excitation(recording, name, rig)
+    for name in sent_columns(recording, rig):
         size = np.abs(recording.columns[name])
         at = size >= size.max()
-        if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
-            issues.append(
-                advice(
-                    "at-limits",
-                    name,
-                    f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time",
-                    "Lower the gains or ask for less: a command at its "
-                    "limit says little about the rig.",
-                    {"share": float(at.mean())},
-                    windows_of(recording.time, *runs_of(at)),
-                )
+        if (
+            name.startswith("command")
+            and np.unique(size).size > FEW_LEVELS
+            and at.mean() > AT_LIMITS
+        ):
+            message = (
+                f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time"
             )
+            hint = (
+                "Lower the gains or ask for less: a command at its limit says little about the rig."
+            )
+            windows = Stretches.of(recording.time, at).windows
+            share = {"share": float(at.mean())}
+            issues.append(issue("at-limits", name, message, hint, share, windows))
     return issues
 
 
@@ -460,41 +355,29 @@ def _excited_columns(recording: Recording, rig: Rig | None) -> list[str]:
         references = [n for n in recording.columns if n.startswith("reference")]
         commands = [n for n in recording.columns if n.startswith("command")]
     else:
-        references = [
-            c
-            for loop in rig.loops
-            if (c := match_column(recording.columns, loop.reference)) is not None
-        ]
-        commands = [
-            c
-            for n in rig.inputs
-            if n not in rig.optional and (c := match_column(recording.columns, n)) is not None
-        ]
+        needed = [n for n in rig.inputs if n not in rig.optional]
+        references, commands = (
+            [c for n in names if (c := match_column(recording.columns, n)) is not None]
+            for names in ([loop.reference for loop in rig.loops], needed)
+        )
     return references if references and recording.loop != "open" else commands
 
 
-def _usual(rig: Rig | None, column: str) -> float:
-    """Usual amplitude of an excitation, SI; 0 if unknown."""
-    if rig is None:
-        return 0.0
-    return max(
-        (
-            float(size_to_si(size, split_column(name)[1]))
-            for name, size in rig.excited.items()
-            if match_column([column], name) is not None
-        ),
-        default=0.0,
-    )
-
-
-def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIssue]:
+def _excitation(recording: Recording, name: str, rig: Rig | None) -> list[QualityIssue]:
     values, period = recording.columns[name], recording.sampling_period_s
     try:
         seen = coverage(values, period)
     except DataError:
         return []  # constant: reported already
     amplitude = 0.5 * float(np.ptp(to_si(values, split_column(name)[1])))
-    numbers = {"steps": float(seen.steps), "levels": float(seen.levels), "visited": seen.visited}
+    usual = max(  # SI; 0 if unknown
+        (
+            float(size_to_si(size, split_column(column)[1]))
+            for column, size in (rig.excited if rig else {}).items()
+            if match_column([name], column) is not None
+        ),
+        default=0.0,
+    )
     messages = []
     if amplitude < TIMID * usual:
         messages.append(f"moves by only {amplitude / usual:.0%} of what is usual")
@@ -502,26 +385,18 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIs
         messages.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
     elif seen.levels <= FEW_LEVELS:
         messages.append(f"has only {seen.levels} levels, which hide what is curved between them")
-    starts, stops = runs_of(np.concatenate([[False], np.diff(values) == 0.0]))
-    longest = int(np.argmax(stops - starts)) if starts.size else -1
+    rests = Stretches.of(recording.time, np.concatenate([[False], np.diff(values) == 0.0]))
+    longest = rests.only(rests.lengths == rests.lengths.max(initial=0)).only(slice(1))
     windows: tuple[tuple[float, float], ...] = ()
-    if longest >= 0 and stops[longest] - starts[longest] > IDLE * values.size:
-        windows = windows_of(
-            recording.time, starts[longest : longest + 1], stops[longest : longest + 1]
-        )
+    if longest.lengths.sum() > IDLE * values.size:
+        windows = longest.windows
         messages.append("does not change for most of the time")
     if not messages:
         return []
-    return [
-        advice(
-            "excitation",
-            name,
-            f"{name} {' and '.join(messages)}",
-            "`pamid generate-aprbs` makes an excitation that covers range and frequencies.",
-            numbers,
-            windows,
-        )
-    ]
+    message = f"{name} {' and '.join(messages)}"
+    hint = "`pamid generate-aprbs` makes an excitation that covers range and frequencies."
+    numbers = {"steps": float(seen.steps), "levels": float(seen.levels), "visited": seen.visited}
+    return [issue("excitation", name, message, hint, numbers, windows)]
 
 
 def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
@@ -535,20 +410,15 @@ def beyond_range(recording: Recording, rig: Rig) -> list[QualityIssue]:
         out = (values < low - slack) | (values > high + slack)
         if not out.any():
             continue
-        share = float(out.mean())
-        issues.append(
-            advice(
-                "beyond-range",
-                column,
-                f"{name} should be within {low:g} .. {high:g} by rig {rig.name!r}, but goes "
-                f"from {values.min():.4g} to {values.max():.4g}, outside for {share:.0%} of the "
-                "time",
-                "Check its unit and its zero; if it really goes there, widen ranges in the rig "
-                "file.",
-                {"share": share, "low": float(values.min()), "high": float(values.max())},
-                windows_of(recording.time, *runs_of(out)),
-            )
+        share, least, most = float(out.mean()), float(values.min()), float(values.max())
+        message = (
+            f"{name} should be within {low:g} .. {high:g} by rig {rig.name!r}, but goes from "
+            f"{least:.4g} to {most:.4g}, outside for {share:.0%} of the time"
         )
+        hint = "Check its unit and its zero; if it really goes there, widen ranges in the rig file."
+        figures = {"share": share, "low": least, "high": most}
+        windows = Stretches.of(recording.time, out).windows
+        issues.append(issue("beyond-range", column, message, hint, figures, windows))
     return issues
 
 
@@ -560,16 +430,15 @@ def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
     than a converter's step. A frozen sensor moves from sample to sample in between.
     """
     columns = recording.columns
-    if rig is None:
-        return {name for name, values in columns.items() if _seems_sent(name, values)}
-    sent = {
-        match_column(columns, input_) for input_ in (*rig.inputs, *(k.reference for k in rig.loops))
+    inputs = () if rig is None else (*rig.inputs, *(loop.reference for loop in rig.loops))
+    sent = {match_column(columns, name) for name in inputs}
+    known = sent | {match_column(columns, name) for name in (rig.outputs if rig else ())}
+    guessed = {
+        name
+        for name, values in columns.items()
+        if name not in known
+        and (
+            name.startswith(SENT) or names_command(name) or stands(values) or held_by_jumps(values)
+        )
     }
-    known = sent | {match_column(columns, output) for output in rig.outputs}
-    guessed = {n for n, values in columns.items() if n not in known and _seems_sent(n, values)}
     return guessed | {name for name in sent if name is not None}
-
-
-def _seems_sent(name: str, values: NDArray[np.float64]) -> bool:
-    called = name.startswith(SENT) or names_command(name)
-    return called or stands(values) or held_by_jumps(values)

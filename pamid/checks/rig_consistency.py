@@ -34,7 +34,7 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.checks.channel_quality import PLUGGED
-from pamid.checks.findings import QualityIssue, advice, issue
+from pamid.checks.findings import QualityIssue, issue
 from pamid.checks.sheet_comparison import (
     SheetComparison,
     magnitude_sensor_signs,
@@ -83,22 +83,10 @@ def contradictions(
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """Issues in which the recording contradicts the rig.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    rig
-        Its rig.
-    evidence
-        Comparison with the data sheet's run; None if the rig cannot run on the recording.
-    thorough
-        Also try slips of the data sheet, and look for channels that the rig does not explain.
-
-    Returns
-    -------
-    list, dict
-        Issues; and by kind of issue the columns that the rig has judged, which need no guess from
-        their values alone.
+    evidence: comparison with the data sheet's run; None if the rig cannot run on the recording.
+    thorough: also try slips of the data sheet, and look for channels that the rig does not explain.
+    Returns issues; and by kind of issue the columns that the rig has judged, which need no guess
+    from their values alone.
     """
     if evidence is None:
         return [], {}
@@ -108,33 +96,21 @@ def contradictions(
         factor = clocks[0].slip.factor
         text = f"at which rig {rig.name!r} would behave quite differently"
         return [_clock_issue(recording, text, CLOCKS[factor], 1.0 / factor)], {}
-    issues = _slip_issues(
-        [explanation for explanation in slips if explanation.slip.kind not in UNNAMED],
-        evidence,
-        rig,
-    )
+    named = [explanation for explanation in slips if explanation.slip.kind not in UNNAMED]
+    issues = _slip_issues(named, evidence, rig)
     factors = [explanation for explanation in slips if explanation.slip.kind in UNNAMED]
     if thorough and not any(i.severity == "wrong" for i in issues):
         issues += _unexplained_channels(factors, judgement, recording_, e, rig)
     if not e.ran:
         return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
-    columns = recorded_columns(e.names, recording)
-    suits = {
-        c
-        for c, correlation in zip(columns, e.agreement()[0], strict=True)
-        if correlation > COMPARABLE_CORRELATION
-    }
-    rests = {
-        c for c, still in zip(columns, e.model.std(axis=0) < STIR * noise, strict=True) if still
-    }
-    issues += _delays(e, recording, rig) + (dead := dead_sensors(recording, rig, e))
-    return issues, {
-        "unit": suits,
-        "pressure": suits,
-        "absolute-pressure": suits,
-        "dead": rests | {i.columns[0] for i in dead},
-    }
+    columns = np.array(recorded_columns(e.names, recording))
+    suits = set(columns[e.agreement()[0] > COMPARABLE_CORRELATION].tolist())
+    rests = set(columns[e.model.std(axis=0) < STIR * noise].tolist())
+    dead = dead_sensors(recording, rig, e)
+    judged = dict.fromkeys(("unit", "pressure", "absolute-pressure"), suits)
+    judged["dead"] = rests | {i.columns[0] for i in dead}
+    return issues + _delays(e, recording, rig) + dead, judged
 
 
 # ---- clock ---------------------------------------------------------------------------------------
@@ -158,14 +134,10 @@ def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
 
 def _clock_issue(recording: Recording, text: str, looks: str, ratio: float) -> QualityIssue:
     period = recording.sampling_period_s
-    return issue(
-        "clock",
-        "time_s",
-        "wrong",
-        f"samples are {period:g} s apart, {text}",
-        f"The stamps look like {looks}." if looks else "Are the stamps seconds?",
-        {"period_s": period, "ratio": ratio},
-    )
+    message = f"samples are {period:g} s apart, {text}"
+    hint = f"The stamps look like {looks}." if looks else "Are the stamps seconds?"
+    figures = {"period_s": period, "ratio": ratio}
+    return issue("clock", "time_s", message, hint, figures, wrong=True)
 
 
 # ---- slips ---------------------------------------------------------------------------------------
@@ -177,9 +149,9 @@ def _slip_issues(
     """One finding for each slip; columns in the same other unit share a finding."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
     for k, explanation in enumerate(slips):
-        units = {split_column(name)[1] for name in explanation.slip.names}
-        same = (explanation.slip.kind, explanation.slip.meaning, *sorted(units))
-        joined = explanation.slip.kind in ("unit", "absolute-pressure")
+        slip = explanation.slip
+        same = (slip.kind, slip.meaning, *sorted({split_column(name)[1] for name in slip.names}))
+        joined = slip.kind in ("unit", "absolute-pressure")
         groups.setdefault(same if joined else (str(k),), []).append(explanation)
     return [_slip_issue(group, before, rig) for group in groups.values()]
 
@@ -203,8 +175,7 @@ def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> 
     bend = figures["tolerances_as_recorded"]
     if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
         evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
-    severity = "wrong" if first.wrong else "advice"
-    return issue(slip.kind, names, severity, f"{message}: {evidence}", hint, figures)
+    return issue(slip.kind, names, f"{message}: {evidence}", hint, figures, wrong=first.wrong)
 
 
 def _slip_words(
@@ -306,15 +277,9 @@ def _unexplained_channels(
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit is off by {left[k]:.2g} times the motion"
-    return [
-        advice(
-            "far-off",
-            tuple(columns[i] for i in shown),
-            text,
-            _unit_advice(every) + _blind(columns[k], e, k),
-            {"error": float(missed[k])},
-        )
-    ]
+    hint = _unit_advice(every) + _blind(columns[k], e, k)
+    names = tuple(columns[i] for i in shown)
+    return [issue("far-off", names, text, hint, {"error": float(missed[k])})]
 
 
 def _relative_errors(e: SheetComparison) -> Array:
@@ -360,41 +325,23 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 
 def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Findings on sensors that read one number throughout, although the machine moves them.
-
-    Parameters
-    ----------
-    recording, rig
-        Recording and its rig.
-    e
-        Comparison of the recording with the data sheet's run.
-    """
+    """Findings on sensors that read one number throughout, although the machine moves them."""
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []
     issues = []
-    for k, (name, column) in enumerate(
-        zip(e.names, recorded_columns(e.names, recording), strict=True)
-    ):
+    for k, column in enumerate(recorded_columns(e.names, recording)):
+        values, name = recording.columns[column], e.names[k]
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
-        if (
-            still[k]
-            and motion(recording.columns[column]) == 0.0
-            and moves > LIVELY * rig.noise.get(name, 0.0)
-        ):
-            value, symbol = float(recording.columns[column][0]), split_column(column)[1]
+        if still[k] and motion(values) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
+            value, symbol = float(values[0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
-            issues.append(
-                issue(
-                    "dead",
-                    column,
-                    "wrong",
-                    f"{column} is constant ({shown}) throughout, where the "
-                    f"model of rig {rig.name!r} moves",
-                    f"{PLUGGED} Leave the column out if it was not measured.",
-                    {"value": value},
-                )
+            message = (
+                f"{column} is constant ({shown}) throughout, where the model of rig {rig.name!r} "
+                "moves"
             )
+            hint = f"{PLUGGED} Leave the column out if it was not measured."
+            issues.append(issue("dead", column, message, hint, {"value": value}, wrong=True))
     return issues
 
 
@@ -433,16 +380,11 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             else "No rig responds before its command: shift the channel, or the command, in the "
             "raw log."
         )
-        issues.append(
-            advice(
-                "delay",
-                columns,
-                f"{listed(columns)} {many} {duration_text(abs(delay))} "
-                f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}",
-                hint,
-                {"delay_s": delay},
-            )
+        message = (
+            f"{listed(columns)} {many} {duration_text(abs(delay))} "
+            f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}"
         )
+        issues.append(issue("delay", columns, message, hint, {"delay_s": delay}))
     return issues
 
 
@@ -490,13 +432,8 @@ def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> lis
         if text := idle_text(name, values, change, e.names, noise):
             symbol = split_column(name)[1]
             low, high = (float(from_si(x, symbol)) for x in (values.min(), values.max()))
-            issues.append(
-                advice(
-                    "idle-input",
-                    recorded_columns((name,), recording),
-                    f"in the data sheet's model of rig {rig.name!r} {text}",
-                    IDLE_CURE,
-                    {"low": low, "high": high, "most_of_noise": float((change / noise).max())},
-                )
-            )
+            message = f"in the data sheet's model of rig {rig.name!r} {text}"
+            figures = {"low": low, "high": high, "most_of_noise": float((change / noise).max())}
+            columns = recorded_columns((name,), recording)
+            issues.append(issue("idle-input", columns, message, IDLE_CURE, figures))
     return issues

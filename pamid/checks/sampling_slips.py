@@ -204,11 +204,8 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
 
 def direct_outputs(rig: Rig) -> set[str]:
     """Outputs that depend on an input of the same instant."""
-    return {
-        name
-        for name, value in Assembly(rig).traced.outputs.items()
-        if any(space == "input" for space, _ in symbols([value]))
-    }
+    outputs = Assembly(rig).traced.outputs
+    return {n for n, y in outputs.items() if any(space == "input" for space, _ in symbols([y]))}
 
 
 def _refit(data: FitData, base: FittedWindows, column: str, way: str) -> FittedWindows:
@@ -244,17 +241,15 @@ def _compare_inputs(
     while True:
         left = [c for c in names if c not in outcomes]
         worth = _worth_trying(data, base, left) if screened else left
-        tried = {c: _compare_hold(data, base, c) for c in worth}
+        tried = [_compare_hold(data, base, c) for c in worth]
         # a run that diverges with the other hold leaves nothing to compare
-        tried = {
-            c: t for c, t in tried.items() if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()
-        }
-        wrong = [c for c, (hold, _) in tried.items() if hold.wrong]
+        tried = [t for t in tried if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()]
+        wrong = [t for t in tried if t[0].wrong]
         if len(wrong) < 2:
-            outcomes |= {c: hold for c, (hold, _) in tried.items()}
+            outcomes |= {hold.column: hold for hold, _ in tried}
             return [outcomes[c] for c in names if c in outcomes]
-        best = min(wrong, key=lambda c: tried[c][1].error)
-        outcomes[best], base = tried[best]
+        hold, base = min(wrong, key=lambda t: t[1].error)
+        outcomes[hold.column] = hold
 
 
 def _compare_hold(

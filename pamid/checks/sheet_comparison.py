@@ -23,11 +23,7 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
-from pamid.simulation.free_runs import (
-    choose_stepping,
-    free_run,
-    known_values,
-)
+from pamid.simulation.free_runs import choose_stepping, free_run, known_values
 from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
@@ -102,15 +98,11 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | Non
         return None
 
 
-def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
-    assembly = Assembly(rig)
+def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
     data = data_of(rig, recording)
     names = data.measured(rig)
     assembly = Assembly(rig, outputs=names)
-    p, _ = known_values(
-        assembly,
-        {k: v for k, v in recording.known.items() if assembly.knows(k)},
-    )
+    p, _ = known_values(assembly, {k: v for k, v in recording.known.items() if assembly.knows(k)})
     u = data.inputs(assembly)[:MOST_COMPARED_SAMPLES]
     y = data.outputs(names)[:MOST_COMPARED_SAMPLES]
     order = [assembly.program.outputs.index(n) for n in names]
@@ -135,7 +127,15 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
 
     @cache
     def shown() -> Array:
-        return _shown_start(Runner(assembly, track_of(assembly, data, names), steps), p)
+        # state of the model according to the first readings, (states,)
+        runner = Runner(assembly, track_of(assembly, data, names), steps)
+        y, memory = runner.track.y, runner.memory(p)
+        window = Window(0, min(OPENING_SAMPLES, len(y)))
+        noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
+        weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
+        start, n = memory.x.copy(), runner.start_states
+        start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
+        return start
 
     def follow(values: Array, samples: int) -> Array | None:
         return simulate(u[:samples], values, start=shown())
@@ -144,17 +144,6 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     model = np.full_like(y, np.nan) if outputs is None else outputs
     inputs = tuple(assembly.traced.inputs)
     return SheetComparison(names, inputs, y, u, model, simulate, follow, assembly, p)
-
-
-def _shown_start(runner: Runner, p: Array) -> Array:
-    """State of the model according to the first readings, (states,)."""
-    y, memory = runner.track.y, runner.memory(p)
-    window = Window(0, min(OPENING_SAMPLES, len(y)))
-    noise = np.maximum(noise_level(y), LEAST_NOISE * y.std(axis=0))
-    weight = 1.0 / np.where(noise > 0.0, noise, 1.0)
-    start, n = memory.x.copy(), runner.start_states
-    start[:n] = WindowStart.of(runner, memory, window, p, weight, start[:n]).from_readings()
-    return start
 
 
 def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:

@@ -124,33 +124,23 @@ class FitData:
     ) -> FittedWindows:
         """Fit a rig to the data.
 
-        Parameters
-        ----------
-        rig
-            Rig to fit.
-        begin
-            Start point; by default the data sheet.
-        problem
-            Earlier fit of the same rig, whose model is compiled already.
-        stepping
-            Stepping of a fit that only differs in its inputs.
-        steps
-            Largest number of steps.
-        restart
-            Also start from the states that the readings show, if the fit is poor. A fit that took
-            no step, or that has parameters of zero, does so anyway.
+        begin: start point; by default the data sheet. problem: earlier fit of the same rig, whose
+        model is compiled already. stepping: stepping of a fit that only differs in its inputs.
+        restart: also start from the states that the readings show, if the fit is poor. A fit that
+        took no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
-        start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
-        point = iterate(problem, Iteration(start, problem.rule.start), steps).point
-        best = FittedWindows(rig, point, problem)
-        again = restart or problem.unset.any() or not point.s.any()
+
+        def settled(start: FitPoint) -> FittedWindows:
+            point = iterate(problem, Iteration(start, problem.rule.start), steps).point
+            return FittedWindows(rig, point, problem)
+
+        best = settled(problem.sheet() if begin is None else problem.at(begin.s, begin.x))
+        again = restart or problem.unset.any() or not best.point.s.any()
         if begin is None and again and max(best.shares.values()) > USUAL_ERROR:
             # from an inertia of zero, or from where the data sheet's run has gone, no step may lead
             # to what was measured
-            start = problem.readings()
-            point = iterate(problem, Iteration(start, problem.rule.start), steps).point
-            best = min(best, FittedWindows(rig, point, problem), key=lambda fit: fit.point.cost)
+            best = min(best, settled(problem.readings()), key=lambda fit: fit.point.cost)
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:
@@ -178,13 +168,8 @@ class FitData:
 def fit_data_of(recording: Recording, rig: Rig, timescales: float = 0.0) -> FitData | None:
     """Windows of a recording to fit; None if it is too short, or if nothing moves.
 
-    Parameters
-    ----------
-    recording, rig
-        Recording and its rig.
-    timescales
-        Length of a window in correlation times of the recording. A window has at least
-        WINDOW_SAMPLES; longer windows are fewer.
+    timescales: length of a window in correlation times of the recording. A window has at least
+    WINDOW_SAMPLES; longer windows are fewer.
     """
     data = data_of(rig, recording)
     names = tuple(n for n in data.measured(rig) if motion(data.values[n]) > 0.0)
@@ -308,14 +293,14 @@ class ShortFit(LeastSquares[FitPoint, Array]):
 
     def _reach(self) -> tuple[Array, Array]:
         """Lowest and highest scaled parameters."""
-        low, high = np.empty(len(self.runner.free)), np.empty(len(self.runner.free))
+        reach = np.empty((2, len(self.runner.free)))
         for k, i in enumerate(self.runner.free):
             b, value = self.runner.assembly.parameters[i], float(self.trial.track.p[i])
             ends = np.array([min(b.low, value), max(b.high, value)])
             with np.errstate(divide="ignore"):
                 ends = np.log(ends / value) if b.log else ends - value
-            low[k], high[k] = ends / b.spread
-        return low, high
+            reach[:, k] = ends / b.spread
+        return reach[0], reach[1]
 
     def at(self, s: Array, x: Array, derivatives: bool = True) -> FitPoint:
         trial, m = self.trial, len(s)

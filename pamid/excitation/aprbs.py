@@ -54,17 +54,12 @@ class Changes:
         """Small or large, slow or fast changes that do not occur, where both kinds of each do."""
         half = CELLS // 2
         there = self.share.reshape(2, half, 2, half).sum(axis=(1, 3)) > _SELDOM
-        sizes = [
-            word
-            for word, present in zip(("small", "large"), there.any(axis=1), strict=True)
-            if not present
-        ]
-        return sizes + [
-            f"{size} {pace}"
-            for size, row in zip(("small", "large"), there, strict=True)
-            for pace, present in zip(("slow", "fast"), row, strict=True)
-            if not present and size not in sizes
-        ]
+        words, missing = ("small", "large"), []
+        missing += [size for size, row in zip(words, there, strict=True) if not row.any()]
+        for size, row in zip(words, there, strict=True):
+            paces = zip(("slow", "fast"), row, strict=True)
+            missing += [f"{size} {p}" for p, present in paces if row.any() and not present]
+        return missing
 
 
 @dataclass(frozen=True)
@@ -156,7 +151,18 @@ class Coverage:
                 "Hardly shows: the shape of a curve; the signal stays too much at a few levels."
             )
         if self.changes is not None:
-            blind += self._missing_changes(self.changes)
+            (small, large), (slow_hz, fast_hz) = self.changes.most
+            missing = " and ".join(self.changes.missing())
+            if large < _ALIKE * small:
+                blind.append(
+                    "Cannot show: what depends on the size of a change; nearly all are "
+                    f"{large:.0%} of the range."
+                )
+            elif fast_hz >= _ALIKE * slow_hz and missing:
+                blind.append(
+                    f"Cannot show: {missing} changes (large: above half of the range; fast: above "
+                    f"{self.changes.edges_hz[CELLS // 2]:.2g} Hz)."
+                )
         if self.visited < 0.8:
             blind.append(
                 f"Cannot show: what happens in the {1 - self.visited:.0%} of the range where it "
@@ -181,22 +187,6 @@ class Coverage:
             f"s) and, over {self.duration_s:.3g} s, drift slower than {self.duration_s / 5:.2g} s."
         )
         return sorted(blind, key=lambda spot: spot.startswith("Hardly"))
-
-    def _missing_changes(self, changes: Changes) -> list[str]:
-        (small, large), (slow, fast) = changes.most
-        missing = " and ".join(changes.missing())
-        if large < _ALIKE * small:
-            return [
-                f"Cannot show: what depends on the size of a change; nearly all are {large:.0%} "
-                "of the range."
-            ]
-        if fast < _ALIKE * slow or not missing:
-            return []
-        middle = changes.edges_hz[CELLS // 2]
-        return [
-            f"Cannot show: {missing} changes (large: above half of the range; fast: above "
-            f"{middle:.2g} Hz)."
-        ]
 
 
 def aprbs(
@@ -295,6 +285,8 @@ def coverage(
         )
     shares = np.histogram(values, BINS, (low, high))[0] / values.size
     filled = shares[shares > 0]
+    entropy = float(-np.sum(filled * np.log(filled)))
+    evenness = entropy / math.log(BINS) if filled.size > 1 else 0.0
     moving, starts = _changes(values)
     holds = np.diff(starts) * period_s
     inner = holds if holds.size else np.array([values.size * period_s])
@@ -308,9 +300,7 @@ def coverage(
         low=low,
         high=high,
         histogram=tuple(float(share) for share in shares),
-        evenness=float(-np.sum(filled * np.log(filled)) / math.log(BINS))
-        if filled.size > 1
-        else 0.0,
+        evenness=evenness,
         visited=float(np.count_nonzero(shares) / BINS),
         steps=int(starts.size),
         levels=int(np.unique(np.round(held / ((high - low) * 1e-6))).size),
@@ -344,12 +334,8 @@ def check_request(
     rate_limit: float | None = None,
 ) -> None:
     """UsageError for a signal with holds that makes no sense; arguments as those of `aprbs`."""
-    for name, value in {
-        "duration": duration_s,
-        "period": period_s,
-        "amplitude": amplitude,
-        "hold": hold_s[0],
-    }.items():
+    names = ("duration", "period", "amplitude", "hold")
+    for name, value in zip(names, (duration_s, period_s, amplitude, hold_s[0]), strict=True):
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"The {name} is {value:g}; it must be positive.")
     if duration_s / period_s > MOST_SAMPLES:

@@ -127,11 +127,9 @@ class Experiment:
         return ", ".join([self.why, *(text for kind, text in self.shows.items() if kind in kinds)])
 
     def fits(self, bench: Bench) -> bool:
-        return (
-            bool(bench.command or not self.commanded)
-            and bool(bench.external or not self.pushed)
-            and (bool(self.settings(bench) and self.signals(bench)))
-        )
+        if (self.commanded and not bench.command) or (self.pushed and not bench.external):
+            return False
+        return bool(self.settings(bench) and self.signals(bench))
 
     def columns(self, bench: Bench) -> Columns:
         """Its signals, and what the bench carries beside them."""

@@ -72,28 +72,15 @@ def odd_multisine(t: Array, seed: int = 11) -> Array:
 
 def slow_reversals(t: Array) -> Array:
     """Triangles nested in one another, with stops."""
-    return through(
-        t,
-        (1.5, 1.0),
-        (0.5, 1.0),
-        (3.0, -1.0),
-        (0.5, -1.0),
-        (2.0, 0.5),
-        (1.5, -0.5),
-        (0.5, -0.5),
-        (1.5, 0.25),
-        (1.0, -0.25),
-        (0.5, -0.25),
-        (0.5, 0.0),
-    )
+    waits = (1.5, 0.5, 3.0, 0.5, 2.0, 1.5, 0.5, 1.5, 1.0, 0.5, 0.5)
+    values = (1.0, 1.0, -1.0, -1.0, 0.5, -0.5, -0.5, 0.25, -0.25, -0.25, 0.0)
+    return through(t, *zip(waits, values, strict=True))
 
 
 def speed_runs(t: Array) -> Array:
     """There and back at 4, 0.8, 0.4 and 0.08 of the half range per second."""
-    fast, middle = (
-        [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)],
-        [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)],
-    )
+    fast = [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)]
+    middle = [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)]
     return through(t, *fast, *middle, (1.0, 0.4), (1.0, 0.0), (2.5, 0.2), (2.5, 0.0))
 
 
@@ -119,17 +106,9 @@ def paired_pulses(t: Array) -> Array:
 
 def nested_loops(t: Array) -> Array:
     """Up and down within 14 s: a loop of 3/8, then one of 1 with a smaller one inside."""
-    return through(
-        t,
-        (1.0, 0.375),
-        (2.0, -0.375),
-        (1.0, 0.0),
-        (2.0, 1.0),
-        (1.0, 0.5),
-        (1.0, 1.0),
-        (4.0, -1.0),
-        (2.0, 0.0),
-    )
+    waits = (1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 4.0, 2.0)
+    values = (0.375, -0.375, 0.0, 1.0, 0.5, 1.0, -1.0, 0.0)
+    return through(t, *zip(waits, values, strict=True))
 
 
 def washed_out(wave: Array, share: float) -> Array:
@@ -353,29 +332,17 @@ def plan_for(
     stated = {name: value for name, value in given.items() if value is not None}
     for name in stated:
         if name not in SIGNAL_SETTINGS[signal]:
-            takers = (
-                " and ".join(
-                    other for other, settings in SIGNAL_SETTINGS.items() if name in settings
-                )
-                or "no signal"
-            )
-            raise UsageError(
-                f"{name} says nothing to the signal {signal}.", f"It belongs to {takers}."
-            )
+            takers = " and ".join(s for s, settings in SIGNAL_SETTINGS.items() if name in settings)
+            hint = f"It belongs to {takers or 'no signal'}."
+            raise UsageError(f"{name} says nothing to the signal {signal}.", hint)
     if not (math.isfinite(period_s) and period_s > 0.0):
         raise UsageError(f"The period is {period_s:g}; it must be positive.")
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0.0):
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
     fastest = min(BAND_HZ[1], 0.1 / period_s)
     usual = {**SIGNAL_SETTINGS[signal], "band_hz": (fastest * BAND_HZ[0] / BAND_HZ[1], fastest)}
-    return Plan(
-        signal,
-        period_s,
-        **{name: usual[name] for name in SIGNAL_SETTINGS[signal]} | stated,
-        rate_limit=rate_limit,
-        offset=offset,
-        seed=seed,
-    )
+    settings = {name: usual[name] for name in SIGNAL_SETTINGS[signal]} | stated
+    return Plan(signal, period_s, **settings, rate_limit=rate_limit, offset=offset, seed=seed)
 
 
 def draw(
@@ -395,19 +362,24 @@ def draw(
         duration = LOOPS_S * max(1.0, slowed)
     drawn = {}
     for k, (column, amplitude) in enumerate(amplitudes.items()):
-        own, offset = _own(plan, k), offsets.get(column, plan.offset)
+        offset, own = offsets.get(column, plan.offset), dict[str, Any]()
+        if plan.signal not in ("chirp", "torque-loops"):
+            several = k and plan.signal in ("aprbs", "multisine")
+            own["seed"] = [plan.seed, k] if several else plan.seed
+        if plan.signal == "prbs":
+            own["part"] = k * APART % 1.0
         rest = rests.get(column, plan.rest)
         one = replace(plan, duration_s=duration, offset=offset, rest=rest)
         wave = _MAKERS[plan.signal](one, amplitude, **own)
         if column in ramped and plan.signal not in SMOOTH:
             wave = ramps(wave)
-        before, after = (k, turns - 1 - k) if turns > 1 else (0, 0)
-        samples = np.concatenate(
-            [np.full(before * len(wave), offset), wave, np.full(after * len(wave), offset)]
-        )
+        first = (k if turns > 1 else 0) * len(wave)
+        turn = slice(first, first + len(wave))
+        samples = np.full(turns * len(wave), offset, dtype=float)
+        samples[turn] = wave
         if plan.rate_limit is not None:
             samples = _within(plan, column, amplitude, samples, plan.rate_limit)
-        drawn[column] = Sent(samples, slice(before * len(wave), (before + 1) * len(wave)), own)
+        drawn[column] = Sent(samples, turn, own)
     return drawn
 
 
@@ -418,15 +390,6 @@ def ramps(samples: Array) -> Array:
     knots = np.concatenate([[0], begins, [len(samples) - 1]])
     levels = np.concatenate([[samples[0]], samples[begins - 1], [samples[-1]]])
     return np.interp(np.arange(len(samples)), knots, levels)
-
-
-def _own(plan: Plan, k: int) -> dict[str, Any]:
-    """Settings in which column k differs from those sent at the same time."""
-    if plan.signal == "prbs":
-        return {"seed": plan.seed, "part": k * APART % 1.0}
-    if plan.signal in ("aprbs", "multisine"):
-        return {"seed": [plan.seed, k] if k else plan.seed}
-    return {"seed": plan.seed} if plan.signal in ("steps", "staircase") else {}
 
 
 def _within(plan: Plan, column: str, amplitude: float, samples: Array, limit: float) -> Array:

@@ -136,20 +136,12 @@ def change_points(samples: Array) -> NDArray[np.intp]:
 
 
 def _mat_structures(signals: SentSignals) -> bytes:
-    time = signals.time[:, None]
-    return _mat(
-        {
-            word: {
-                "time": time,
-                "signals": {
-                    "values": signals.columns[column][:, None],
-                    "dimensions": 1.0,
-                    "label": column,
-                },
-            }
-            for column, word in _words(signals.columns, "").items()
-        }
-    )
+    variables = {}
+    for column, word in _words(signals.columns, "").items():
+        values = signals.columns[column][:, None]
+        about = {"values": values, "dimensions": 1.0, "label": column}
+        variables[word] = {"time": signals.time[:, None], "signals": about}
+    return _mat(variables)
 
 
 def _mat(variables: dict[str, Any], version: str = "5") -> bytes:
@@ -172,15 +164,15 @@ def _structured_text(signals: SentSignals) -> bytes:
     ]
     words = _words(signals.columns, signals.stem)
     points = {column: change_points(samples) for column, samples in signals.columns.items()}
-    every = np.concatenate([[signals.samples], *points.values()])
-    unit, name = (
-        (1_000_000, "TIME")
-        if not (_nanoseconds(every, signals.period_s) % 1_000_000).any()
-        else (1, "LTIME")
-    )
+    instants = {
+        column: np.round(np.append(at, signals.samples) * (1e9 * signals.period_s)).astype(np.int64)
+        for column, at in points.items()
+    }  # ns, the end included
+    whole = not any((ns % 1_000_000).any() for ns in instants.values())
+    name = "TIME" if whole else "LTIME"
     for column, word in words.items():
-        at = points[column]
-        stamps = [_stamp(int(n) // unit, name) for n in _nanoseconds(at, signals.period_s)]
+        at, ns = points[column], instants[column].tolist()
+        *stamps, end = [f"T#{n // 1_000_000}ms" if whole else f"LTIME#{n}ns" for n in ns]
         values = [_real(value) for value in signals.columns[column][at].tolist()]
         lines += [
             f"    (* {_comment(f'{column}: {_unit(column)}')} *)",
@@ -192,26 +184,16 @@ def _structured_text(signals: SentSignals) -> bytes:
             _rows(values, "        "),
             "    ];",
         ]
-    end = _stamp(int(_nanoseconds(np.array([signals.samples]), signals.period_s)[0]) // unit, name)
     lines += [f"    {_word(signals.stem)}_end : {name} := {end};", "END_VAR", ""]
     return "\n".join(lines).encode()
-
-
-def _nanoseconds(index: NDArray[Any], period_s: float) -> NDArray[np.int64]:
-    return np.round(index * (1e9 * period_s)).astype(np.int64)
-
-
-def _stamp(number: int, name: str) -> str:
-    return f"T#{number}ms" if name == "TIME" else f"LTIME#{number}ns"
 
 
 def _real(value: float) -> str:
     """A literal of a REAL: the shortest that is read as this number with 24 bits; it needs a
     point."""
     mantissa, _, exponent = str(np.float32(value)).partition("e")
-    return (mantissa if "." in mantissa else f"{mantissa}.0") + (
-        f"E{int(exponent)}" if exponent else ""
-    )
+    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+    return f"{mantissa}E{int(exponent)}" if exponent else mantissa
 
 
 # ---- C -----------------------------------------------------------------------------------------
@@ -266,10 +248,8 @@ def _words(columns: Mapping[str, Array], stem: str) -> dict[str, str]:
     """A name per column that C, MATLAB and structured text (which hears no capitals) take."""
     words = {column: _word(f"{stem}_{column}" if stem else column) for column in columns}
     if len({word.lower() for word in words.values()}) < len(words):
-        raise FileError(
-            f"The columns {', '.join(columns)} have the same name in this format.",
-            "Write a CSV instead.",
-        )
+        message = f"The columns {', '.join(columns)} have the same name in this format."
+        raise FileError(message, "Write a CSV instead.")
     return words
 
 
@@ -292,21 +272,14 @@ _SIMULINK = (
     "From Workspace: tick off 'Interpolate data', sample time = sampling_period_s, after the last "
     "value hold the final value"
 )
+_FROM_FILE = "From File: interpolation zero-order hold, sample time = sampling_period_s"
+_C99 = "samples, each for sampling_period_s, or change points, each until the next one"
+_IEC = "change points, each value until the next one; REAL has 24 bits"
 FORMATS: dict[str, Format] = {
     "csv": Format(".csv", None, ""),
     "mat": Format(".mat", _mat_structures, _SIMULINK),
-    "mat-file": Format(
-        ".mat",
-        lambda signals: _mat({MATRIX: signals.rows}, version="4"),
-        "From File: interpolation zero-order hold, sample time = sampling_period_s",
-    ),
-    "mat-matrix": Format(".mat", lambda signals: _mat({MATRIX: signals.rows.T.copy()}), _SIMULINK),
-    "st": Format(
-        ".st", _structured_text, "change points, each value until the next one; REAL has 24 bits"
-    ),
-    "h": Format(
-        ".h",
-        _c_header,
-        "samples, each for sampling_period_s, or change points, each until the next one",
-    ),
+    "mat-file": Format(".mat", lambda s: _mat({MATRIX: s.rows}, version="4"), _FROM_FILE),
+    "mat-matrix": Format(".mat", lambda s: _mat({MATRIX: s.rows.T.copy()}), _SIMULINK),
+    "st": Format(".st", _structured_text, _IEC),
+    "h": Format(".h", _c_header, _C99),
 }

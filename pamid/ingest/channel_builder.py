@@ -18,6 +18,7 @@ from pamid.base.files import size_words
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log, RobotValue
 from pamid.ingest.memory_budget import FLOAT, MemoryBudget
+from pamid.ingest.stated_period import StatedPeriod
 
 #: larger integers have no exact float64
 EXACT_INTEGERS = 2**53
@@ -33,11 +34,13 @@ MOST_NAMED = 100
 class ChannelBuilder:
     """Collector for the channels of the file at `path`; `log` builds the result.
 
-    budget: memory for the channels, which readers charge before they allocate.
+    budget: memory for the channels, which readers charge before they allocate. stated: sampling
+    period that the text around the numbers states.
     """
 
     def __init__(self, path: Path, budget: MemoryBudget | None = None) -> None:
-        self.budget = budget or MemoryBudget(path)
+        self.path, self.budget = path, budget or MemoryBudget(path)
+        self.stated: StatedPeriod | None = None
         self.channels: list[Channel] = []
         self.notes: list[str] = []
         self.left_out: dict[str, list[str]] = {}
@@ -126,15 +129,23 @@ class ChannelBuilder:
         if name not in names:
             names.append(name)
 
-    def log(self, path: Path, kind: str) -> Log:
+    def log(self, kind: str) -> Log:
         """Log of the gathered channels, with unique names. FileError if there is no channel."""
         left = [
             f"left out, {why}: {listed(names, MOST_NAMED)}" for why, names in self.left_out.items()
         ]
         if not self.channels:
             contents = "; ".join([*left, *self.notes]) or "it is empty"
-            raise FileError(f"{path}: there are no signals in it ({contents}).", code="no-signals")
-        return Log(path, kind, tuple(_unique(self.channels)), (*self.notes, *left))
+            message = f"{self.path}: there are no signals in it ({contents})."
+            raise FileError(message, code="no-signals")
+        seen, channels = Counter[str](), []
+        for channel in self.channels:
+            seen[channel.name] += 1
+            if (count := seen[channel.name]) > 1:
+                channel = replace(channel, name=f"{channel.name} ({count})")
+            channels.append(channel)
+        details = (*self.notes, *left)
+        return Log(self.path, kind, tuple(channels), details, stated=self.stated)
 
 
 def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
@@ -168,14 +179,3 @@ def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
         numbers = np.array([int(value) - first for value in array.tolist()], dtype=np.float64)
         return numbers, False, f"whole numbers beyond float64, counted from the first, {first}"
     return np.ascontiguousarray(array, dtype=np.float64), False, ""
-
-
-def _unique(channels: list[Channel]) -> list[Channel]:
-    """The same channels with unique names; a second one of a name is called "name (2)"."""
-    seen: Counter[str] = Counter()
-    result = []
-    for channel in channels:
-        seen[channel.name] += 1
-        count = seen[channel.name]
-        result.append(channel if count == 1 else replace(channel, name=f"{channel.name} ({count})"))
-    return result

@@ -6,15 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.errors import PamidError
-from pamid.base.units import (
-    NONE,
-    Dimension,
-    is_unit,
-    known_symbols,
-    split_column,
-    unit,
-    with_unit,
-)
+from pamid.base.units import NONE, is_unit, known_symbols, split_column, unit, with_unit
 from pamid.ingest.channel_words import meanings, tokens
 from pamid.ingest.channels import ANY, Channel
 from pamid.ingest.source_units import is_readable, read_unit
@@ -103,18 +95,14 @@ def column_unit(text: str) -> str:
     try:
         return unit(text).symbol
     except PamidError:
-        return _of_bases(wanted.dimension)
-
-
-def _of_bases(dimension: Dimension) -> str:
-    """SI unit as a product of base units: "m3/s"."""
-    powers = list(zip(_SI_BASES, dimension, strict=True))
-    above = [f"{base}{n if n > 1 else ''}" for base, n in powers if n > 0]
-    below = [f"{base}{-n if n < -1 else ''}" for base, n in powers if n < 0]
-    if not below:
-        return " ".join(above) or NONE
-    under = below[0] if len(below) == 1 else f"({' '.join(below)})"
-    return f"{' '.join(above) or 1}/{under}"
+        # SI unit as a product of base units
+        powers = list(zip(_SI_BASES, wanted.dimension, strict=True))
+        above = [f"{base}{n if n > 1 else ''}" for base, n in powers if n > 0]
+        below = [f"{base}{-n if n < -1 else ''}" for base, n in powers if n < 0]
+        if not below:
+            return " ".join(above) or NONE
+        under = below[0] if len(below) == 1 else f"({' '.join(below)})"
+        return f"{' '.join(above) or 1}/{under}"
 
 
 def _stem(channel: Channel) -> str:

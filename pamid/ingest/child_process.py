@@ -44,13 +44,9 @@ def read_in_child(path: Path, kind: str) -> Log:
     with tempfile.TemporaryDirectory(prefix="pamid-") as name:
         folder = Path(name)
         try:
-            answer = run_limited(
-                f"{__name__}:packed_log",
-                {"path": whole, "kind": kind},
-                folder,
-                limits,
-                f"reading {path.name}",
-            )
+            arguments = {"path": whole, "kind": kind}
+            function, label = f"{__name__}:packed_log", f"reading {path.name}"
+            answer = run_limited(function, arguments, folder, limits, label)
         except ProcessFailure as failure:
             raise FileError(
                 f"{path} cannot be read as {kind}: the reader failed: {failure}.",
@@ -62,7 +58,12 @@ def read_in_child(path: Path, kind: str) -> Log:
             raise FileError(
                 error.message.replace(whole, str(path)), error.hint, code=error.code
             ) from error
-        return _unpacked_log(path, answer, folder)
+        arrays = load_arrays(folder / "channels.npz", most=LOG)
+        channels = []
+        for index, (name, unit, stamps, robot) in enumerate(answer["channels"]):
+            values, own = arrays[f"values_{index}"], arrays[stamps] if stamps else None
+            channels.append(Channel(name, values, own, unit, robot and RobotValue(**robot)))
+        return Log(path, answer["kind"], tuple(channels), tuple(answer["details"]))
 
 
 def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
@@ -79,29 +80,9 @@ def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
     np.savez(folder / "channels.npz", **arrays)  # type: ignore[arg-type]
     return {
         "channels": [
-            (
-                channel.name,
-                channel.unit,
-                stamps.get(id(channel.stamps), ""),
-                None if channel.robot is None else asdict(channel.robot),
-            )
-            for channel in log.channels
+            (c.name, c.unit, stamps.get(id(c.stamps), ""), c.robot and asdict(c.robot))
+            for c in log.channels
         ],
         "details": log.details,
         "kind": log.kind,
     }
-
-
-def _unpacked_log(path: Path, answer: dict[str, Any], folder: Path) -> Log:
-    arrays = load_arrays(folder / "channels.npz", most=LOG)
-    channels = tuple(
-        Channel(
-            name,
-            arrays[f"values_{index}"],
-            arrays[stamps] if stamps else None,
-            unit,
-            None if robot is None else RobotValue(**robot),
-        )
-        for index, (name, unit, stamps, robot) in enumerate(answer["channels"])
-    )
-    return Log(path, answer["kind"], channels, tuple(answer["details"]))

@@ -80,8 +80,11 @@ def clocks_of(
     Raises FileError for a fault of log or mapping, DataError if the data do not determine the
     repair.
     """
+    wanted = repair or mapping.time.repair
     groups = _by_stamps(log, mapping, signals, where)
-    clocks = tuple(_clock(group, log, mapping, rig, where, repair) for group in groups)
+    clocks = tuple(
+        _clock(group, f"{log.path}: {group.name}", mapping, rig, where, wanted) for group in groups
+    )
     for clock in clocks:
         if len(clock.rows.starts) > 1 and len(clocks) > 1:
             raise FileError(
@@ -101,9 +104,8 @@ def channel_of(log: Log, name: str, place: str) -> Channel:
             return channel
     names = [channel.name for channel in log.channels]
     hint = nearest(name, names) or f"Its channels are: {listed(names)}."
-    raise FileError(
-        f"{place} is {name!r}; {log.path} has no such channel.", hint, code="missing-channel"
-    )
+    message = f"{place} is {name!r}; {log.path} has no such channel."
+    raise FileError(message, hint, code="missing-channel")
 
 
 def _by_stamps(
@@ -113,7 +115,7 @@ def _by_stamps(
     rows: FloatArray | None = None
     turns = interleaved_rows([c for c in log.channels if c.name != mapping.time.source])
     for signal in signals:
-        channel = channel_of(log, signal.source, f"{where}: signals.{signal.column}.source")
+        channel = channel_of(log, signal.stated.source, f"{where}: signals.{signal.column}.source")
         of_rows = channel.stamps is None
         if of_rows and rows is None:
             rows = _row_stamps(log, mapping, channel.values.size, where)
@@ -126,12 +128,18 @@ def _by_stamps(
                 "Choose a time.source with the same number of rows.",
                 code="rows",
             )
-        _require_sane(channel, log)
+        far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
+        if far.size:
+            raise FileError(
+                f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row "
+                f"{far[0] + 1} ({far.size} such values).",
+                "If it marks missing values, empty these cells.",
+                code="cell",
+            )
         if (turn := turns.get(channel.name)) is not None:
             stamps, channel = stamps[turn], replace(channel, values=channel.values[turn])
-        course = SampledColumn(
-            signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
-        )
+        values = _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
+        course = SampledColumn(signal, values)
         for group in groups:
             if group.of_rows == of_rows and np.array_equal(group.stamps, stamps, equal_nan=True):
                 group.sampled.append(course)
@@ -147,12 +155,11 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
     settings = mapping.time
     if settings.source is None:
         if settings.period_s is None:
-            hint = (
-                "Name the channel with the time in time.source, or the sampling period in "
-                "time.period_s."
-            )
             raise FileError(
-                f"{where}: [time] has neither source nor period_s.", hint, code="mapping"
+                f"{where}: [time] has neither source nor period_s.",
+                "Name the channel with the time in time.source, or the sampling period in "
+                "time.period_s.",
+                code="mapping",
             )
         return np.arange(count, dtype=np.float64) * settings.period_s
     channel = channel_of(log, settings.source, f"{where}: time.source")
@@ -166,59 +173,52 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
     try:
         stamps = in_unit(channel.values, read_unit(text), "s")
     except FileError as error:
-        raise FileError(
-            f"{where}: time.unit is {text!r}: {error.message}", error.hint, code="unit"
-        ) from None
+        message = f"{where}: time.unit is {text!r}: {error.message}"
+        raise FileError(message, error.hint, code="unit") from None
     # separate stamps of other channels may also count from 1970; else the first row becomes 0,
     # which keeps the digits of a float for the differences
     finite = stamps[np.isfinite(stamps)]
     several = any(other.stamps is not None for other in log.channels)
-    if several or not finite.size:
-        return np.asarray(stamps, dtype=np.float64)
-    return np.asarray(stamps - finite[0], dtype=np.float64)
-
-
-def _require_sane(channel: Channel, log: Log) -> None:
-    """Raise FileError for a huge number, by which some loggers mark a missing value."""
-    far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
-    if far.size:
-        raise FileError(
-            f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row {far[0] + 1} "
-            f"({far.size} such values).",
-            "If it marks missing values, empty these cells.",
-            code="cell",
-        )
+    first = 0.0 if several or not finite.size else finite[0]
+    return np.asarray(stamps - first, dtype=np.float64)
 
 
 def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> FloatArray:
-    pressure = atmosphere if signal.absolute else 0.0
+    stated, pressure = signal.stated, atmosphere if signal.absolute else 0.0
     if signal.unit is not None:
         converted = in_unit(values, signal.unit, signal.symbol, pressure)
     else:
-        converted = values * signal.scale - (
-            pressure / unit(signal.symbol).factor if pressure else 0.0
-        )
-    converted = converted if signal.sign == 1 else -converted
-    return converted + signal.offset if signal.offset else converted
+        converted = values * (stated.scale or 1.0) - pressure / unit(signal.symbol).factor
+    converted = converted if stated.sign == 1 else -converted
+    return converted + stated.offset if stated.offset else converted
 
 
 def _clock(
-    group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str
+    group: Group, place: str, mapping: Mapping, rig: Rig | None, where: str, wanted: str
 ) -> Clock:
     """Diagnose one clock and determine the sampling instants of its rows."""
-    place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
-    if (
-        not group.of_rows
-        and all(c.signal.hold for c in group.sampled)
-        and not _regular(group.stamps)
-    ):
-        return _events(group, place)
+    held = all(c.signal.hold for c in group.sampled)
+    if held and not group.of_rows and not _regular(group.stamps):
+        # events: each value holds until the next one, so any spacing is valid
+        keep = np.flatnonzero(np.isfinite(group.stamps))
+        keep = keep[np.argsort(group.stamps[keep], kind="stable")]
+        if not keep.size:
+            raise DataError(f"{place}: no value has a stamp.", code="too-short")
+        keep = keep[np.append(np.diff(group.stamps[keep]) > 0.0, True)]
+        latest = tuple(
+            replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
+            for c in group.sampled
+        )
+        times = group.stamps[keep]
+        rows = Rows(keep, times, (0,), False, ())
+        step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
+        base = TimeBase(times, (slice(0, times.size),), step)
+        return Clock(group.name, latest, rows, None, "none", base)
     rows = usable_rows(group.stamps, [c.values for c in group.sampled], place)
     staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
+    measured = {c.signal.column: c.values for c in staying if not c.signal.hold}
     try:
-        diagnosis = diagnose_stamps(
-            rows, {c.signal.column: c.values for c in staying if not c.signal.hold}
-        )
+        diagnosis = diagnose_stamps(rows, measured)
     except DataError as error:
         raise DataError(f"{place}: {error.message}", error.hint, code=error.code) from None
     if group.of_rows and mapping.time.source is not None:
@@ -233,15 +233,8 @@ def _clock(
             code="mapping",
         )
     cure, notes = _choose(diagnosis, wanted, rows, place)
-    return Clock(
-        group.name,
-        staying,
-        rows,
-        diagnosis,
-        cure,
-        reconstructed_time_base(rows, diagnosis, cure, mapping.time.max_gap_s),
-        notes,
-    )
+    base = reconstructed_time_base(rows, diagnosis, cure, mapping.time.max_gap_s)
+    return Clock(group.name, staying, rows, diagnosis, cure, base, notes)
 
 
 def _regular(stamps: FloatArray) -> bool:
@@ -249,27 +242,6 @@ def _regular(stamps: FloatArray) -> bool:
     steps = np.diff(stamps)
     usual = float(np.median(steps)) if steps.size >= MIN_SAMPLES else 0.0
     return usual > 0.0 and float(np.mean(np.abs(steps - usual) <= UNIFORM_TO * usual)) > 0.5
-
-
-def _events(group: Group, place: str) -> Clock:
-    """Clock of events: each value holds until the next one, so any spacing is valid."""
-    stamps = group.stamps
-    keep = np.flatnonzero(np.isfinite(stamps))
-    keep = keep[np.argsort(stamps[keep], kind="stable")]
-    if not keep.size:
-        raise DataError(f"{place}: no value has a stamp.", code="too-short")
-    last = np.append(np.diff(stamps[keep]) > 0.0, True)
-    keep = keep[last]
-    latest = tuple(
-        replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
-        for c in group.sampled
-    )
-    times = stamps[keep]
-    rows = Rows(keep, times, (0,), False, ())
-    step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
-    return Clock(
-        group.name, latest, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
-    )
 
 
 def _choose(
@@ -284,19 +256,16 @@ def _choose(
             'A recording is uniform to 1 %: choose "late-stamps", "jittered-sampling" or "ask".',
             code="time-base",
         )
-    if wanted == "ask":
-        if diagnosis.cure is None:
-            hint = (
-                'Choose with --time-base or time.repair. "late-stamps": a device samples evenly, '
-                "and a host writes the time when a sample arrives; the even clock is restored. "
-                '"jittered-sampling": the stamps are the true sampling instants, as in a loop on a '
-                "PC; the signals are resampled. The wrong choice distorts the signals."
-            )
-            raise DataError(
-                f"{place}: the stamps are uneven, and the data do not show why: {diagnosis.why}.",
-                hint,
-                code="time-base",
-            )
+    if wanted == "ask" and diagnosis.cure is None:
+        raise DataError(
+            f"{place}: the stamps are uneven, and the data do not show why: {diagnosis.why}.",
+            'Choose with --time-base or time.repair. "late-stamps": a device samples evenly, and a '
+            "host writes the time when a sample arrives; the even clock is restored. "
+            '"jittered-sampling": the stamps are the true sampling instants, as in a loop on a PC; '
+            "the signals are resampled. The wrong choice distorts the signals.",
+            code="time-base",
+        )
+    if wanted == "ask" and diagnosis.cure is not None:
         return diagnosis.cure, ()
     if rows.blocks and wanted == "jittered-sampling":
         raise FileError(
@@ -314,17 +283,15 @@ def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: 
     usual = mapping.time.period_s or (rig.period_s if rig else None)
     if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return
-    factor = read_unit(mapping.time.unit or "s").factor
-    unit_text = (
-        f'time.unit is "{mapping.time.unit}"' if mapping.time.unit else "time.unit is not given"
-    )
+    stated = mapping.time.unit
+    factor = read_unit(stated or "s").factor
+    unit_text = f'time.unit is "{stated}"' if stated else "time.unit is not given"
     for name in _TIME_UNITS:
         other = period / factor * read_unit(name).factor
         if 1.0 / NEAR_USUAL < other / usual < NEAR_USUAL:
             raise FileError(
                 f'{where}: {unit_text}: samples would be {period:.4g} s apart; in "{name}" '
-                "they would "
-                f"be {other:.4g} s apart, and {usual:g} s are usual.",
+                f"they would be {other:.4g} s apart, and {usual:g} s are usual.",
                 "Correct time.unit. If the period is right, state it in time.period_s.",
                 code="time-unit",
             )

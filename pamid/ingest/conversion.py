@@ -51,11 +51,9 @@ class ColumnPieces:
     def coarser(self, step: float) -> bool:
         """Whether a period of `step` s is longer than that of the column, which needs a filter."""
         steps = np.diff(self.pieces[0][0]) if self.pieces else np.zeros(0)
-        return (
-            not self.course.signal.hold
-            and steps.size > 0
-            and step > COARSER * float(np.median(steps))
-        )
+        if self.course.signal.hold or not steps.size:
+            return False
+        return step > COARSER * float(np.median(steps))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,24 +99,22 @@ def convert(
     Raises FileError for a fault of log or mapping. Raises DataError if the data do not determine
     the repair of the time base, or if too few samples are left.
     """
-    channels = [
-        channel_of(log, signal.source, f"{where}: signals.{column}.source")
+    units = {
+        signal.source: channel_of(log, signal.source, f"{where}: signals.{column}.source").unit
         for column, signal in mapping.signals.items()
-    ]
-    signals = resolved_signals(
-        mapping, rig, {channel.name: channel.unit for channel in channels}, where
-    )
+    }
+    signals = resolved_signals(mapping, rig, units, where)
     clocks = clocks_of(log, mapping, signals, rig, where, repair)
     lead = _lead(clocks)
     period, stretch = _period(mapping.time.period_s, lead)
-    tracks = {
+    columns = {
         course.signal.column: ColumnPieces(
             clock, course, _pieces(clock, course, mapping.time.max_gap_s)
         )
         for clock in clocks
         for course in clock.sampled
     }
-    tracks = {column: tracks[column] for column in mapping.signals}
+    tracks = {column: columns[column] for column in mapping.signals}
     recordings, short, budget = [], 0, MemoryBudget(log.path)
     for start, end in _common(tracks, period * stretch):
         if (end - start) / (period * stretch) > FINER * lead.rows.stamps.size:
@@ -130,11 +126,9 @@ def convert(
             )
         cells = round((end - start) / (period * stretch)) * (1 + len(tracks))
         budget.charge("its recordings", cells, raw=CELL_TEXT * cells)
-        recording = _recording(tracks, lead, start, end, period, stretch)
-        if recording.time.size < MIN_SAMPLES:
-            short += 1
-        else:
-            recordings.append(recording)
+        recording = _recording(tracks, lead, (start, end), period, stretch)
+        short += recording.time.size < MIN_SAMPLES
+        recordings += [recording] if recording.time.size >= MIN_SAMPLES else []
     if not recordings:
         raise DataError(
             f"{log.path}: no stretch of {MIN_SAMPLES} samples has values of all channels.",
@@ -201,17 +195,14 @@ def _pieces(
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
         t, y = clock.base.instants[piece][there], course.values[piece][there]
-        if late := course.signal.rows:  # a value logged late belongs to an earlier row
+        if late := course.signal.stated.rows:  # a value logged late belongs to an earlier row
             t, y = (t[:-late], y[late:]) if late > 0 else (t[-late:], y[:late])
         steps = np.diff(t)
         # a slow channel in a fast table has many empty rows, which are not gaps
         usual = 1.5 * float(np.median(steps)) if steps.size else 0.0
         limit = max(usual, GAP_PERIODS * clock.base.period if max_gap is None else max_gap)
-        longer = (
-            []
-            if course.signal.hold and course.signal.events
-            else (np.flatnonzero(steps > limit) + 1).tolist()
-        )
+        longer: list[int] = (np.flatnonzero(steps > limit) + 1).tolist()
+        longer = [] if course.signal.hold and course.signal.events else longer
         pieces += [
             (t[a:b], y[a:b])
             for a, b in zip([0, *longer], [*longer, t.size], strict=True)
@@ -229,48 +220,34 @@ def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
         else:
             last = step if track.course.signal.hold else 0.0
             covered = [(float(t[0]), float(t[-1]) + last) for t, _ in track.pieces]
-        common = _overlap(common, covered)
+        # intersection of two ordered lists of stretches
+        both, i, j = [], 0, 0
+        while i < len(common) and j < len(covered):
+            begin, end = max(common[i][0], covered[j][0]), min(common[i][1], covered[j][1])
+            if begin < end:
+                both.append((begin, end))
+            if common[i][1] < covered[j][1]:
+                i += 1
+            else:
+                j += 1
+        common = both
     return common
 
 
-def _overlap(items: list[Stretch], other: list[Stretch]) -> list[Stretch]:
-    """Intersection of two ordered lists of stretches."""
-    both, i, j = [], 0, 0
-    while i < len(items) and j < len(other):
-        begin, end = max(items[i][0], other[j][0]), min(items[i][1], other[j][1])
-        if begin < end:
-            both.append((begin, end))
-        if items[i][1] < other[j][1]:
-            i += 1
-        else:
-            j += 1
-    return both
-
-
 def _recording(
-    tracks: dict[str, ColumnPieces],
-    lead: Clock,
-    start: float,
-    end: float,
-    period: float,
-    stretch: float,
+    tracks: dict[str, ColumnPieces], lead: Clock, part: Stretch, period: float, stretch: float
 ) -> ConvertedRecording:
-    """Recording of all columns from start to end (s of the log's clock), on the samples of the
-    leading clock."""
-    step, instants = period * stretch, lead.base.instants
+    """Recording of all columns in a part of the log, on the samples of the leading clock."""
+    (start, end), step, instants = part, period * stretch, lead.base.instants
     first = min(int(np.searchsorted(instants, start - 1e-6 * step)), instants.size - 1)
     begin = max(float(instants[first]), start - 1e-6 * step)
     count = max(int(math.floor((end - begin) / step + 1e-6)) + 1, 0)
     base: FloatArray = begin + np.arange(count, dtype=np.float64) * step
-    columns = {column: _on(base, step, track) for column, track in tracks.items()}
-    return ConvertedRecording(
-        np.arange(count, dtype=np.float64) * period, columns, begin, int(lead.rows.keep[first])
-    )
-
-
-def _on(base: FloatArray, step: float, track: ColumnPieces) -> FloatArray:
-    """A column at the samples `base`, from the piece of it that covers them."""
-    if not base.size:
-        return base
-    begun = bisect_right(track.pieces, base[0] + 0.5 * step, key=lambda piece: float(piece[0][0]))
-    return (hold if track.course.signal.hold else smooth)(*track.pieces[begun - 1], base, step)
+    columns = {column: base for column in tracks}
+    for column, track in tracks.items() if count else ():
+        # the piece that covers the samples
+        begun = bisect_right(track.pieces, begin + 0.5 * step, key=lambda piece: float(piece[0][0]))
+        resample = hold if track.course.signal.hold else smooth
+        columns[column] = resample(*track.pieces[begun - 1], base, step)
+    time = np.arange(count, dtype=np.float64) * period
+    return ConvertedRecording(time, columns, begin, int(lead.rows.keep[first]))

@@ -25,8 +25,7 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
-from pamid.ingest.conversion import ColumnPieces, Conversion, ConvertedRecording
-from pamid.ingest.mapping import Mapping
+from pamid.ingest.conversion import ColumnPieces, Conversion
 from pamid.recording.recording import write_recording
 from pamid.schemas import ingest_file as result
 
@@ -47,10 +46,8 @@ def outputs_for(
     """
     counts = [len(conversion.recordings) for conversion in conversions]
     if as_folder:
-        stems = [
-            output / "-".join(filter(None, (conversion.log.path.stem, conversion.log.part)))
-            for conversion in conversions
-        ]
+        logs = [conversion.log for conversion in conversions]
+        stems = [output / "-".join(filter(None, (log.path.stem, log.part))) for log in logs]
         paths = [_numbered(stem, count) for stem, count in zip(stems, counts, strict=True)]
     else:
         every = _numbered(output.with_suffix(""), sum(counts))
@@ -76,16 +73,9 @@ def write_conversions(
 
     Raises FileError if a file exists (without `overwrite`), or would replace a log or the mapping.
     """
-    targets = [
-        path.with_suffix(suffix)
-        for part in outputs
-        for path in part
-        for suffix in (".csv", ".toml", ".ingest.json")
-    ]
-    sources = {
-        mapping_file.resolve(),
-        *(conversion.log.path.resolve() for conversion in conversions),
-    }
+    endings, paths = (".csv", ".toml", ".ingest.json"), [path for part in outputs for path in part]
+    targets = [path.with_suffix(suffix) for path in paths for suffix in endings]
+    sources = {path.resolve() for path in (mapping_file, *(c.log.path for c in conversions))}
     for target in targets:
         if target.resolve() in sources:
             raise FileError(
@@ -104,14 +94,11 @@ def write_conversions(
     except OSError as error:
         refuse_write(folder, error)
     try:
-        following = iter(accounts)
-        for conversion, part in zip(conversions, outputs, strict=True):
-            for recording, path in zip(conversion.recordings, part, strict=True):
-                write_recording(
-                    stage / path.name, recording.time, recording.columns, tables_of(conversion)
-                )
-                file = (stage / path.name).with_suffix(".ingest.json")
-                write_json(file, next(following).as_json())
+        made = [(c, recording) for c in conversions for recording in c.recordings]
+        for (conversion, r), path, account in zip(made, paths, accounts, strict=True):
+            file = stage / path.name
+            write_recording(file, r.time, r.columns, tables_of(conversion))
+            write_json(file.with_suffix(".ingest.json"), account.as_json())
         replace_together({target: stage / target.name for target in targets})
     except OSError as error:
         refuse_write(folder, error)
@@ -125,7 +112,19 @@ def conversion_records(
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
     return [
-        shared.model_copy(update={"recording": _of_recording(recording, path, conversion)})
+        shared.model_copy(
+            update={
+                "recording": result.RecordingMade(
+                    path=str(path),
+                    samples=recording.time.size,
+                    sampling_period_s=conversion.period,
+                    duration_s=recording.time.size * conversion.period,
+                    columns=tuple(recording.columns),
+                    begins_s=recording.begins_s,
+                    first_row=recording.first_row,
+                )
+            }
+        )
         for conversion, part in zip(conversions, outputs, strict=True)
         for shared in [_of_log(conversion, mapping_file)]
         for recording, path in zip(conversion.recordings, part, strict=True)
@@ -167,7 +166,9 @@ def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
             path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
         ),
         mapping=result.MappingUsed(
-            path=str(mapping_file), sha256=sha256_of(mapping_file), **plain(conversion.mapping)
+            path=str(mapping_file),
+            sha256=sha256_of(mapping_file),
+            **conversion.mapping.model_dump(exclude_none=True),
         ),
         clock_ppm=1e6 * (conversion.stretch - 1.0),
         clocks=tuple(_of_clock(clock, clock is lead) for clock in conversion.clocks),
@@ -178,11 +179,6 @@ def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
     )
 
 
-def plain(mapping: Mapping) -> dict[str, Any]:
-    """A mapping as plain tables, without unset keys."""
-    return mapping.model_dump(exclude_none=True)
-
-
 def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
     about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
     if clock.diagnosis is not None:
@@ -190,25 +186,14 @@ def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
             "state": clock.diagnosis.state,
             "why": clock.diagnosis.why,
             "numbers": clock.diagnosis.numbers,
-            "signals": tuple(
-                result.ClockWitness(
-                    signal=w.signal,
-                    coefficient=w.coefficient,
-                    error=w.error,
-                    roughness_ratio=w.ratio,
-                )
-                for w in clock.diagnosis.witnesses
-            ),
+            "signals": clock.diagnosis.witnesses,
         }
     return result.ClockUsed(
         name=clock.name,
         rows=clock.rows.stamps.size,
         cure=clock.cure,
         **about,
-        repairs=tuple(
-            result.ClockRepair(what=r.what, count=r.count, detail=r.detail)
-            for r in (*clock.rows.repairs, *clock.base.repairs)
-        ),
+        repairs=(*clock.rows.repairs, *clock.base.repairs),
         leads=leads,
     )
 
@@ -222,28 +207,14 @@ def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
     if signal.absolute:
         about["atmosphere_taken_off_kpa"] = conversion.mapping.atmosphere.pressure_kpa
     return result.ColumnMade(
-        source=signal.source,
+        source=signal.stated.source,
         clock=track.clock.name,
         interpolation="hold" if signal.hold else "smooth",
         empty_cells=empty.sum(),
-        longest_empty_run=_longest(empty),
+        longest_empty_run=_lengths(empty).max(initial=0),
         at_limit=at_limit(values[~empty]),
         filtered=track.coarser(conversion.period * conversion.stretch),
         **about,
-    )
-
-
-def _of_recording(
-    recording: ConvertedRecording, path: Path, conversion: Conversion
-) -> result.RecordingMade:
-    return result.RecordingMade(
-        path=str(path),
-        samples=recording.time.size,
-        sampling_period_s=conversion.period,
-        duration_s=recording.time.size * conversion.period,
-        columns=tuple(recording.columns),
-        begins_s=recording.begins_s,
-        first_row=recording.first_row,
     )
 
 
@@ -258,10 +229,6 @@ def at_limit(values: FloatArray) -> int:
         for length in _lengths(values == edge)
         if length >= AT_LIMIT
     )
-
-
-def _longest(mask: NDArray[np.bool_]) -> int:
-    return int(_lengths(mask).max(initial=0))
 
 
 def _lengths(mask: NDArray[np.bool_]) -> NDArray[np.intp]:

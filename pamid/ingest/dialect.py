@@ -72,12 +72,14 @@ class _Guess:
     width: int
     count: int  # rows of numbers
 
+    def text_above(self, line: int) -> int | None:
+        """Index of the last line with text above this one."""
+        return next((index for index in range(line - 1, -1, -1) if any(self.rows[index])), None)
+
     @property
     def above(self) -> int | None:
         """Index of the last line with text above the numbers."""
-        return next(
-            (index for index in range(self.first - 1, -1, -1) if any(self.rows[index])), None
-        )
+        return self.text_above(self.first)
 
     @property
     def header_fits(self) -> bool:
@@ -89,9 +91,7 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
 
     Raises FileError if no line is, if they are ambiguous, or if the names do not fit the numbers.
     """
-    guesses = [
-        guess for guess in (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS) if guess
-    ]
+    guesses = [*filter(None, (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS))]
     if not guesses:
         raise FileError(
             f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
@@ -103,17 +103,34 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
     most = max(guess.count for guess in guesses)
     near = [guess for guess in guesses if guess.count >= SHARE_OF_ROWS * most]
     best = max(near, key=lambda guess: (guess.header_fits, guess.count, guess.width))
-    _refuse_thousands(path, best)
-    cells = [
-        cell.strip()
-        for row, kinds in _block(best)
-        for cell, kind in zip(row, kinds, strict=True)
-        if kind == "n"
-    ]
+    cells = []
+    table = zip(best.rows[best.first :], best.kinds[best.first :], strict=True)
+    for line, (row, kinds) in enumerate(table, best.first + 1):
+        if len(row) != best.width:
+            continue
+        if "k" in kinds:
+            raise FileError(
+                f"{path}, line {line}: {row[kinds.index('k')]!r} has its thousands separated.",
+                "Write the numbers without separators between thousands.",
+                code="thousands",
+            )
+        cells += [cell.strip() for cell, kind in zip(row, kinds, strict=True) if kind == "n"]
     if best.delimiter == "," and best.width > 1:
         _refuse_two_commas(path, best, cells)
     decimal = decimal_mark(cells, str(path))
-    _refuse_short_row(path, best)
+    above = best.above
+    if (
+        above
+        and "t" not in best.kinds[above]
+        and len(best.kinds[above - 1]) == best.width
+        and ("n" in best.kinds[above - 1])
+    ):
+        raise FileError(
+            f"{path}, line {above + 1}: {len(best.rows[above])} cells, the others have "
+            f"{best.width}.",
+            "The log may be damaged there. Correct or delete the line.",
+            code="ragged",
+        )
     names, units, notes = _names(path, best)
     word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
     decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
@@ -135,18 +152,13 @@ def cut_line(line: str, delimiter: str) -> list[str]:
 def split_unit(name: str) -> tuple[str, str]:
     """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" is not
     changed."""
-    match = _BRACKETED.search(name) if len(name) <= 5 * LONGEST_UNIT else None
-    if (
-        match
-        and match.start()
-        and looks_like_unit(match["unit"])
-        and match["unit"] not in ("1", "-")
-    ):
-        return name[: match.start()], match["unit"]
-    behind = _BEHIND_NAME.fullmatch(name) if len(name) <= 5 * LONGEST_UNIT else None
-    if behind and looks_like_unit(behind["unit"]) and behind["unit"] not in ("1", "-"):
-        return behind["name"], behind["unit"]
-    return name, ""
+    if len(name) > 5 * LONGEST_UNIT:
+        return name, ""
+    match, behind = _BRACKETED.search(name), _BEHIND_NAME.fullmatch(name)
+    pairs = [(name[: match.start()], match["unit"])] if match and match.start() else []
+    pairs += [(behind["name"], behind["unit"])] if behind else []
+    measured = ((n, u) for n, u in pairs if looks_like_unit(u) and u not in ("1", "-"))
+    return next(measured, (name, ""))
 
 
 def looks_like_unit(text: str) -> bool:
@@ -167,11 +179,9 @@ def _cut(lines: Sequence[str], delimiter: str) -> _Guess | None:
     ]
     strict = _run(kinds, lambda kind: "t" not in kind and any(letter in kind for letter in "ndk"))
     loose = _run(kinds, lambda kind: len(kind) > 1 and any(letter in kind for letter in "nd"))
-    if loose and (
-        strict is None or (strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2])
-    ):
-        return _Guess(delimiter, rows, kinds, *loose)  # some columns are text
-    return _Guess(delimiter, rows, kinds, *strict) if strict else None
+    few = strict and loose and strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2]
+    chosen = loose if strict is None or few else strict  # loose: some columns are text
+    return _Guess(delimiter, rows, kinds, *chosen) if chosen else None
 
 
 def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, int] | None:
@@ -219,11 +229,6 @@ def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int
     return position
 
 
-def _block(guess: _Guess) -> list[tuple[list[str], str]]:
-    pairs = zip(guess.rows[guess.first :], guess.kinds[guess.first :], strict=True)
-    return [(row, kinds) for row, kinds in pairs if len(row) == guess.width]
-
-
 def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[_Guess]) -> None:
     for guess in guesses:
         rows = [kinds for kinds in guess.kinds if kinds]
@@ -235,16 +240,6 @@ def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[
                 "Transpose the table: in pandas, read_csv(FILE, sep="
                 f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
                 code="signals-in-rows",
-            )
-
-
-def _refuse_thousands(path: Path, guess: _Guess) -> None:
-    for line, (row, kinds) in enumerate(zip(guess.rows, guess.kinds, strict=True), 1):
-        if line > guess.first and len(row) == guess.width and "k" in kinds:
-            raise FileError(
-                f"{path}, line {line}: {row[kinds.index('k')]!r} has its thousands separated.",
-                "Write the numbers without separators between thousands.",
-                code="thousands",
             )
 
 
@@ -263,23 +258,6 @@ def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
     )
 
 
-def _refuse_short_row(path: Path, guess: _Guess) -> None:
-    """Raise FileError for a row of numbers with the wrong width within the table."""
-    above = guess.above
-    if (
-        above
-        and "t" not in guess.kinds[above]
-        and len(guess.kinds[above - 1]) == guess.width
-        and ("n" in guess.kinds[above - 1])
-    ):
-        raise FileError(
-            f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have "
-            f"{guess.width}.",
-            "The log may be damaged there. Correct or delete the line.",
-            code="ragged",
-        )
-
-
 def _fits(row: list[str], width: int) -> bool:
     """Whether these are names of `width` columns; empty names at the end do not count."""
     full = len("".join(cell[:1] or " " for cell in row).rstrip())
@@ -293,17 +271,12 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     above = guess.above
     if labelled := _labelled(guess):
         return labelled
-    if above is None or (
-        guess.width > 1 and len([cell for cell in guess.rows[above] if cell]) == 1
-    ):
-        return (
-            numbered,
-            none,
-            [
-                f"no row of names above line {guess.first + 1}: the columns are column_1 to "
-                f"column_{guess.width}"
-            ],
+    if above is None or (guess.width > 1 and len([*filter(None, guess.rows[above])]) == 1):
+        note = (
+            f"no row of names above line {guess.first + 1}: the columns are column_1 to "
+            f"column_{guess.width}"
         )
+        return numbered, none, [note]
     if not guess.header_fits:
         row = guess.rows[above]
         if "n" in guess.kinds[above]:
@@ -327,7 +300,7 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
         if _are_units(guess.rows[below], row):
             units = [_bare(cell) for cell in _padded(guess.rows[below], guess.width)]
             notes = [f"names: line {above + 1}; units: line {below + 1}"]
-    higher = next((index for index in range(above - 1, -1, -1) if any(guess.rows[index])), None)
+    higher = guess.text_above(above)
     upper = guess.rows[higher] if higher is not None else []
     if higher is not None and _fits(upper, guess.width) and _are_units(row, upper):
         units = [_bare(cell) for cell in row]
@@ -389,14 +362,12 @@ def _are_units(row: list[str], above: list[str]) -> bool:
     Most cells look like units, and more than in the row of names. Unknown units, as counts, may
     occur.
     """
-    alike = [_share_of_units(cells) for cells in (row, above)]
-    return alike[0] >= MOST_UNITS and alike[0] > alike[1]
-
-
-def _share_of_units(row: list[str]) -> float:
-    written = [cell for cell in row if classify(cell) == "t" or cell == "-"]
-    alike = [looks_like_unit(_bare(cell)) or _BRACKETED.fullmatch(cell) for cell in written]
-    return sum(map(bool, alike)) / max(1, len(alike))
+    shares = []
+    for cells in (row, above):
+        written = [cell for cell in cells if classify(cell) == "t" or cell == "-"]
+        alike = [looks_like_unit(_bare(cell)) or _BRACKETED.fullmatch(cell) for cell in written]
+        shares.append(sum(map(bool, alike)) / max(1, len(alike)))
+    return shares[0] >= MOST_UNITS and shares[0] > shares[1]
 
 
 def _bare(cell: str) -> str:

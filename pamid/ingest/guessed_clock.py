@@ -73,8 +73,7 @@ class ClockGuess:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences about a guessed unit, other clocks, and a stated period that the stamps
-        contradict."""
+        """Sentences about a guessed unit, other clocks, and a contradicted period."""
         notes, name = [], self.source.name if self.source is not None else ""
         if self.reason.startswith(BY_SPACING):
             notes.append(
@@ -112,14 +111,12 @@ def guess_clock(
     symbol, reason = _unit_of(source, usual, stated)
     factor = read_unit(symbol).factor if symbol != UNANSWERED else 1.0
     first = source.values[np.isfinite(source.values)][0]
+    likewise = clocks if best >= NAMED_CLOCK else []
     others = tuple(
-        channel
-        for channel in channels
-        if channel is not source
-        and (
-            (channel in clocks and best >= NAMED_CLOCK)
-            or np.array_equal(channel.values, source.values, equal_nan=True)
-        )
+        c
+        for c in channels
+        if c is not source
+        and (c in likewise or np.array_equal(c.values, source.values, equal_nan=True))
     )
     stamps = (source.values - first) * factor
     return ClockGuess(source, symbol, stamps, reason, others=others, stated=stated)
@@ -201,14 +198,10 @@ def with_diagnosis(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess
     If no channel has the log's rows, the stamps are those of the first channel that has any.
     """
     stamps, moving = clock.stamps, [c for c in measured if c.stamps is None]
-    separate = next((c.stamps for c in measured if c.stamps is not None), None)
-    if separate is not None and (stamps is None or not moving):
-        stamps = separate
-        moving = [
-            c
-            for c in measured
-            if c.stamps is not None and np.array_equal(c.stamps, separate, equal_nan=True)
-        ]
+    apart = [(c, c.stamps) for c in measured if c.stamps is not None]
+    if apart and (stamps is None or not moving):
+        stamps = apart[0][1]
+        moving = [c for c, own in apart if np.array_equal(own, stamps, equal_nan=True)]
     if stamps is None:
         return clock
     try:
@@ -225,12 +218,11 @@ def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
 
     period: s, "?" if the user must give it, None if the stamps will show it.
     """
-    lines = ["[time]"]
+    lines, diagnosis = ["[time]"], clock.diagnosis
     if clock.source is not None:
-        lines += [
-            f"source = {toml_string(clock.source.name)}",
-            f"unit = {toml_string(clock.unit)}" + (f"  # {clock.reason}" if clock.reason else ""),
-        ]
+        reason = f"  # {clock.reason}" if clock.reason else ""
+        lines.append(f"source = {toml_string(clock.source.name)}")
+        lines.append(f"unit = {toml_string(clock.unit)}{reason}")
     elif clock.stamps is not None:
         lines.append("# channels have separate stamps")
     if clock.stamps is None and clock.stated is not None and isinstance(period, float):
@@ -241,24 +233,19 @@ def clock_lines(clock: ClockGuess, period: float | str | None) -> list[str]:
             f"period_s = {toml_string(UNANSWERED)}",
         ]
     elif isinstance(period, float):
-        lines += [
-            f"period_s = {period!r}  # of the recording to write",
-            f"max_gap_s = {float(f'{GAP_PERIODS * period:.6g}')!r}  # longer gaps split the "
-            "recording",
-        ]
+        longest = float(f"{GAP_PERIODS * period:.6g}")
+        lines.append(f"period_s = {period!r}  # of the recording to write")
+        lines.append(f"max_gap_s = {longest!r}  # longer gaps split the recording")
     if clock.trouble:
         lines.append(f"# {' '.join(clock.trouble.split())}")
-    if clock.diagnosis is not None:
-        lines.append(f"# {clock.diagnosis.why}")
-    if clock.diagnosis is not None and clock.diagnosis.state == "undecided":
+    if diagnosis is not None:
+        lines.append(f"# {diagnosis.why}")
+    if diagnosis is not None and diagnosis.state == "undecided":
         lines += [
             "# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
             "# jittered-sampling: the stamps are the true sampling instants, as in a loop on a PC",
         ]
-    cure = clock.diagnosis.cure if clock.diagnosis is not None else None
+    cure = diagnosis.cure if diagnosis is not None else None
     repair = cure if cure not in (None, "none") else "ask"
-    return [
-        *lines,
-        f'repair = "{repair}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"',
-        "",
-    ]
+    choice = f'repair = "{repair}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"'
+    return [*lines, choice, ""]

@@ -85,14 +85,20 @@ def guess_of(
     clock, every, notes = _clock_and_channels(log, usual)
     rest = [channel for channel in every if only in channel.name]
     if not rest and only:
-        _refuse_filter(only, every, log)
+        names = [channel.name for channel in every]
+        words = list(dict.fromkeys(part for name in names for part in name.split("/") if part))
+        raise FileError(
+            f"{log.path}: no channel name contains {only!r}.",
+            nearest(only, words) or f"Its channels are: {', '.join(names[:20])}.",
+            code="missing-channel",
+        )
     matched: dict[str, Match] = {}
+    measured = rest
     if rig is None:
         matched |= {
             column: (replace(channel, unit=text or channel.unit), None)
             for column, (channel, text) in channel_columns(rest, answers.angles).items()
         }
-        measured = rest
     else:
         matched |= match_channels(rest, rig, log)
         if rig.log_names and not matched:
@@ -104,7 +110,20 @@ def guess_of(
             notes.append(f"not mapped, rig {rig.name!r} has no column for them: {listed(unmapped)}")
         measured = [chosen[c] for c in rig.outputs if c in chosen] or rest
     if not matched:
-        _refuse_empty(log, rig, rest, notes)
+        if rig is None or not rest:
+            why = f" ({'; '.join(notes)})" if notes else ""
+            raise FileError(
+                f"{log.path}: there is no channel to map{why}.",
+                "Is it a table of numbers?",
+                code="no-signals",
+            )
+        raise FileError(
+            f"{log.path}: none of its channels ({listed(c.name for c in rest)}) fits a column of "
+            f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
+            "Leave --rig out to map every channel under its name. In that mapping give the signals "
+            "the rig's names, as [signals.angle_deg].",
+            code="no-signals",
+        )
     clock = with_diagnosis(clock, measured)
     notes += clock.notes
     period: float | str | None = answers.period_s or clock.period(usual)
@@ -151,101 +170,57 @@ def _clock_and_channels(
     return clock, [*apart, *(c for c in channels if c.stamps is not None)], notes
 
 
-def _refuse_empty(log: Log, rig: Rig | None, channels: Sequence[Channel], notes: list[str]) -> None:
-    """Raise FileError because no channel is mapped."""
-    if rig is None or not channels:
-        why = f" ({'; '.join(notes)})" if notes else ""
-        raise FileError(
-            f"{log.path}: there is no channel to map{why}.",
-            "Is it a table of numbers?",
-            code="no-signals",
-        )
-    raise FileError(
-        f"{log.path}: none of its channels ({listed(c.name for c in channels)}) fits a column of "
-        f"rig {rig.name!r} ({listed([*rig.inputs, *rig.outputs])}).",
-        "Leave --rig out to map every channel under its name. In that mapping give the signals the "
-        "rig's names, as [signals.angle_deg].",
-        code="no-signals",
-    )
-
-
 def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
     """Channels for one recording, and sentences about the others.
 
     Channels of the log's rows need the number of values that most have, and enough for a recording.
     """
-    channels, notes = _of_one_length(channels)
+    notes, lengths = [], Counter(c.values.size for c in channels if c.stamps is None)
+    if len(lengths) > 1:
+        # of as many channels the longer ones
+        usual = max(lengths, key=lambda length: (lengths[length], length))
+        others = [c for c in channels if c.stamps is None and c.values.size != usual]
+        names = listed(f"{c.name} ({c.values.size})" for c in others)
+        channels = [c for c in channels if c.stamps is not None or c.values.size == usual]
+        notes.append(f"not mapped, of other lengths than the {usual} rows of the others: {names}")
     rare = [
-        c
+        c.stamps is None and np.isfinite(c.values).sum() < MIN_SAMPLES <= c.values.size
         for c in channels
-        if c.stamps is None and np.isfinite(c.values).sum() < MIN_SAMPLES <= c.values.size
     ]
-    if rare:
-        notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {listed(c.name for c in rare)}")
-    return [c for c in channels if all(c is not other for other in rare)], notes
-
-
-def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
-    lengths = Counter(c.values.size for c in channels if c.stamps is None)
-    if len(lengths) < 2:
-        return list(channels), []
-    # of as many channels the longer ones
-    usual = max(lengths, key=lambda length: (lengths[length], length))
-    others = [c for c in channels if c.stamps is None and c.values.size != usual]
-    names = listed(f"{c.name} ({c.values.size})" for c in others)
-    stay = [c for c in channels if c.stamps is not None or c.values.size == usual]
-    return stay, [f"not mapped, of other lengths than the {usual} rows of the others: {names}"]
-
-
-def _refuse_filter(only: str, channels: Sequence[Channel], log: Log) -> None:
-    """Raise FileError because no channel name contains `only`."""
-    names = [channel.name for channel in channels]
-    words = list(dict.fromkeys(part for name in names for part in name.split("/") if part))
-    raise FileError(
-        f"{log.path}: no channel name contains {only!r}.",
-        nearest(only, words) or f"Its channels are: {', '.join(names[:20])}.",
-        code="missing-channel",
-    )
+    if any(rare):
+        names = listed(c.name for c, few in zip(channels, rare, strict=True) if few)
+        notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {names}")
+    return [c for c, few in zip(channels, rare, strict=True) if not few], notes
 
 
 # ---- the text ----------------------------------------------------------------------------------
 
 
 def _head(
-    log: Log,
-    rig_name: str,
-    rig: Rig | None,
-    chosen: Mapping[str, Match],
-    notes: Sequence[str],
+    log: Log, rig_name: str, rig: Rig | None, chosen: Mapping[str, Match], notes: Sequence[str]
 ) -> list[str]:
-    lines = [
-        f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: please check it."
-    ]
+    name = toml_string(log.path.name)
     details = [detail for detail in log.details if detail not in notes]
-    lines += [f"#   {' '.join(detail.split())}" for detail in (*details, *notes)]
-    lines.append(
-        f"rig = {toml_string(rig_name)}"
-        if rig_name
-        else '# rig = "..."                # a rig of the catalogue; give a rig file with --rig'
-    )
-    loops = rig.loops if rig is not None else ()
-    if any(loop.reference in chosen and loop.command in chosen for loop in loops):
-        lines.append(
-            'loop = "closed"              # a controller produced the command? otherwise "open"'
-        )
-    else:
-        lines.append('# loop = "open"              # "closed" if a controller produced the command')
-    return [*lines, ""]
+    named = '# rig = "..."                # a rig of the catalogue; give a rig file with --rig'
+    named = f"rig = {toml_string(rig_name)}" if rig_name else named
+    loop = '# loop = "open"              # "closed" if a controller produced the command'
+    if any(k.reference in chosen and k.command in chosen for k in (rig.loops if rig else ())):
+        loop = 'loop = "closed"              # a controller produced the command? otherwise "open"'
+    return [
+        f"# First mapping of {name} ({log.kind}), guessed: please check it.",
+        *(f"#   {' '.join(detail.split())}" for detail in (*details, *notes)),
+        named,
+        loop,
+        "",
+    ]
 
 
 def _signal_lines(
     column: str, chosen: Match, answers: Answers, left: list[str], clock: ClockGuess
 ) -> list[str]:
     symbol, (channel, fit) = split_column(column)[1], chosen
-    lines = [
-        f"[signals.{column}]  # {_about(channel, clock)}",
-        f"source = {toml_string(channel.name)}",
-    ]
+    lines = [f"[signals.{column}]  # {_about(channel, clock)}"]
+    lines.append(f"source = {toml_string(channel.name)}")
     if fit is not None and fit.why:
         lines.append(f"# {fit.why}")
     if fit is not None and fit.scale is not None:
@@ -254,12 +229,10 @@ def _signal_lines(
     if guessed == UNANSWERED:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
-    if unit(symbol).dimension == PRESSURE_DIMENSION and not (
-        guessed != UNANSWERED and read_unit(guessed).pressure
-    ):
-        lines.append(
-            f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, guessed)}"
-        )
+    marked = guessed != UNANSWERED and read_unit(guessed).pressure
+    if unit(symbol).dimension == PRESSURE_DIMENSION and not marked:
+        hint = _pressure_hint(channel, guessed)
+        lines.append(f"# gauge (0 is the air around) or absolute? {hint}")
         if not answers.pressures:
             left.append(f"signals.{column}.pressure")
         lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
@@ -282,10 +255,8 @@ def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
         values = channel.values[np.isfinite(channel.values)]
         whole = values.size and not logged and bool((values == np.round(values)).all())
         counts = f"; counts: [signals.{column}_deg] and scale = 360 / (4 * lines)" if whole else ""
-        return (
-            UNANSWERED,
-            f'{hint}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}',
-        )
+        text = f'{hint}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}'
+        return UNANSWERED, text
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if not logged and suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
@@ -313,16 +284,13 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
     values = channel.values[np.isfinite(channel.values)]
     if not values.size:
         return "empty"
-    text = f"{values.min():.4g} to {values.max():.4g}" + (
-        f" {channel.unit}" if channel.unit else ""
-    )
+    unit_text = f" {channel.unit}" if channel.unit else ""
+    text = f"{values.min():.4g} to {values.max():.4g}{unit_text}"
     if values.size < channel.values.size:
         text += f", {1.0 - values.size / channel.values.size:.2%} of the cells empty"
-    stamps = (
-        channel.stamps
-        if channel.stamps is not None
-        else (time.stamps if time is not None and time.unit != UNANSWERED else None)
-    )
+    stamps = channel.stamps
+    if stamps is None and time is not None and time.unit != UNANSWERED:
+        stamps = time.stamps
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
         step = float(np.median(np.diff(stamps)))
         # pauses between the parts of a log do not affect the rate
@@ -355,14 +323,12 @@ def _tail(
     known: Mapping[str, float],
 ) -> list[str]:
     lines = []
-    outputs = rig.outputs if rig is not None else ()
-    if missing := [column for column in outputs if column not in chosen]:
+    if missing := [column for column in (rig.outputs if rig else ()) if column not in chosen]:
         lines.append(f"# no channel found for: {', '.join(missing)}")
     mapped = {channel.name for channel, _ in chosen.values()}
     left = [channel for channel in rest if channel.name not in mapped]
-    if left:
-        lines.append("# channels that are not mapped:")
-        lines += [f"#   {toml_string(channel.name)}: {_about(channel)}" for channel in left]
+    lines += ["# channels that are not mapped:"] if left else []
+    lines += [f"#   {toml_string(channel.name)}: {_about(channel)}" for channel in left]
     lines += [
         "# value = sign * (scale * source) + offset; keys of a signal: sign = -1, scale = 0.18 (in",
         "#   place of unit, in the unit at the end of its name), offset = 12.0 (in that unit)",

@@ -63,9 +63,8 @@ class IngestResult:
             f"{about.duration_s:.4g} s: {', '.join(about.columns)}."
             for about in self._made()
         ]
-        return "\n".join(
-            [*lines, *(line for conversion in self._conversions for line in _lines(conversion))]
-        )
+        lines += [line for conversion in self._conversions for line in _lines(conversion)]
+        return "\n".join(lines)
 
     def _made(self) -> list[RecordingMade]:
         return [account.recording for account in self.accounts if account.recording]
@@ -86,13 +85,8 @@ class IngestResult:
 
     def _rows(self) -> Cells:
         rows = [
-            (
-                about.path,
-                str(about.samples),
-                f"{about.sampling_period_s:g}",
-                ", ".join(about.columns),
-            )
-            for about in self._made()
+            (r.path, str(r.samples), f"{r.sampling_period_s:g}", ", ".join(r.columns))
+            for r in self._made()
         ]
         return ("recording", "samples", "period in s", "columns"), rows
 
@@ -161,17 +155,13 @@ def ingest(
     given = resolved_rig(rig)
     named = name_of(given) if given is not None else parsed.rig
     target_rig = _rig(parsed.rig, file) if given is None else rig_named(given)
-    parsed = parsed.model_copy(
-        update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
-    )
+    values = {**parsed.known, **(known or {})}
+    parsed = parsed.model_copy(update={"rig": named, "known": values})
     parsed = named_by_units(parsed, target_rig)
     sources = [signal.source for signal in parsed.signals.values()]
     sources += [parsed.time.source] if parsed.time.source is not None else []
-    conversions = []
-    with (
-        limited_memory(memory_limit),
-        progress_steps(progress, "reading logs", len(paths)) as (_, count),
-    ):
+    conversions, steps = [], progress_steps(progress, "reading logs", len(paths))
+    with limited_memory(memory_limit), steps as (_, count):
         for number, path in enumerate(paths):
             count(number, path.name)
             conversions += [
@@ -270,11 +260,7 @@ def _written(
     Without an output they equal those that files would give.
     """
     if output is None:
-        outputs = [
-            files
-            for conversion in conversions
-            for files in outputs_for([conversion], Path(), as_folder=True)
-        ]
+        outputs = [outputs_for([c], Path(), as_folder=True)[0] for c in conversions]
         recordings = [
             recording_of(recording.time, recording.columns, tables_of(conversion), name=path.stem)
             for conversion, files in zip(conversions, outputs, strict=True)
@@ -295,7 +281,7 @@ def _written(
 
 def _lines(conversion: Conversion) -> list[str]:
     """Summary of an ingested log: channels, repaired clocks and filled cells."""
-    log = conversion.log
+    log, period = conversion.log, conversion.period
     part = f", part {log.part}" if log.part else ""
     details = f": {'; '.join(log.details)}" if log.details else ""
     lines = [f"{log.path.name}{part} ({log.kind}){details}."]
@@ -304,13 +290,12 @@ def _lines(conversion: Conversion) -> list[str]:
             cure = "kept" if clock.cure == "none" else f"repaired as {clock.cure}"
             lines.append(f"  {clock.name}: {cure}; {clock.diagnosis.why}.")
         lines += [f"    {repair.detail}" for repair in (*clock.rows.repairs, *clock.base.repairs)]
-    if abs(conversion.stretch - 1.0) > 1e-6:
-        ppm = 1e6 * (conversion.stretch - 1.0)
-        lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
-    lines += [
-        f"  {column}: {track.filled} empty cells of {track.course.values.size} were filled "
-        + ("with the value before them" if track.course.signal.hold else "between their neighbours")
-        for column, track in conversion.tracks.items()
-        if track.filled
-    ]
+    ppm = 1e6 * (conversion.stretch - 1.0)
+    lines += [f"    its clock and {period:g} s differ by {ppm:.0f} ppm"] if abs(ppm) > 1.0 else []
+    for column, track in conversion.tracks.items():
+        if filled := track.filled:
+            way = "with the value before them"
+            way = way if track.course.signal.hold else "between their neighbours"
+            cells = track.course.values.size
+            lines.append(f"  {column}: {filled} empty cells of {cells} were filled {way}")
     return lines

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.scanned import modules_of
+from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channels import Log
 
 
@@ -16,6 +17,7 @@ from pamid.ingest.channels import Log
 class Kind:
     """A kind of log.
 
+    read       enters the channels of the builder's file
     marks      first bytes of such a file, none for plain text
     extra      extra of pamid to install for it, "" if none
     packages   packages of the extra, which `read` imports when it is called
@@ -23,7 +25,7 @@ class Kind:
 
     name: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path], Log]
+    read: Callable[[ChannelBuilder], None]
     marks: tuple[bytes, ...] = ()
     extra: str = ""
     packages: tuple[str, ...] = ()
@@ -40,7 +42,9 @@ def read_here(path: Path, kind: str) -> Log:
     """Signals of a log of this kind, read in this process; FileError for every fault of it."""
     reader = known_kinds()[kind]
     try:
-        return reader.read(path)
+        builder = ChannelBuilder(path)
+        reader.read(builder)
+        return builder.log(kind)
     except PamidError:
         raise
     except ModuleNotFoundError as error:

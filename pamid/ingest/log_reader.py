@@ -27,6 +27,7 @@ _PICKLE = (
 )
 _PICKLE_SUFFIXES = (".pkl", ".pickle", ".pck", ".joblib")  # the oldest pickles begin with no mark
 _SQLITE = b"SQLite format 3\0"
+_FEATHER = "Save it as Parquet: pandas.read_feather(FILE).to_parquet('log.parquet')."
 #: files that are often mistaken for a log, with the remedy
 _OTHER_FORMATS = (
     *((bytes((0x80, protocol)), *_PICKLE) for protocol in range(2, 6)),
@@ -38,11 +39,7 @@ _OTHER_FORMATS = (
     (b"\xd0\xcf\x11\xe0", "a workbook", "Save it as CSV."),
     (b"\x93NUMPY", "an array of NumPy", "Save it with names: CSV, Parquet, HDF5 or MAT."),
     (b"TDSh", "an index of a TDMS file", "Read the .tdms file next to it."),
-    (
-        b"ARROW1",
-        "a Feather or Arrow file",
-        "Save it as Parquet: pandas.read_feather(FILE).to_parquet('log.parquet').",
-    ),
+    (b"ARROW1", "a Feather or Arrow file", _FEATHER),
     (
         b"ULog\x01",
         "a ULog of a PX4",
@@ -105,11 +102,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
             if not part.is_dir():
                 _head(part)
         return known_kinds()["ros"], ""
-    head = _head(path)
-    by_content = _by_content(head)
-    by_name = next(
-        (kind for kind in known_kinds().values() if path.suffix.lower() in kind.suffixes), None
-    )
+    head, kinds = _head(path).removeprefix(b"\xef\xbb\xbf"), known_kinds().values()
+    by_content = next((kind for kind in kinds if kind.marks and head.startswith(kind.marks)), None)
+    by_name = next((kind for kind in kinds if path.suffix.lower() in kind.suffixes), None)
     in_set = by_content is not None and by_content.name == "parquet" and data_set_of(path)
     if in_set and wanted in (None, "lerobot"):
         return known_kinds()["lerobot"], ""
@@ -121,16 +116,11 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         return known_kinds()[wanted], ""
     if by_content:
         odd = by_name is not None and by_name is not by_content and by_name.name != "csv"
-        return (
-            by_content,
-            f"named {path.suffix}, but its content is {by_content.name}" if odd else "",
-        )
+        note = f"named {path.suffix}, but its content is {by_content.name}"
+        return by_content, note if odd else ""
     if by_name is None:
-        known = ", ".join(
-            f"{kind.name} ({' '.join(kind.suffixes)})"
-            for kind in known_kinds().values()
-            if kind.suffixes
-        )
+        named = [kind for kind in kinds if kind.suffixes]
+        known = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in named)
         raise FileError(
             f"{path}: neither the suffix nor the content shows the kind of log.",
             f"Valid kinds are: {known}.",
@@ -172,17 +162,4 @@ def _other_format(path: Path, head: bytes) -> tuple[str, str]:
         return _PICKLE
     return next(
         ((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", "")
-    )
-
-
-def _by_content(head: bytes) -> Kind | None:
-    if head.startswith(b"\xef\xbb\xbf"):
-        head = head[3:]
-    return next(
-        (
-            kind
-            for kind in known_kinds().values()
-            if head.startswith(kind.marks or (b"\xff" * HEAD_BYTES,))
-        ),
-        None,
     )

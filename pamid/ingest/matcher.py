@@ -102,12 +102,9 @@ def match_channels(
     with two robots in one log.
     """
     fits = channel_fits(channels, rig)
+    joints = {pair: fit.score for pair, fit in fits.items() if fit.by in ("name", "place")}
     for column in dict.fromkeys(column for column, _ in fits):
-        named = {
-            i: fit.score
-            for (c, i), fit in fits.items()
-            if c == column and fit.by in ("name", "place")
-        }
+        named = {i: score for (c, i), score in joints.items() if c == column}
         best = [i for i, score in named.items() if score == max(named.values())]
         if len(best) > 1:
             shown = " and ".join(repr(channels[i].name) for i in best[:4])
@@ -215,16 +212,15 @@ def words_fit(
     if not sent:
         return fit
     wanted_stem, wanted_symbol = split_column(wanted)
-    drive = NO_FIT
+    drive, words = NO_FIT, meanings(stem)
     if dimension == RATIO and quantity_of(wanted_symbol) in APPLIED:
         # a command without a unit, or in percent: a drive, a heater or an amplifier is a gain
-        called = "command" in meanings(stem) or plain_words(stem) & plain_words(wanted_stem)
-        drive = (
-            ColumnFit(DRIVEN, "word" if called else "unit", True) if called or percent else drive
-        )
+        called = "command" in words or plain_words(stem) & plain_words(wanted_stem)
+        if called or percent:
+            drive = ColumnFit(DRIVEN, "word" if called else "unit", True)
     elif wanted_symbol != NONE and dimension == unit(wanted_symbol).dimension:
-        drive = ColumnFit(SET_POINT, "word") if "reference" in meanings(stem) else drive
-    electric = dimension in RAW and meanings(stem) & {"voltage", "current"}
+        drive = ColumnFit(SET_POINT, "word") if "reference" in words else drive
+    electric = dimension in RAW and words & {"voltage", "current"}
     if electric and meanings(wanted_stem) & {"force", "torque"}:
         drive = max(drive, ColumnFit(DRIVEN, "word", True))
     return max(fit, drive)
@@ -328,12 +324,18 @@ def _joint_fit(
     effort = value.quantity == "effort" and not value.sent and name.sent
     if effort and (name.per_effort is None or dimension is not None and not in_effort):
         return NO_FIT
-    if not effort and not _same_kind(value, name):
+    # a name may belong to a command even without a word for commands
+    sent = value.sent == name.sent or (name.sent and not value.quantity and not value.group)
+    same_kind = not value.quantity or not name.quantity or value.quantity == name.quantity
+    if not effort and not (sent and same_kind):
         return NO_FIT
-    by = "name" if value.element else "place"
-    score, why = (
-        _by_name(value.element, name.names) if value.element else _by_place(value, name, sizes)
-    )
+    if value.element:
+        by, (score, why) = "name", _by_name(value.element, name.names)
+    else:
+        # index in a vector of the same length as the model's
+        vector = _vector_of(value.group) or ("ctrl" if value.sent else "qpos")
+        same = (sizes.get(vector), name.places.get(vector)) == (value.size, value.place)
+        by, score, why = "place", SAME_PLACE * same, f"by its place in the model's {vector}"
     if not score:
         return NO_FIT
     score -= _NO_QUANTITY if not value.quantity and value.element else 0
@@ -345,12 +347,6 @@ def _joint_fit(
         why, score = "; ".join(filter(None, (why, reason))), score - (_AS_EFFORT if effort else 0)
         return ColumnFit(score / 100.0, by, True, why, name.per_effort)
     return ColumnFit(score / 100.0, by, why=why, si=value.si)
-
-
-def _same_kind(value: RobotValue, name: LogName) -> bool:
-    # a name may belong to a command even without a word for commands
-    sent = value.sent == name.sent or (name.sent and not value.quantity and not value.group)
-    return sent and (not value.quantity or not name.quantity or value.quantity == name.quantity)
 
 
 def _by_name(element: str, names: Iterable[str]) -> tuple[int, str]:
@@ -387,14 +383,6 @@ def _plain(words: Words) -> Words:
     return tuple(word for word in words if not is_generic(word)) or words
 
 
-def _by_place(value: RobotValue, name: LogName, sizes: Mapping[str, int]) -> tuple[int, str]:
-    """Score by the index in a vector of the same length as the model's."""
-    vector = _vector_of(value.group) or ("ctrl" if value.sent else "qpos")
-    if sizes.get(vector) != value.size or name.places.get(vector) != value.place:
-        return 0, ""
-    return SAME_PLACE, f"by its place in the model's {vector}"
-
-
 # ---- what does not fit ---------------------------------------------------------------------------
 
 
@@ -416,12 +404,8 @@ def notes_on(channels: Sequence[Channel], rig: Rig, chosen: Mapping[str, Channel
     of_robot = any(channel.robot for channel in channels)
     if not rig.log_names and not of_robot:
         return []
-    values, notes = robot_values(channels), []
-    mapped = {
-        value.element
-        for i, value in values.items()
-        if any(channels[i] is other for other in chosen.values())
-    }
+    values, notes, used = robot_values(channels), [], {id(channel) for channel in chosen.values()}
+    mapped = {value.element for i, value in values.items() if id(channels[i]) in used}
     free = [element for element in _elements(values) if element not in mapped]
     for column, name in log_names(rig).items():
         if column in chosen:

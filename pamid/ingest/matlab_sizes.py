@@ -56,7 +56,13 @@ def charge_matlab(budget: MemoryBudget) -> None:
     with budget.path.open("rb") as file:
         head = file.read(HEADER_BYTES)
         if not head.startswith(b"MATLAB") or head[126:128] not in (b"IM", b"MI"):
-            _charge_version_4(budget)
+            from scipy.io import whosmat
+
+            for name, shape, _ in whosmat(budget.path):
+                values = 1
+                for length in shape:
+                    values *= int(length)
+                budget.charge(name, values, raw=values * 8)
             return
         order = "<" if head[126:128] == b"IM" else ">"
         while len(tag := file.read(8)) == 8:
@@ -101,17 +107,6 @@ _PART = "its variables"
 def _skip(source: _Source, size: int) -> None:
     while size > 0 and (piece := source.read(min(size, TAKEN_BYTES))):
         size -= len(piece)
-
-
-def _charge_version_4(budget: MemoryBudget) -> None:
-    """The same of a file of version 4, whose arrays stand one after the other."""
-    from scipy.io import whosmat
-
-    for name, shape, _ in whosmat(budget.path):
-        values = 1
-        for length in shape:
-            values *= int(length)
-        budget.charge(name, values, raw=values * 8)
 
 
 def _damaged(path: Path, why: str) -> FileError:

@@ -44,9 +44,7 @@ def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
     has no such channel.
     """
     names = {channel.name for channel in log.channels}
-    patterns = [
-        source for source in dict.fromkeys(sources) if ANY in source and source not in names
-    ]
+    patterns = [s for s in dict.fromkeys(sources) if ANY in s and s not in names]
     if not patterns:
         return [log]
     fits = {pattern: _fitting(pattern, log.channels) for pattern in patterns}
@@ -66,17 +64,11 @@ def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
                     f"Every part needs {listed(patterns)}. Otherwise map this part separately.",
                     code="missing-channel",
                 )
-    return [
-        replace(
-            log,
-            part=key,
-            channels=(
-                *(replace(members[key], name=pattern) for pattern, members in fits.items()),
-                *(channel for channel in log.channels if channel.name not in patterns),
-            ),
-        )
-        for key in keys
-    ]
+    logs = []
+    for key in keys:
+        named = [replace(members[key], name=pattern) for pattern, members in fits.items()]
+        logs.append(replace(log, part=key, channels=(*named, *log.channels)))
+    return logs
 
 
 def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
@@ -97,14 +89,9 @@ def _largest_family(channels: Sequence[Channel]) -> Mapping[str, Mapping[str, Ch
     most = 0
     for members in families.values():
         whole = {key: part for key, part in members.items() if len(part) > 1}
-        names = {frozenset(part) for part in whole.values()}
+        alike = len(whole) > 1 and len({frozenset(part) for part in whole.values()}) == 1
         count = sum(map(len, whole.values()))
-        if (
-            len(whole) > 1
-            and len(names) == 1
-            and count > most
-            and _are_recordings(list(whole.values()))
-        ):
+        if alike and count > most and _are_recordings(list(whole.values())):
             best, most = whole, count
     return best
 
@@ -161,9 +148,7 @@ def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
     if all(span[1] < other[0] for span, other in zip(spans, spans[1:], strict=False)):
         return True
     periods = [float(np.median(np.diff(run))) for run in stamps]
-    like = max(periods) - min(periods) <= SAME_PERIOD * max(periods)
-    like = like and spans[-1][0] - spans[0][0] < max(
-        periods
-    )  # all clocks begin at the same time, so none is absolute
-    lasting = [high - low for low, high in spans]
+    longest, lasting = max(periods), [high - low for low, high in spans]
+    like = longest - min(periods) <= SAME_PERIOD * longest
+    like = like and spans[-1][0] - spans[0][0] < longest  # begun together: no clock is absolute
     return like and max(lasting) - min(lasting) > OTHER_LENGTH * max(lasting)

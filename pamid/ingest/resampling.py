@@ -34,7 +34,22 @@ def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: flo
     # the median step of bursts with pauses is far below the mean spacing of samples
     period = max(float(np.median(np.diff(instants))), 0.2 * float(np.mean(np.diff(instants))))
     if step > COARSER * period:
-        instants, values = _filtered(instants, values, period, step)
+        from scipy.interpolate import PchipInterpolator
+        from scipy.signal import firwin, oaconvolve
+
+        count = int(round((instants[-1] - instants[0]) / period)) + 1
+        even = np.linspace(instants[0], instants[-1], count)
+        if count != instants.size or np.abs(even - instants).max() > SAME_INSTANT * period:
+            values = np.asarray(PchipInterpolator(instants, values)(even))
+        reach = min(int(HALF_TAPS * step / period), count - 1)
+        taps = firwin(2 * reach + 1, min(period / step, 0.99), window=FILTER_WINDOW)
+        # odd reflection about the ends, so that a slope continues there
+        before, after = (
+            2.0 * values[0] - values[reach:0:-1],
+            2.0 * values[-1] - values[-2 : -reach - 2 : -1],
+        )
+        wide = np.concatenate([before, values, after])
+        instants, values = even, np.asarray(oaconvolve(wide, taps, mode="valid"))
     resampled = np.asarray(
         PchipInterpolator(instants, values)(np.clip(base, instants[0], instants[-1]))
     )
@@ -42,26 +57,3 @@ def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: flo
     same = np.abs(instants[nearest] - base) <= SAME_INSTANT * period
     resampled[same] = values[nearest[same]]
     return resampled
-
-
-def _filtered(
-    instants: FloatArray, values: FloatArray, period: float, step: float
-) -> tuple[FloatArray, FloatArray]:
-    """Signal on an even base of its period, low-passed at the Nyquist frequency of `step` without
-    delay."""
-    from scipy.interpolate import PchipInterpolator
-    from scipy.signal import firwin, oaconvolve
-
-    count = int(round((instants[-1] - instants[0]) / period)) + 1
-    even = np.linspace(instants[0], instants[-1], count)
-    if count != instants.size or np.abs(even - instants).max() > SAME_INSTANT * period:
-        values = np.asarray(PchipInterpolator(instants, values)(even))
-    reach = min(int(HALF_TAPS * step / period), count - 1)
-    taps = firwin(2 * reach + 1, min(period / step, 0.99), window=FILTER_WINDOW)
-    # odd reflection about the ends, so that a slope continues there
-    before, after = (
-        2.0 * values[0] - values[reach:0:-1],
-        2.0 * values[-1] - values[-2 : -reach - 2 : -1],
-    )
-    wide = np.concatenate([before, values, after])
-    return even, np.asarray(oaconvolve(wide, taps, mode="valid"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from pamid.ingest.dialect import DELIMITERS, SAMPLE, SHARE_OF_ROWS, looks_like_unit
 from pamid.ingest.text_cells import classify
@@ -33,7 +33,30 @@ def as_table(text: str) -> tuple[str, str]:
         notes.append("every line begins with a time and ->")
     ((labels, count),) = Counter(map(_labels, filter(str.strip, lines))).most_common(1) or [((), 0)]
     if labels and count >= SHARE_OF_ROWS * sum(map(bool, map(str.strip, lines))):
-        return _unlabelled(text, labels, stamps, notes)
+        rows = text.split("\n")
+        if not stamps and _most(map(_leading_stamp, filter(str.strip, rows[:SAMPLE]))):
+            stamps = [_leading_stamp(row) for row in rows]
+            notes.append("every line begins with a time")
+        times = [[stamp] for stamp in stamps] or [[] for _ in rows]
+        # names with the units behind the numbers, if all lines agree
+        matches = [
+            list(_LABELLED.finditer(line)) for line in rows[:SAMPLE] if _labels(line) == labels
+        ]
+        units = [{line[place]["unit"] or "" for line in matches} for place in range(len(labels))]
+        names = [
+            f"{label} [{unit}]" if len(symbol) == 1 and unit and looks_like_unit(unit) else label
+            for label, symbol in zip(labels, units, strict=True)
+            for unit in (min(symbol),)
+        ]
+        table = [["time", *names] if stamps else names]
+        for time, row in zip(times, rows, strict=False):
+            if _labels(row) == labels:
+                table.append([*time, *(match["value"] for match in _LABELLED.finditer(row))])
+        left = sum(map(bool, map(str.strip, rows))) - len(table) + 1
+        notes.append("every number follows its name")
+        if left:
+            notes.append(f"{left} other lines are left out")
+        return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
     if not stamps:
         return text, ""
     rows = text.split("\n")[:-1]
@@ -41,37 +64,6 @@ def as_table(text: str) -> tuple[str, str]:
     rows = [re.sub(r"\s+", "\t", row.strip()) if mark == " " else row for row in rows]
     mark = "\t" if mark == " " else mark
     return "".join(f"{s}{mark}{row}\n" for s, row in zip(stamps, rows, strict=True)), notes[0]
-
-
-def _unlabelled(
-    text: str, labels: Sequence[str], stamps: Sequence[str], notes: list[str]
-) -> tuple[str, str]:
-    rows = text.split("\n")
-    if not stamps and _most(map(_leading_stamp, filter(str.strip, rows[:SAMPLE]))):
-        stamps = [_leading_stamp(row) for row in rows]
-        notes.append("every line begins with a time")
-    times = [[stamp] for stamp in stamps] or [[] for _ in rows]
-    names = _with_units(labels, rows[:SAMPLE])
-    table = [["time", *names] if stamps else names]
-    for time, row in zip(times, rows, strict=False):
-        if _labels(row) == labels:
-            table.append([*time, *(match["value"] for match in _LABELLED.finditer(row))])
-    left = sum(map(bool, map(str.strip, rows))) - len(table) + 1
-    notes.append("every number follows its name")
-    if left:
-        notes.append(f"{left} other lines are left out")
-    return "".join(";".join(row) + "\n" for row in table), "; ".join(notes)
-
-
-def _with_units(labels: Sequence[str], lines: Iterable[str]) -> list[str]:
-    """Names with the units behind the numbers, if all lines agree: "Drive: 1.2 V"."""
-    matches = [list(_LABELLED.finditer(line)) for line in lines if _labels(line) == labels]
-    units = [{line[place]["unit"] or "" for line in matches} for place in range(len(labels))]
-    return [
-        f"{label} [{unit}]" if len(symbol) == 1 and unit and looks_like_unit(unit) else label
-        for label, symbol in zip(labels, units, strict=True)
-        for unit in (min(symbol),)
-    ]
 
 
 def _leading_stamp(line: str) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.recording.recording import MIN_SAMPLES
+from pamid.schemas.ingest_file import ClockRepair
 
 IntArray = NDArray[np.int64]
 
@@ -35,13 +36,9 @@ LACKING = 0.7  # of a period: smallest fall of their level if it was
 DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
 
-@dataclass(frozen=True)
-class Repair:
+def repair(what: str, count: int, detail: str) -> ClockRepair:
     """One kind of repair: a stable word, the number of repairs, and a sentence."""
-
-    what: str
-    count: int
-    detail: str
+    return ClockRepair(what=what, count=count, detail=detail)
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class Rows:
     stamps: FloatArray
     starts: tuple[int, ...]
     blocks: bool
-    repairs: tuple[Repair, ...]
+    repairs: tuple[ClockRepair, ...]
 
     def pieces(self) -> list[slice]:
         """Rows between two settings of the clock."""
@@ -77,7 +74,14 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
 
     Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
     """
-    keep, repairs = _rows_with_stamp(stamps, place)
+    # rows whose stamp is a time, and the repair of the others
+    keep, repairs = np.flatnonzero(np.abs(stamps) < AGES), []
+    if lost := stamps.size - keep.size:
+        detail = f"{lost} rows without a stamp were left out"
+        repairs.append(repair("rows-without-stamp", lost, detail))
+    if keep.size < MIN_SAMPLES:
+        message = f"{place}: {keep.size} rows have a stamp, at least {MIN_SAMPLES} are needed."
+        raise DataError(message, code="too-short")
     keep, stamps, starts, more = _rising(keep, stamps, signals, place)
     repairs += more
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
@@ -87,42 +91,22 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
     if differing and _are_samples(stamps[keep], [values[keep] for values in signals], twice):
         if differing > BLOCK_SHARE * keep.size:
             return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
-        repairs.append(
-            Repair(
-                "stamps-shared",
-                differing,
-                f"{differing} samples have the stamp of the sample before and got one between the "
-                "neighbours",
-            )
+        detail = (
+            f"{differing} samples have the stamp of the sample before and got one between the "
+            "neighbours"
         )
+        repairs.append(repair("stamps-shared", differing, detail))
         return Rows(keep, _spread(stamps[keep]), tuple(starts), False, tuple(repairs))
-    return _one_row_per_stamp(keep, stamps, starts, (twice, differing), repairs, place)
-
-
-def _one_row_per_stamp(
-    keep: IntArray,
-    stamps: FloatArray,
-    starts: list[int],
-    shared: tuple[IntArray, int],
-    repairs: list[Repair],
-    place: str,
-) -> Rows:
-    """Last row of every stamp. shared: rows with the stamp of the next one, and the number of those
-    that differ from it."""
-    twice, differing = shared
+    # last row of every stamp
     if equal := twice.size - differing:
-        repairs.append(
-            Repair("rows-repeated", equal, f"{equal} rows were repeated and were dropped")
-        )
+        detail = f"{equal} rows were repeated and were dropped"
+        repairs.append(repair("rows-repeated", equal, detail))
     if differing:
-        repairs.append(
-            Repair(
-                "stamps-repeated",
-                differing,
-                f"{differing} stamps were repeated, with values of the same instant: the later row "
-                "is kept",
-            )
+        detail = (
+            f"{differing} stamps were repeated, with values of the same instant: the later row is "
+            "kept"
         )
+        repairs.append(repair("stamps-repeated", differing, detail))
     stay = np.ones(keep.size, dtype=bool)
     stay[twice] = False
     if stay.sum() < MIN_SAMPLES:
@@ -134,26 +118,9 @@ def _one_row_per_stamp(
     return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
 
 
-def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Repair]]:
-    """Rows whose stamp is a time, and the repair of the others."""
-    finite = np.flatnonzero(np.abs(stamps) < AGES)
-    repairs = []
-    if finite.size < stamps.size:
-        lost = stamps.size - finite.size
-        repairs.append(
-            Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out")
-        )
-    if finite.size < MIN_SAMPLES:
-        raise DataError(
-            f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
-            code="too-short",
-        )
-    return finite, repairs
-
-
 def _rising(
     written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
-) -> tuple[IntArray, FloatArray, list[int], list[Repair]]:
+) -> tuple[IntArray, FloatArray, list[int], list[ClockRepair]]:
     """(rows in order of rising stamps, corrected stamps, first rows of pieces, repairs).
 
     Either the rows are sorted or, if the signals show that the rows are in order, the late stamps
@@ -163,30 +130,27 @@ def _rising(
     keep, starts, moved = _in_order(written.copy(), stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
         keep, stamps = written, _caught_up(stamps, written, starts)
-        repairs.append(
-            Repair(
-                "stamps-out-of-order",
-                moved,
-                f"{moved} stamps are below the one before; the signals are smooth in the order of "
-                "the rows, so the stamps were late",
-            )
+        detail = (
+            f"{moved} stamps are below the one before; the signals are smooth in the order of the "
+            "rows, so the stamps were late"
         )
+        repairs.append(repair("stamps-out-of-order", moved, detail))
     elif moved:
-        repairs.append(
-            Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and sorted")
-        )
+        detail = f"{moved} rows were written out of order and sorted"
+        repairs.append(repair("rows-out-of-order", moved, detail))
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
         steps_back = ", ".join(f"{step:.4g} s" for step in back[:3])
-        stamps = _running_on(stamps, keep, starts)
-        repairs.append(
-            Repair(
-                "clock-set-back",
-                len(back),
-                f"the clock was set back {len(back)} times ({steps_back}): the recording is split "
-                "there",
-            )
+        # stamps with every piece after the one before it, since the size of the step is unknown
+        shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
+        for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
+            rows = keep[start:end]
+            shifted[rows] += shifted[keep[start - 1]] + pause - stamps[rows[0]]
+        stamps = shifted
+        detail = (
+            f"the clock was set back {len(back)} times ({steps_back}): the recording is split there"
         )
+        repairs.append(repair("clock-set-back", len(back), detail))
     return keep, stamps, starts, repairs
 
 
@@ -281,7 +245,13 @@ def rough_period(rows: Rows) -> float:
         or abs(float(single.mean()) - middle) > 0.002 * middle
         or np.mean(np.abs(single - middle) <= 0.05 * middle) <= 0.5
     ):
-        middle = _period_by_stretches(rows)
+        # period (s) over many rows, for variable steps
+        longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
+        stamps = rows.stamps[longest]
+        runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
+        lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
+        period = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+        middle = period if rows.blocks or period <= FASTEST else _sharpest(stamps, period)
     if not FASTEST < middle < AGES / 1e3 or steps.sum() > AGES * middle:
         raise DataError(
             f"The stamps have no sampling period: most rows are {middle:.3g} s apart.",
@@ -289,16 +259,6 @@ def rough_period(rows: Rows) -> float:
             code="time-base",
         )
     return middle
-
-
-def _period_by_stretches(rows: Rows) -> float:
-    """Period (s) over many rows, for variable steps."""
-    longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
-    stamps = rows.stamps[longest]
-    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
-    lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
-    period = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
-    return period if rows.blocks or period <= FASTEST else _sharpest(stamps, period)
 
 
 def count_samples(stamps: FloatArray, period: float) -> IntArray:
@@ -320,11 +280,8 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     missing = np.zeros(n, dtype=np.int64)
     # `base` is the even clock: it falls at once to any earlier stamp, rises slowly with drift, and
     # by whole periods where samples are missing. These are missing where the stamp itself jumps.
-    level, base, steps = (
-        lowest_ahead.tolist(),
-        float(lowest_ahead[0]),
-        np.diff(residual, prepend=residual[0]),
-    )
+    level, base = lowest_ahead.tolist(), float(lowest_ahead[0])
+    steps = np.diff(residual, prepend=residual[0])
     for i in range(1, end):
         above = level[i] - base
         if above >= DROPPED:
@@ -420,15 +377,6 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
                 "It is probably not a clock. Name the channel with the time in [time] source.",
                 code="stamps-unsorted",
             )
-
-
-def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Stamps with every piece after the one before it, since the size of the step is unknown."""
-    shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
-    for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
-        rows = keep[start:end]
-        shifted[rows] += shifted[keep[start - 1]] + pause - stamps[rows[0]]
-    return shifted
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:

@@ -83,12 +83,10 @@ def decimal_mark(cells: list[str], place: str) -> str:
     return ","
 
 
-def add_column(
-    builder: ChannelBuilder, name: str, series: Any, unit: str, decimal: str, place: str
-) -> None:
+def add_column(builder: ChannelBuilder, name: str, series: Any, unit: str, decimal: str) -> None:
     """Enter one column of a table that pandas has read with this decimal mark.
 
-    Raises FileError, beginning with `place`, if its cells are ambiguous.
+    Raises FileError if its cells are ambiguous.
     """
     if series.dtype.kind in "biuf":
         if series.isna().all():
@@ -96,30 +94,25 @@ def add_column(
         else:
             builder.add(name, series.to_numpy(), unit=unit)
         return
+    place = f"{builder.path}, column {name!r}"
     builder.budget.charge(name, 0, raw=TEXT_CELL * len(series))
     text = series.astype("string").str.strip()
     there = text[text.notna()]
     if len(there) and classify(str(there.iloc[0])) == "d":
-        seconds = _moments(builder, name, text, f"{place}, column {name!r}")
+        seconds = _moments(builder, name, text, place)
         builder.add(name, seconds, unit="s")
         return
-    text, unit = _unit_in_cells(text, unit)
-    numbers = _numbers(builder, name, text, decimal, f"{place}, column {name!r}")
+    # numbers without the unit behind each ("1.25 V"), and that unit
+    parts = text.str.extract(_WITH_UNIT)
+    units = parts["unit"].dropna().unique()
+    most = parts["unit"].notna().sum() >= SHARE_OF_NUMBERS * text.notna().sum()
+    if not unit and len(units) == 1 and most and is_readable(units[0]):
+        text, unit = parts["number"].where(parts["number"].notna(), text), str(units[0])
+    numbers = _numbers(builder, name, text, decimal, place)
     if numbers is None:
         builder.leave_out(name, "text")
     else:
         builder.add(name, numbers, unit=unit)
-
-
-def _unit_in_cells(text: Any, unit: str) -> tuple[Any, str]:
-    """Numbers without the unit behind each ("1.25 V"), and that unit."""
-    parts = text.str.extract(_WITH_UNIT)
-    units = parts["unit"].dropna().unique()
-    if unit or len(units) != 1 or not is_readable(units[0]):
-        return text, unit
-    if parts["unit"].notna().sum() < SHARE_OF_NUMBERS * text.notna().sum():
-        return text, unit
-    return parts["number"].where(parts["number"].notna(), text), str(units[0])
 
 
 def _numbers(
@@ -193,9 +186,8 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
     days = _days(parts, part, place)
     hours = part("hour", "only_hour")
     half = parts["half"].astype(object).fillna(parts["only_half"].astype(object)).str.lower()
-    hours = np.where(half.notna(), hours % 12, hours) + np.where(
-        (half == "pm").fillna(False), 12.0, 0.0
-    )
+    hours = np.where(half.notna(), hours % 12, hours)
+    hours = hours + np.where((half == "pm").fillna(False), 12.0, 0.0)
     digits = parts["fraction"].astype(object).fillna(parts["only_fraction"].astype(object))
     fractions = np.nan_to_num(_floats("0." + digits))
     seconds = (
@@ -211,13 +203,11 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
         if nights[-1]:
             builder.note(f"{name}: the time continues past {int(nights[-1])} midnights")
         days += nights
-    valid = np.flatnonzero(parts.notna().any(axis=1).to_numpy())
-    first = valid[0]
+    valid = parts.notna().any(axis=1).to_numpy()
+    first = np.flatnonzero(valid)[0]
     builder.note(f"{name}: dates or times, in s since {text.iloc[first]}")
-    result = (
-        (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
-    )
-    return np.where(parts.notna().any(axis=1).to_numpy(), result, np.nan)
+    days, seconds, fractions = (x - x[first] for x in (days, seconds, fractions))
+    return np.where(valid, days * 86400.0 + seconds + fractions, np.nan)
 
 
 def _parts(text: Any) -> Any:
@@ -257,21 +247,17 @@ def _days(parts: Any, part: Any, place: str) -> FloatArray:
     if leaps == [True, False]:
         return month_first
     if leaps == [True, True]:
-        raise FileError(
-            f"{place}: the dates do not show which number is the month.",
-            "Write dates as 2024-12-31.",
-            code="date-order",
-        )
+        message = f"{place}: the dates do not show which number is the month."
+        raise FileError(message, "Write dates as 2024-12-31.", code="date-order")
     return day_first
 
 
 def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
     """Days since 1970 of year, month and day; NaN without a date."""
     there = ~np.isnan(year)
-    months = (
-        np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")
-    )
-    days = months.astype("datetime64[D]").astype(np.int64) + np.where(there, day, 1) - 1
+    months = np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64)
+    first = months.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
+    days = first + np.where(there, day, 1) - 1
     return np.where(there, days, np.nan)
 
 
@@ -280,9 +266,8 @@ def _zones(zones: Any) -> FloatArray:
     seconds = {zone: 0.0 for zone in zones.dropna().unique()}
     for zone in seconds:
         if zone[0] in "+-":
-            seconds[zone] = (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60) * (
-                -1.0 if zone[0] == "-" else 1.0
-            )
+            sign = -1.0 if zone[0] == "-" else 1.0
+            seconds[zone] = sign * (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60)
     return np.nan_to_num(_floats(zones.map(seconds)))
 
 

@@ -29,14 +29,15 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.stamps import (
     LATE_WINDOW,
     IntArray,
-    Repair,
     Rows,
     count_samples,
     fit_clock,
+    repair,
     rough_period,
 )
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.noise import noise_level
+from pamid.schemas.ingest_file import ClockRepair, ClockWitness
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 LEAST_VISIBLE = 0.5  # resolutions of a signal: a smaller change does not show
@@ -61,27 +62,21 @@ GAP_PERIODS = 10
 
 
 @dataclass(frozen=True)
-class Witness:
-    """Evidence of one signal: coefficient of y' d (0 late stamps, 1 jittered sampling) with
-    standard error, and its roughness if samples were even, over that if the stamps were true."""
-
-    signal: str
-    coefficient: float
-    error: float
-    ratio: float
-
-
-@dataclass(frozen=True)
 class StampDiagnosis:
-    """Condition of the stamps of one clock. cure is None if the data do not decide; why is a
-    sentence with the numbers; numbers has the same for scripts (s, ppm, dimensionless)."""
+    """Condition of the stamps of one clock.
+
+    cure is None if the data do not decide; why is a sentence with the numbers; numbers has the same
+    for scripts (s, ppm, dimensionless). witnesses: for each moving signal the coefficient of y' d
+    (0 late stamps, 1 jittered sampling), and its roughness if samples were even, over that if the
+    stamps were true.
+    """
 
     state: State
     cure: Cure | None
     why: str
     period: float  # s, by the log's clock
     numbers: dict[str, float] = field(default_factory=dict)
-    witnesses: tuple[Witness, ...] = ()
+    witnesses: tuple[ClockWitness, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,7 @@ class TimeBase:
     instants: FloatArray
     pieces: tuple[slice, ...]
     period: float
-    repairs: tuple[Repair, ...] = ()
+    repairs: tuple[ClockRepair, ...] = ()
 
 
 def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
@@ -112,25 +107,24 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
         "skewness": _skewness(late),
     }
     if np.abs(steps - counts * period).max(initial=0.0) <= UNIFORM_TO * period + rounding:
-        return StampDiagnosis(
-            "even", "none", "the stamps are even to 1 % of a period", period, numbers
-        )
+        why = "the stamps are even to 1 % of a period"
+        return StampDiagnosis("even", "none", why, period, numbers)
     if rows.blocks:
         share = float(np.mean(steps == 0.0))
         why = (
             f"{share:.0%} of the rows have the stamp of the row before, but other values: the "
             "stamps are those of blocks or of a slow clock, with samples between them"
         )
-        return StampDiagnosis(
-            "blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share}
-        )
+        numbers["shared_stamps"] = share
+        return StampDiagnosis("blocks", "late-stamps", why, period, numbers)
     tick = _tick(rows.stamps, steps, rounding)
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
         why = (
             f"the stamps are whole multiples of {_time(tick)} and deviate from an even clock by "
             "no more than that"
         )
-        return StampDiagnosis("rounded", "late-stamps", why, period, {**numbers, "tick_s": tick})
+        numbers["tick_s"] = tick
+        return StampDiagnosis("rounded", "late-stamps", why, period, numbers)
     return _by_signals(rows, signals, period, late, numbers)
 
 
@@ -171,7 +165,7 @@ def reconstructed_time_base(
     if clock.wanders:
         instants = np.maximum.accumulate(instants) + 1e-9 * period * samples
         detail = "the sampling rate varies: the clock follows the earliest stamps"
-        repairs = (Repair("clock-followed", len(pieces), detail), *repairs)
+        repairs = (repair("clock-followed", len(pieces), detail), *repairs)
     return TimeBase(instants, tuple(pieces), period, repairs)
 
 
@@ -244,11 +238,8 @@ def _by_signals(
     numbers: dict[str, float],
 ) -> StampDiagnosis:
     """Diagnosis by the moving signals; undecided if no signal moves."""
-    heard = [
-        w
-        for name, values in signals.items()
-        if (w := _witness(name, rows, values, period)) is not None
-    ]
+    every = (_witness(name, rows, values, period) for name, values in signals.items())
+    heard = [witness for witness in every if witness is not None]
     skew = numbers["skewness"]
     low, high = np.quantile(late, [0.01, 0.99])
     tail = ": only late, as from a busy host" if skew > 1.0 else ""
@@ -265,31 +256,27 @@ def _by_signals(
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
     error = float(max(1.0 / math.sqrt(weights.sum()), min(w.error for w in heard)))
     best = max(heard, key=lambda w: 1.0 / max(w.error, 0.02))
-    numbers = {
-        **numbers,
-        "coefficient": coefficient,
-        "coefficient_error": error,
-        "roughness_ratio": best.ratio,
-    }
+    numbers = {**numbers, "coefficient": coefficient, "coefficient_error": error}
+    numbers["roughness_ratio"] = best.roughness_ratio
     correlations = (
         f"{coefficient:.2f} +- {error:.2f} by {len(heard)} moving "
-        f"signal{'s' if len(heard) > 1 else ''}"
+        f"signal{'s' if len(heard) > 1 else ''} "
+        "(0: late stamps on even sampling, 1: jittered sampling)"
     )
-    scale = "(0: late stamps on even sampling, 1: jittered sampling)"
     sure = error <= COEFFICIENT_ERROR
     cure: Literal["late-stamps", "jittered-sampling"] | None = None
-    why = f"{shape}; the signals do not decide: {correlations} {scale}"
+    why = f"{shape}; the signals do not decide: {correlations}"
     if sure and abs(coefficient) <= CLEAR:
         cure = "late-stamps"
         why = (
-            f"{shape}, and the signals do not follow that: {correlations} {scale}; at the stamps "
-            f"{best.signal} is {1.0 / best.ratio:.1f} times rougher than at even instants"
+            f"{shape}, and the signals do not follow that: {correlations}; at the stamps "
+            f"{best.signal} is {1.0 / best.roughness_ratio:.1f} times rougher than at even instants"
         )
     elif sure and abs(coefficient - 1.0) <= CLEAR:
         cure = "jittered-sampling"
         why = (
-            f"{shape}, and the signals follow that: {correlations} {scale}; at even instants "
-            f"{best.signal} is {best.ratio:.1f} times rougher than at the stamps"
+            f"{shape}, and the signals follow that: {correlations}; at even instants "
+            f"{best.signal} is {best.roughness_ratio:.1f} times rougher than at the stamps"
         )
     elif _immaterial(signals.values(), float(high - low), period):
         cure = "late-stamps"
@@ -312,7 +299,7 @@ def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> 
     return True
 
 
-def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witness | None:
+def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockWitness | None:
     """The regression of the module's head for one signal; None if it hardly moves.
 
     Deviation and slope are local (against a parabola through 2 * HALF + 1 rows), so that it does
@@ -354,18 +341,9 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     if use.sum() < LEAST_MOVING_SAMPLES or not np.ptp(due[use]) > 0.0:
         return None
     rough, due = rough[use], due[use]
+    pieces = [np.array_split(x, JACKKNIFE_PARTS) for x in (rough, due)]
     top, bottom = (
-        np.array(
-            [
-                float(a @ b)
-                for a, b in zip(
-                    np.array_split(x, JACKKNIFE_PARTS),
-                    np.array_split(due, JACKKNIFE_PARTS),
-                    strict=True,
-                )
-            ]
-        )
-        for x in (rough, due)
+        np.array([float(a @ b) for a, b in zip(parts, pieces[1], strict=True)]) for parts in pieces
     )
     if not (bottom.sum() > bottom).all():  # a single part gives no standard error
         return None
@@ -376,7 +354,12 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         (JACKKNIFE_PARTS - 1) / JACKKNIFE_PARTS * float(((without - without.mean()) ** 2).sum())
     )
     even, stamped = (max(float(np.std(x)), 1e-9 * float(np.std(due))) for x in (rough, rough - due))
-    return Witness(name, float(coefficient), error, even / stamped)
+    return ClockWitness(
+        signal=name,
+        coefficient=float(coefficient),
+        error=error,
+        roughness_ratio=even / stamped,
+    )
 
 
 def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
@@ -396,23 +379,16 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
 
 def _repairs(
     instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
-) -> tuple[Repair, ...]:
-    sentences = []
+) -> tuple[ClockRepair, ...]:
+    repairs = []
     if lost:
-        sentences.append(
-            Repair("samples-missing", lost, f"{lost} single samples are missing and were filled")
-        )
-    gaps = [p.start for p in pieces if p.start not in starts]
-    if gaps:
+        detail = f"{lost} single samples are missing and were filled"
+        repairs.append(repair("samples-missing", lost, detail))
+    if gaps := [p.start for p in pieces if p.start not in starts]:
         longest = max(float(instants[i] - instants[i - 1]) for i in gaps)
-        sentences.append(
-            Repair(
-                "gaps",
-                len(gaps),
-                f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split there",
-            )
-        )
-    return tuple(sentences)
+        detail = f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split there"
+        repairs.append(repair("gaps", len(gaps), detail))
+    return tuple(repairs)
 
 
 def _between(cuts: list[int], end: int) -> list[slice]:

@@ -262,7 +262,7 @@ def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
         if len(ahead) < 2:
             yield from (_trial(problem, point, right, m) for m in ahead)
         else:
-            # A plain pool, since it is part of every step: jobs.run_jobs first settles the threads
+            # A plain pool, since it is part of every step: a pool of jobs first settles the threads
             # of BLAS, which takes milliseconds.
             with ThreadPoolExecutor(len(ahead)) as pool:
                 yield from list(pool.map(lambda m: _trial(problem, point, right, m), ahead))

@@ -73,11 +73,8 @@ def _connected(address: str, patience_s: float) -> Client:
     try:
         from distributed import Client
     except ImportError:
-        raise FileError(
-            "--cluster needs the package distributed, which is not installed.",
-            "pip install 'pamid[cluster]'",
-            code="missing-package",
-        ) from None
+        message = "--cluster needs the package distributed, which is not installed."
+        raise FileError(message, "pip install 'pamid[cluster]'", code="missing-package") from None
     try:
         # asked first: a port on which something else listens keeps a client waiting whatever its
         # own limit
@@ -91,11 +88,10 @@ def _connected(address: str, patience_s: float) -> Client:
                 "; its certificates are those of Dask's configuration, as "
                 "DASK_DISTRIBUTED__COMM__TLS__CA_FILE"
             )
-        raise FileError(
+        hint = "Start one with `dask scheduler` and give the address it prints"
+        raise _refused(
             f"no scheduler answers at {address} within {patience_s:g} s{why}",
-            "Start one with `dask scheduler` and give the address it prints, such as "
-            "tcp://host:8786.",
-            code="cluster",
+            f"{hint}, such as tcp://host:8786.",
         ) from error
 
 
@@ -112,32 +108,29 @@ def fingerprint() -> dict[str, str]:
     return {"code": code_sha256(), "processor": f"{platform.system()} {platform.machine()}"}
 
 
+def _refused(message: str, hint: str) -> FileError:
+    return FileError(message, hint, code="cluster")
+
+
 def _require_alike(client: Client, address: str, patience_s: float) -> None:
     deadline = time.monotonic() + patience_s
     while not client.scheduler_info(n_workers=-1)["workers"]:
         if time.monotonic() > deadline:
-            raise FileError(
-                f"the scheduler at {address} has no workers",
-                f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`.",
-                code="cluster",
-            )
+            hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
+            raise _refused(f"the scheduler at {address} has no workers", hint)
         time.sleep(0.1)
     own = fingerprint()
     try:
         fingerprints = client.run(fingerprint)
     except (ImportError, AttributeError) as error:
-        raise FileError(
-            f"the workers of {address} cannot load pamid: {error}",
-            "Install the same version there.",
-            code="cluster",
-        ) from error
+        message = f"the workers of {address} cannot load pamid: {error}"
+        raise _refused(message, "Install the same version there.") from error
     other = sorted(worker for worker, theirs in fingerprints.items() if theirs != own)
     if other:
-        raise FileError(
+        raise _refused(
             f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
             f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
             "Results would depend on who worked them out: install the same versions everywhere.",
-            code="cluster",
         )
 
 
@@ -163,12 +156,7 @@ class Cluster:
             executor = self.client.get_executor(pure=False)
             waiting: dict[Future[Packed | Failed], int] = {
                 executor.submit(
-                    _done,
-                    kind,
-                    parts,
-                    _pickled(item),
-                    code_sha256(),
-                    key=f"{work.what}-{i}-{once}",
+                    _done, kind, parts, _pickled(item), code_sha256(), key=f"{work.what}-{i}-{once}"
                 ): i
                 for i, item in enumerate(items)
             }
@@ -251,8 +239,6 @@ def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Packed 
     were compared)."""
     _hold_blas()
     work, one = _unpickled(kind)(**parts), _unpickled(item)
-    return (
-        packed_or_failure(work, one)
-        if code == code_sha256()
-        else Failed(work.label(one), "its worker runs another pamid")
-    )
+    if code != code_sha256():
+        return Failed(work.label(one), "its worker runs another pamid")
+    return packed_or_failure(work, one)

@@ -271,7 +271,10 @@ class LocalJobs:
                         yield busy.pop(future), outcome
             except BrokenProcessPool:
                 pass
-        return list(busy.values()), _end_of(processes)
+        # how the first process ended that was not asked to
+        codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
+        code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
+        return list(busy.values()), f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 @contextlib.contextmanager
@@ -311,13 +314,6 @@ def _workers(
         pool.shutdown(cancel_futures=True)
 
 
-def _end_of(processes: list[BaseProcess]) -> str:
-    """How the first process ended that was not asked to."""
-    codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
-    code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
-
-
 _given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if it does jobs
 
 
@@ -342,16 +338,3 @@ def _end_with_parent() -> None:
 def _done_here(number: int) -> Packed | Failed:
     work, items = _given[-1]
     return packed_or_failure(work, items[number])
-
-
-def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:
-    """[work(item) for item in items] on `jobs` threads; an error ends them all."""
-    todo = list(items)
-    with threadpool_limits(limits=1, user_api="blas"):
-        if jobs <= 1:
-            return [work(item) for item in todo]
-        pool = ThreadPoolExecutor(max_workers=jobs)
-        try:
-            return list(pool.map(work, todo))
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)

@@ -60,34 +60,15 @@ class ProcessFailure(Exception):
 
 
 def run_limited(
-    function: str,
-    arguments: Mapping[str, Any],
-    folder: Path,
-    limits: ProcessLimits,
-    label: str,
+    function: str, arguments: Mapping[str, Any], folder: Path, limits: ProcessLimits, label: str
 ) -> dict[str, Any]:
     """Call a function in a child process and return its answer.
 
-    Parameters
-    ----------
-    function
-        "module:name" of a function of pamid; it takes `arguments` and `folder` by name and returns
-        a dict that JSON can hold.
-    arguments
-        Plain values.
-    folder
-        An empty temporary folder: the child's working folder, and the place of its files.
-    limits
-        What the child may take.
-    label
-        Progress text while it runs.
-
-    Raises
-    ------
-    FileError
-        As the function raised it (any `PamidError`).
-    ProcessFailure
-        The child crashed, or exceeded a limit.
+    function: "module:name" of a function of pamid; it takes `arguments` and `folder` by name and
+    returns a dict that JSON can hold. arguments: plain values. folder: an empty temporary folder:
+    the child's working folder, and the place of its files. limits: what the child may take. label:
+    progress text while it runs. Raises FileError: as the function raised it (any `PamidError`).
+    Raises ProcessFailure: the child crashed, or exceeded a limit.
     """
     request = {
         "function": function,
@@ -102,10 +83,7 @@ def run_limited(
         raise ProcessFailure(_reason(code, folder, limits))
     answer: dict[str, Any] = json.loads((folder / _ANSWER).read_text(encoding="utf-8"))
     if "error" in answer:
-        error = answer["error"]
-        raise FileError(
-            error["message"], error["hint"], code=error["code"], exit_code=error["exit_code"]
-        )
+        raise FileError(**answer["error"])
     content: dict[str, Any] = answer["answer"]
     return content
 
@@ -145,10 +123,8 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
     if code == -getattr(signal, "SIGXCPU", 0):
         return f"it took more than {limits.seconds:.0f} s of processor time"
     if code < 0:
-        return (
-            f"it crashed (signal {-code}), perhaps for want of memory: it had "
-            f"{limits.memory // MIB} MiB"
-        )
+        had = f"{limits.memory // MIB} MiB"
+        return f"it crashed (signal {-code}), perhaps for want of memory: it had {had}"
     with open(folder / _ERRORS, "rb") as file:
         file.seek(max(0, os.fstat(file.fileno()).st_size - _LAST_BYTES))
         last = file.read().decode(errors="replace").strip().rpartition("\n")[2]
@@ -171,12 +147,7 @@ def serve() -> None:
         answer = {"answer": function(**request["arguments"], folder=folder)}
         text = json.dumps(answer)
     except PamidError as error:
-        told = {
-            "message": error.message,
-            "hint": error.hint,
-            "code": error.code,
-            "exit_code": error.exit_code,
-        }
+        told = {n: getattr(error, n) for n in ("message", "hint", "code", "exit_code")}
         text = json.dumps({"error": told})
     except MemoryError:
         os._exit(_OUT_OF_MEMORY)

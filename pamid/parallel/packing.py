@@ -74,7 +74,11 @@ def parts_of(thing: object) -> dict[str | int, Any]:
     if isinstance(thing, list | tuple):
         return dict(enumerate(thing))
     if is_dataclass(thing) and not isinstance(thing, type):
-        return {f.name: getattr(thing, f.name) for f in fields(thing) if _is_defining(f)}
+        return {
+            f.name: getattr(thing, f.name)
+            for f in fields(thing)
+            if bool(f.compare or (f.default is MISSING and f.default_factory is MISSING))
+        }
     kind = type(thing)
     if not any(base.__module__.split(".")[0] == "pamid" for base in kind.__mro__):
         return {}
@@ -86,10 +90,6 @@ def parts_of(thing: object) -> dict[str | int, Any]:
         for name, part in getattr(thing, "__dict__", {}).items()
         if not isinstance(getattr(kind, name, None), cached_property)
     }
-
-
-def _is_defining(field: Any) -> bool:
-    return bool(field.compare or (field.default is MISSING and field.default_factory is MISSING))
 
 
 class _Packer:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property, lru_cache, partial
 from importlib import metadata
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
+from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -57,15 +57,9 @@ class Store:
     def put(self, key: str, what: str, result: Packed) -> None:
         """Keep a result, whole or not at all, and note in the journal that it was worked out."""
         make_folder(self.folder)
-        arrays = result.arrays
-        about = {
-            "key": key,
-            "what": what,
-            "sha256": _digest_of(result),
-            "arrays": len(arrays),
-            "result": result.tree,
-        }
-        by_name = {f"a{i}": a for i, a in enumerate(arrays)}
+        about: dict[str, Any] = {"key": key, "what": what, "sha256": _digest_of(result)}
+        about |= {"arrays": len(result.arrays), "result": result.tree}
+        by_name = {f"a{i}": a for i, a in enumerate(result.arrays)}
         by_name[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
         buffer = io.BytesIO()
         np.savez(buffer, **by_name)  # type: ignore[arg-type]
@@ -134,13 +128,8 @@ class _Digests:
             if array.dtype.hasobject:
                 return self._all("array", array.shape, *array.ravel().tolist())
             order = b"F" if array.flags.f_contiguous and not array.flags.c_contiguous else b"C"
-            return _sha(
-                b"array",
-                array.dtype.str.encode(),
-                repr(array.shape).encode(),
-                order,
-                array.tobytes(),
-            )
+            kind, shape = array.dtype.str.encode(), repr(array.shape).encode()
+            return _sha(b"array", kind, shape, order, array.tobytes())
         if isinstance(thing, os.PathLike):
             return self._all("path", os.fspath(thing))
         if isinstance(thing, Mapping):
@@ -175,21 +164,27 @@ class _Digests:
         code = getattr(f, "__code__", None)
         if _ours(f.__module__) or code is None:
             return self._all("function", name, bound, *held)
-        return self._all("function", name, bound, _source(f.__module__) or _code(code), *held)
+        return self._all(
+            "function",
+            name,
+            bound,
+            _source(f.__module__) or marshal.dumps(code.replace(co_filename=""), 2),
+            *held,
+        )
 
 
 def _parts(thing: object) -> list[tuple[str, object]]:
     """The fields that make an object what it is."""
     if is_dataclass(thing):
         return [(f.name, getattr(thing, f.name)) for f in fields(thing) if f.compare]
-    slots = [name for cls in type(thing).__mro__ for name in getattr(cls, "__slots__", ())]
-    held = {name: getattr(thing, name) for name in slots if hasattr(thing, name)} | getattr(
-        thing, "__dict__", {}
-    )
+    kind = type(thing)
+    slots = [name for cls in kind.__mro__ for name in getattr(cls, "__slots__", ())]
+    held = {name: getattr(thing, name) for name in slots if hasattr(thing, name)}
+    held |= getattr(thing, "__dict__", {})
     return [
-        (k, v)
-        for k, v in held.items()
-        if not isinstance(getattr(type(thing), k, None), cached_property)
+        pair
+        for pair in held.items()
+        if not isinstance(getattr(kind, pair[0], None), cached_property)
     ]
 
 
@@ -203,11 +198,6 @@ def _sha(*parts: bytes) -> bytes:
 
 def _ours(module: str | None) -> bool:
     return (module or "").split(".")[0] == "pamid"
-
-
-def _code(code: CodeType) -> bytes:
-    # later formats depend on reference counts
-    return marshal.dumps(code.replace(co_filename=""), 2)
 
 
 @lru_cache

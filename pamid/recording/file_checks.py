@@ -13,6 +13,7 @@ import csv
 import glob
 import math
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -65,12 +66,9 @@ def require_file(path: Path, wanted: str) -> None:
             "Write what it gives into a file first.",
             code="not-a-file",
         )
-    siblings = [
-        item.name for item in path.parent.glob(f"*{glob.escape(path.suffix)}") if item.is_file()
-    ]
-    raise FileError(
-        f"{path} does not exist.", nearest(path.name, siblings) or _WHERE, code="missing"
-    )
+    alike = path.parent.glob(f"*{glob.escape(path.suffix)}")
+    near = nearest(path.name, [item.name for item in alike if item.is_file()])
+    raise FileError(f"{path} does not exist.", near or _WHERE, code="missing")
 
 
 def read_header(path: Path) -> list[str]:
@@ -85,55 +83,48 @@ def read_header(path: Path) -> list[str]:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _READABLE) from error
     if not row or not any(cell.strip() for cell in row):
-        raise FileError(
-            f"{path} is empty.", "A recording starts with a header row: time_s,...", code="empty"
-        )
+        hint = "A recording starts with a header row: time_s,..."
+        raise FileError(f"{path} is empty.", hint, code="empty")
     return [cell.strip() for cell in row]
 
 
 def check_header(path: Path, names: Sequence[str]) -> None:
     """FileError unless the first column is `time_s` and every column has a name of its own."""
+
+    def refuse(what: str, hint: str) -> NoReturn:
+        raise FileError(f"{path}, line 1: {what}.", hint, code="header")
+
     if names[0] != "time_s":
+        guess = f"`pamid ingest --guess {quoted(path)}`"
         hint = (
-            "The first line of a recording names its columns, time_s first; of a raw log `pamid "
-            f"ingest --guess {quoted(path)}` makes one."
+            "The first line of a recording names its columns, time_s first; of a raw log "
+            f"{guess} makes one."
         )
         if ";" in names[0] or "\t" in names[0]:
             hint = (
-                "It looks as if columns are not separated by commas. `pamid ingest --guess "
-                f"{quoted(path)}` reads other dialects."
+                f"It looks as if columns are not separated by commas. {guess} reads other dialects."
             )
         elif _is_number(names[0]):
             hint = "There seems to be no header row. " + hint
-        raise FileError(
-            f"{path}, line 1: the first column is {names[0]!r}, not 'time_s'.", hint, code="header"
-        )
+        refuse(f"the first column is {names[0]!r}, not 'time_s'", hint)
     if len(names) == 1:
-        raise FileError(
-            f"{path}, line 1: there is no column beside time_s.",
+        refuse(
+            "there is no column beside time_s",
             "A recording holds what was sent and what was measured, each in a column NAME_UNIT; if "
             "columns are separated by something else than commas, `pamid ingest` reads it.",
-            code="header",
         )
     seen: set[str] = set()
     for index, name in enumerate(names):
         if not name:
-            raise FileError(
-                f"{path}, line 1: column {index + 1} has no name.",
+            refuse(
+                f"column {index + 1} has no name",
                 "Name it NAME_UNIT, as angle_deg, or drop it; a comma too many at the end makes "
                 "one as well.",
-                code="header",
             )
         if fault := name_fault(name):
-            raise FileError(
-                f"{path}, line 1: column {index + 1}, {name!r}, {fault}.", RENAME, code="header"
-            )
+            refuse(f"column {index + 1}, {name!r}, {fault}", RENAME)
         if name in seen:
-            raise FileError(
-                f"{path}, line 1: column {name!r} occurs twice.",
-                "Rename or delete one of them.",
-                code="header",
-            )
+            refuse(f"column {name!r} occurs twice", "Rename or delete one of them.")
         seen.add(name)
 
 
@@ -145,23 +136,20 @@ def explain_cells(path: Path, names: Sequence[str]) -> None:
         empty = False
         if len(row) != len(names):
             what = f"{len(row)} cells, the header names {len(names)} columns"
-            hint = (
-                "A decimal comma splits a number in two: write decimal points."
-                if len(row) > len(names)
-                else "The line may have been cut short: drop it, or add what is missing."
-            )
+            hint = "The line may have been cut short: drop it, or add what is missing."
+            if len(row) > len(names):
+                hint = "A decimal comma splits a number in two: write decimal points."
             raise FileError(f"{path}, line {line}: {what}.", hint, code="row")
         for name, cell in zip(names, row, strict=True):
             if not cell.strip():
                 _refuse_cell(path, line, name, "is empty")
-            if not _is_number(cell):
-                _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not a number")
-            if not math.isfinite(float(cell)):
-                _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not a finite number")
+            number = _is_number(cell)
+            if not number or not math.isfinite(float(cell)):
+                wanted = "a finite number" if number else "a number"
+                _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not {wanted}")
     if empty:
-        raise FileError(
-            f"{path} has a header but no rows.", "Was the recording stopped at once?", code="empty"
-        )
+        hint = "Was the recording stopped at once?"
+        raise FileError(f"{path} has a header but no rows.", hint, code="empty")
 
 
 def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) -> None:
@@ -170,13 +158,8 @@ def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) ->
     for name, most, values in zip(names, largest.tolist(), table.T, strict=True):
         if most > HUGE:
             row = int(np.argmax(np.abs(values)))
-            _refuse_cell(
-                path,
-                _line_of(path, row),
-                name,
-                f"is {values[row]:g}, which no sensor shows",
-                "range",
-            )
+            what = f"is {values[row]:g}, which no sensor shows"
+            _refuse_cell(path, _line_of(path, row), name, what, "range")
         if 0.0 < most < TINY:
             raise FileError(
                 f"{path}, column {name!r}: no number in it exceeds {most:g}, which no sensor "
@@ -310,10 +293,7 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def _line_of(path: Path, row: int) -> int:
     """The line of the file that holds data row `row` (from 0)."""
-    for index, (line, _) in enumerate(_rows(path)):
-        if index == row:
-            return line
-    return row + 2
+    return next((line for line, _ in islice(_rows(path), row, None)), row + 2)
 
 
 def _refuse_cell(path: Path, line: int, name: str, what: str, code: str = "cell") -> NoReturn:
@@ -350,16 +330,12 @@ def _text(path: Path, table: dict[str, Any], key: str) -> str | None:
 
 def _numbers(path: Path, title: str, table: dict[str, Any]) -> dict[str, float]:
     for key, value in table.items():
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value):
             stem, symbol = split_column(key)
             hint = f"Write the {stem} in {symbol}." if symbol != "1" else "Write a plain number."
-            raise FileError(
-                f"{path}: [{title}] {key} is {value!r:.60}, not a finite number.", hint, code="toml"
-            )
+            message = f"{path}: [{title}] {key} is {value!r:.60}, not a finite number."
+            raise FileError(message, hint, code="toml")
     return {key: float(value) for key, value in table.items()}
 
 
@@ -369,14 +345,13 @@ def _period(path: Path, table: dict[str, Any], time: NDArray[np.float64]) -> flo
     measured = float(time[-1] - time[0]) / (time.size - 1)
     if "sampling_period_s" not in table:
         return float(f"{measured:.9g}")
-    stated = _numbers(path, "recording", {"sampling_period_s": table["sampling_period_s"]})[
-        "sampling_period_s"
-    ]
+    key = "sampling_period_s"
+    stated = _numbers(path, "recording", {key: table[key]})[key]
     if stated <= 0 or abs(stated - measured) > PERIOD_TO * measured:
-        hint = "Correct the key or leave it out; is the time column in seconds?"
-        message = (
-            f"{path}: sampling_period_s is {stated:g}, but the stamps are {measured:.6g} s apart."
+        raise FileError(
+            f"{path}: sampling_period_s is {stated:g}, but the stamps are {measured:.6g} s apart.",
+            "Correct the key or leave it out; is the time column in seconds?",
+            code="sampling-period",
         )
-        raise FileError(message, hint, code="sampling-period")
     # both name the same clock: keep the round number unless the stamps really run at another rate
     return stated if abs(stated - measured) <= 1e-5 * measured else float(f"{measured:.9g}")

@@ -132,10 +132,8 @@ def plateaus(values: Array) -> tuple[float, float]:
         return 0.0, 0.0
     counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]
     # padded: a line between two cycles is seen, too
-    lines = (
-        np.abs(np.fft.rfft(counts, PADDED * HISTOGRAM_BINS))[: PADDED * HISTOGRAM_BINS // 8]
-        / values.size
-    )
+    lines = np.abs(np.fft.rfft(counts, PADDED * HISTOGRAM_BINS)) / values.size
+    lines = lines[: PADDED * HISTOGRAM_BINS // 8]
     cycles = np.arange(lines.size) / PADDED
     far = PADDED * LEAST_PLATEAUS
     coarser = np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]
@@ -151,9 +149,8 @@ def plateaus(values: Array) -> tuple[float, float]:
         return 0.0, 0.0
     # near the line of the histogram, the spacing at which the line of the samples is strongest
     near = (cycles[best] + np.linspace(-1.0, 1.0, 41) / PADDED) / span
-    spacing = float(
-        1.0 / near[np.argmax([abs(np.exp(2j * np.pi * f * values).mean()) for f in near])]
-    )
+    strength = [abs(np.exp(2j * np.pi * f * values).mean()) for f in near]
+    spacing = float(1.0 / near[np.argmax(strength)])
     # from the middle: what the spacing is off by adds up over the levels to a far zero
     middle = float(np.median(values))
     off = (values - middle) / spacing
@@ -209,22 +206,15 @@ def sensor_noise(
     sample to sample do not measure the error of a reading. Then the stated figure is the least.
     Without a stated figure, the lag of readings that cling counts as noise.
 
-    Parameters
-    ----------
-    parts
-        Each samples x channels.
-    stated
-        Standard deviation per channel from the rig, 0 where it states none.
-    inputs
-        The inputs of each part, samples x inputs. While all inputs rest, the machine may rest, too,
-        and a channel that stands still does not cling.
+    parts: each samples x channels. stated: standard deviation per channel from the rig, 0 where it
+    states none. inputs: the inputs of each part, samples x inputs. While all inputs rest, the
+    machine may rest, too, and a channel that stands still does not cling.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
     if len(parts) > 1:  # each may have steps of its own
-        steps = np.sqrt(
-            np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0)
-        )
+        squares = [[quantisation_step(c) ** 2 for c in part.T] for part in parts]
+        steps = np.sqrt(np.mean(squares, axis=0))
         noise = np.maximum(noise, UNIFORM * steps)
     given = [None] * len(parts) if inputs is None else inputs
     excess = np.flatnonzero((stated > 0.0) & (steps == 0.0) & (noise > stated))
@@ -308,12 +298,8 @@ def _part_medians(values: Array, parts: int) -> Array:
     lengths at most."""
     length, longer = divmod(values.size, parts)
     edge = longer * (length + 1)
-    return np.concatenate(
-        [
-            np.median(values[:edge].reshape(longer, length + 1), axis=1),
-            np.median(values[edge:].reshape(parts - longer, length), axis=1),
-        ]
-    )
+    tables = values[:edge].reshape(longer, length + 1), values[edge:].reshape(-1, length)
+    return np.concatenate([np.median(table, axis=1) for table in tables])
 
 
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:
@@ -330,12 +316,8 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     for c in np.flatnonzero(sigma < steps):
         # of squares of differences: their median takes few values below a step; the median over
         # blocks passes over jumps
-        squares = [
-            np.median(
-                [np.mean(part**2) for part in np.array_split(d[:, c], max(1, len(d) // BLOCK))]
-            )
-            for d in every
-        ]
+        blocks = (np.array_split(d[:, c], max(1, len(d) // BLOCK)) for d in every)
+        squares = [np.median([np.mean(part**2) for part in parts]) for parts in blocks]
         noise[c] = max(float(np.sqrt(min(squares))), UNIFORM * steps[c])
     for c in np.flatnonzero(steps == 0.0):
         noise[c] = _noise_without_repeats(y[:, c], noise[c])

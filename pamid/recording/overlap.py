@@ -135,15 +135,14 @@ def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterato
         else:
             fresh.append(i)
     tables = {i: _signals(recordings[i], outputs) for i in fresh}
-    ways = ((_levels_of, _shared, False), (_signs_of, _shared_but_scaled, True))
     copies: set[tuple[int, int]] = set()
-    for words, shared, rescaled in ways:
+    for words, rescaled in ((_levels_of, False), (_signs_of, True)):
         tried: dict[tuple[int, int], int] = {}
         for i, j, shift in _candidates(outputs, tables, words):
             tried[i, j] = tried.get((i, j), 0) + 1
             if (i, j) in copies or tried[i, j] > SHIFTS:
                 continue
-            stretch = shared(tables[i], tables[j], shift)
+            stretch = _shared(tables[i], tables[j], shift, rescaled)
             if stretch is not None:
                 copies.add((i, j))
                 yield Overlap(i, j, stretch[0], stretch[0] - shift, stretch[1], rescaled)
@@ -258,53 +257,37 @@ def _matches(words: dict[int, Words]) -> Places:
     return np.stack([owner[at], owner[at + 1], place[at] - place[at + 1]], axis=1).astype(np.int64)
 
 
-def _overlapping(
-    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
-) -> tuple[list[tuple[str, Array, Array]], int, int]:
-    """Values of both in every signal that both have where they overlap, its first sample (of
-    `one`), and its length."""
-    names = [n for n in table if n in other]
-    stop = min(len(table[names[0]].values), len(other[names[0]].values) + shift)
-    start = max(0, shift)
-    pairs = [
-        (n, table[n].values[start:stop], other[n].values[start - shift : stop - shift])
-        for n in names
-    ]
-    return pairs, start, stop - start
-
-
 def _shared(
-    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
+    table: dict[str, _Signal], other: dict[str, _Signal], shift: int, rescaled: bool
 ) -> tuple[int, int] | None:
-    """First sample (of `one`) and length of the stretch that tells most among those alike in every
-    signal that both have; None where it tells too little."""
-    pairs, start, size = _overlapping(table, other, shift)
-    same, moves = np.ones(size, bool), np.zeros(size, bool)
-    for n, a, b in pairs:
-        near = 0.5 * (table[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
-        same &= np.abs(a - b) <= 1.000001 * near
-        moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
-    return _longest(same, moves, start)
+    """First sample (of `table`) and length of the stretch that tells most among those alike in
+    every signal that both have; None where it tells too little.
 
-
-def _shared_but_scaled(
-    table: dict[str, _Signal], other: dict[str, _Signal], shift: int
-) -> tuple[int, int] | None:
-    """As `_shared`, where every signal of the other is a straight line over that of the one."""
-    pairs, start, size = _overlapping(table, other, shift)
+    rescaled: alike are signals of which one is a straight line over the other.
+    """
+    names = [n for n in table if n in other]
+    start = max(0, shift)
+    stop = min(len(table[names[0]].values), len(other[names[0]].values) + shift)
+    size = stop - start
     same, moves = np.ones(size, bool), np.zeros(size, bool)
-    for n, a, b in pairs:
-        line = _line(a, b, table[n].noise)
+    for one, two in ((table[n], other[n]) for n in names):
+        a, b = one.values[start:stop], two.values[start - shift : stop - shift]
+        if not rescaled:
+            near = 0.5 * (one.step + two.step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
+            same &= np.abs(a - b) <= 1.000001 * near
+            moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
+            continue
+        line = _line(a, b, one.noise)
         if line is None:
             return None
         gain, offset = line
-        noise = min(table[n].noise, abs(gain) * other[n].noise)
+        noise = min(one.noise, abs(gain) * two.noise)
         squares = ((a - offset - gain * b) / noise) ** 2
         # mean over half a block around every sample
         window = np.ones(min(LINE_SAMPLES // 2 + 1, size))
         counted = np.convolve(np.ones(size), window, "same")
         same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
-        if table[n].shows_noise and other[n].shows_noise:
+        if one.shows_noise and two.shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
     return _longest(same, moves, start)
 

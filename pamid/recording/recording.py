@@ -61,37 +61,10 @@ _PLAIN_CELLS = (
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another
 #: signal"
-_FOREIGN_UNITS = [
-    "psi",
-    "psig",
-    "psia",
-    "atm",
-    "torr",
-    "mmhg",
-    "barg",
-    "bara",
-    "degree",
-    "degrees",
-    "radian",
-    "radians",
-    "grad",
-    "rev",
-    "turns",
-    "inch",
-    "in",
-    "ft",
-    "lb",
-    "lbs",
-    "lbf",
-    "kgf",
-    "ozin",
-    "lbin",
-    "sec",
-    "msec",
-    "counts",
-    "ticks",
-    "kv",
-]
+_FOREIGN_UNITS = (
+    "psi psig psia atm torr mmhg barg bara degree degrees radian radians grad rev turns inch in ft "
+    "lb lbs lbf kgf ozin lbin sec msec counts ticks kv"
+)
 
 
 @dataclass(frozen=True)
@@ -196,11 +169,8 @@ class Recording:
 
     def _headline(self) -> str:
         loop = f", {self.loop} loop" if self.loop else ""
-        span = len(self) * self.sampling_period_s
-        return (
-            f"{self.name}: {len(self)} samples over {span:.4g} s, one every "
-            f"{duration_text(self.sampling_period_s, 4)}{loop}"
-        )
+        every, span = duration_text(self.sampling_period_s, 4), len(self) * self.sampling_period_s
+        return f"{self.name}: {len(self)} samples over {span:.4g} s, one every {every}{loop}"
 
     def _ranges(self) -> Cells:
         rows = [
@@ -224,9 +194,8 @@ class Recording:
         name = match_column(self.columns, column)
         if name is None:
             hint = nearest(column, self.columns) or f"Its columns are: {listed(self.columns)}."
-            raise FileError(
-                f"{self.path}: there is no column {column!r}.", hint, code="missing-column"
-            )
+            message = f"{self.path}: there is no column {column!r}."
+            raise FileError(message, hint, code="missing-column")
         if name == column:
             return self.columns[name]
         values = from_si(to_si(self.columns[name], split_column(name)[1]), split_column(column)[1])
@@ -264,17 +233,15 @@ def read_recording(path: str | Path | DataFrame) -> Recording:
     check_header(source, names)
     table = _read_cells(source, names)
     check_range(source, names, table)
-    time = np.ascontiguousarray(table[:, 0])
+    columns = {name: np.ascontiguousarray(y) for name, y in zip(names, table.T, strict=True)}
+    for array in columns.values():
+        array.flags.writeable = False
+    time = columns.pop(TIME)
     check_stamps(source, time)
     if time.size < MIN_SAMPLES:
         hint = "A fit needs seconds of motion, not a moment of it; record for longer."
         message = f"{source}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed."
         raise DataError(message, hint, code="too-short")
-    columns = {
-        name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names) if index
-    }
-    for array in (time, *columns.values()):
-        array.flags.writeable = False
     stated = sidecar_of(source, names, time)
     return Recording(source.stem, source, sha256_of(source), time, columns, **stated)
 
@@ -379,7 +346,7 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         if found_stem == stem and own_symbol != NONE and symbol != NONE:
             raise _wrong_unit(name, f"in {own_symbol!r}", wanted, symbol)
         tail = name.removeprefix(stem + "_").lower() if name.startswith(stem + "_") else ""
-        if tail in _FOREIGN_UNITS:
+        if tail in _FOREIGN_UNITS.split():
             raise _wrong_unit(name, f"in {tail!r}, which is no unit pamid knows", wanted, symbol)
         if name == stem and symbol != NONE:
             raise _wrong_unit(name, "without a unit", wanted, symbol)
@@ -442,9 +409,8 @@ def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
 
 def _wrong_unit(name: str, state: str, wanted: str, symbol: str) -> FileError:
     valid = ", ".join(f"_{suffix}" for suffix in suffixes_for(symbol))
-    ending = (
-        f"Valid endings are {valid}." if valid else "This signal has no unit: name it as it is."
-    )
+    ending = f"Valid endings are {valid}."
+    ending = ending if valid else "This signal has no unit: name it as it is."
     hint = f"{ending} Convert the values and rename the column."
     return FileError(f"Column {name!r} is {state}; {wanted!r} is wanted.", hint, code="unit")
 

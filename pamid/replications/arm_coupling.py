@@ -76,6 +76,8 @@ def coupling_json(
         measured, noise = r.signal(stretch.angle), shown(stretch.angle, pulse_record.noise[:, k])
         angles = {name: shown(stretch.angle, run[:, k]) for name, run in runs.items()}
         clean = (measured - noise)[stretch.rows]
+        errors = {n: mae(measured[stretch.rows], a[stretch.rows]) for n, a in angles.items()}
+        errors["noise_floor"] = float(np.abs(noise[stretch.rows]).mean())
         couplings.append(
             result.ArmCoupling(
                 pulsed=stretch.pulsed,
@@ -83,24 +85,15 @@ def coupling_json(
                 from_s=r.time[stretch.rows][0],
                 to_s=r.time[stretch.rows][-1],
                 swing_deg=np.ptp(clean),
-                mae={
-                    **{n: mae(measured[stretch.rows], a[stretch.rows]) for n, a in angles.items()},
-                    "noise_floor": np.abs(noise[stretch.rows]).mean(),
-                },
+                mae=errors,
             )
         )
         middle = stretch.rows.start + int(np.argmax(np.abs(clean - np.median(clean))))
         before, after = (round(s / r.sampling_period_s) for s in SHOWN_S)
         seen = slice(max(middle - before, 0), middle + after)
-        drawn.append(
-            JointSwing(
-                f"angle {stretch.moved} [deg]\npulse on joint {stretch.pulsed}",
-                r.time[seen],
-                measured[seen],
-                angles["fitted"][seen],
-                angles["without_coupling"][seen],
-            )
-        )
+        title = f"angle {stretch.moved} [deg]\npulse on joint {stretch.pulsed}"
+        traces = (r.time, measured, angles["fitted"], angles["without_coupling"])
+        drawn.append(JointSwing(title, *(trace[seen] for trace in traces)))
     return tuple(couplings), drawn
 
 

@@ -24,6 +24,7 @@ from pamid.excitation.experiments import nothing_sent
 from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.replications.joint_twin import departed
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.rigs.two_link import JOINTS
@@ -84,45 +85,24 @@ class ArmTwin:
 
     def hidden(self) -> dict[str, float]:
         """Parameters that differ from the data sheet, by outside name."""
-        shares = asdict(self)
-        return {
-            p.outside_name: p.value * shares[p.outside_name]
-            for p in catalogue_rig(ARM_RIG).parameters
-            if p.outside_name in shares
-        }
+        return departed(ARM_RIG, asdict(self))
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
         specs = tuple(f"{name}={value}" for name, value in self.friction.items())
-        simulated = simulate_virtual_rig(
-            f"{ARM_RIG}:{self.law}",
-            session.excitation,
-            specs,
-            session.known,
-            self.hidden(),
-            noise,
-            seed,
-        )
-        columns = {
-            k: v for k, v in simulated.columns.items() if k in VARIABLES or k in session.columns
-        }
-        return {
-            "columns": columns,
-            "meta": {
-                **simulated.meta,
-                "recording": {**simulated.meta["recording"], "rig": ARM_RIG},
-            },
-        }
+        rig, sent, hidden = f"{ARM_RIG}:{self.law}", session.excitation, self.hidden()
+        made = simulate_virtual_rig(rig, sent, specs, session.known, hidden, noise, seed)
+        columns = {k: v for k, v in made.columns.items() if k in (*VARIABLES, *session.columns)}
+        about = {**made.meta["recording"], "rig": ARM_RIG}
+        return {"columns": columns, "meta": {**made.meta, "recording": about}}
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
         """A static test of one muscle at every contraction and pressure of the grid, with a noisy
         load cell, as CSV."""
-        contraction, pressure = (
-            x.ravel() for x in np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij")
-        )
-        force = self.scale * pulls(
-            LAWS[self.law], ForceMap(path, contraction, pressure, np.zeros(pressure.size))
-        )
+        grid = np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij")
+        contraction, pressure = (x.ravel() for x in grid)
+        points = ForceMap(path, contraction, pressure, np.zeros(pressure.size))
+        force = self.scale * pulls(LAWS[self.law], points)
         force = force + MAP_NOISE_N * np.random.default_rng(seed).standard_normal(force.size)
         rows = np.stack([contraction, pressure, force], axis=1)
         write_atomically(path, table_bytes(COLUMNS, rows, ["%.6g"] * len(COLUMNS)))
@@ -164,19 +144,12 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
         payload: float | None = None,
         held_out: bool = False,
     ) -> Session:
-        return Session(
-            name,
-            GRAVITY_TEST,
-            held_out,
-            idle,
-            gravity_test(rig, release, clamped, payload),
-            period_s,
-        )
+        known = gravity_test(rig, release, clamped, payload)
+        return Session(name, GRAVITY_TEST, held_out, idle, known, period_s)
 
     def pulses(name: str, order: tuple[str, ...], level: float, held_out: bool) -> Session:
-        return Session(
-            name, PULSES, held_out, muscle_pulses(rig, order, level, period_s), {}, period_s
-        )
+        sent = muscle_pulses(rig, order, level, period_s)
+        return Session(name, PULSES, held_out, sent, {}, period_s)
 
     return [
         swing("gravity-free", (30.0, 40.0)),
@@ -211,14 +184,11 @@ def shown_mae(pieces: Pieces) -> dict[str, float]:
     def moves(variable: str, r: Recording) -> bool:
         return not r.known.get(f"clamped_{variable.split('_')[1][0]}")
 
-    return {
-        v: float(
-            shown(
-                v, np.concatenate([np.abs(left[:, k]) for r, left in every if moves(v, r)]).mean()
-            )
-        )
-        for k, v in enumerate(VARIABLES)
-    }
+    errors = {}
+    for k, v in enumerate(VARIABLES):
+        left = np.concatenate([np.abs(left[:, k]) for r, left in every if moves(v, r)])
+        errors[v] = float(shown(v, left.mean()))
+    return errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,19 +216,12 @@ class ArmRecords:
 
     def evidence(self, rig: Rig, kind: str, without: str = "") -> DataSplit:
         """The recordings of a kind as a fit wants them; one of them may be left out by name."""
-        return split_recordings(
-            rig,
-            [r for r in self.of(kind, held_out=False) if r.name != without],
-            self.of(kind, held_out=True),
-        )
+        fitted = [r for r in self.of(kind, held_out=False) if r.name != without]
+        return split_recordings(rig, fitted, self.of(kind, held_out=True))
 
     def floor(self, kind: str) -> dict[str, float]:
         """Error of the twin itself on what is held out, as `shown_mae`."""
-        return shown_mae(
-            (t.recording, t.noise)
-            for t in self.taken
-            if t.session.kind == kind and t.session.held_out
-        )
+        return shown_mae((t.recording, t.noise) for t in self.taken_of(kind, held_out=True))
 
 
 def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -> ArmRecords:
@@ -266,9 +229,8 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
     recordings = []
     for k, session in enumerate(planned):
         path = folder / f"{session.name}.csv"
-        write_recording(
-            path, session.excitation.time, **twin.record(session, seed=len(planned) * seed + k)
-        )
+        made = twin.record(session, seed=len(planned) * seed + k)
+        write_recording(path, session.excitation.time, **made)
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
         measured = np.stack([recording.si(v) for v in VARIABLES], axis=1)

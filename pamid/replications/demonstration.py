@@ -56,8 +56,8 @@ EXCITATION_FILE, RECORDING_FILES = "excitation.csv", ("rec.csv", "rec.toml")
 
 @dataclass(frozen=True)
 class Withheld:
-    """spec: the effect as `--effect` takes it; factors: parameter of the rig -> true value over
-    data-sheet value."""
+    """spec: the effect as `--effect` takes it; factors: true value of a parameter of the rig over
+    its data-sheet value."""
 
     effect: str
     family: str
@@ -158,7 +158,19 @@ def run_demo(
         progress=progress,
         command=[*words, "--seed", str(seed), "--jobs", str(jobs)],
     ).to_dict()
-    network = _trained(run, seed, progress)["mae"] if joint else None
+    network = None
+    if joint:
+        options = f"--iterations {ITERATIONS} --seed {seed}".split()
+        trained = train_residual(
+            run.folder,
+            iterations=ITERATIONS,
+            seed=seed,
+            progress=lambda text: progress(f"training a network, step {text}"),
+            command=["pamid", "train-residual", str(run.folder), *options],
+        )
+        if trained.interrupted:
+            raise KeyboardInterrupt
+        network = trained.to_dict()["mae"]
     progress("writing the page")
     report = write_report(run.folder)
     truth = read_json(run.path(TRUTH_FILE))
@@ -182,17 +194,3 @@ def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Hit:
     if truth["family"] not in families:
         return "missed"
     return "right" if families == {truth["family"]} else "among"
-
-
-def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
-    options = f"--iterations {ITERATIONS} --seed {seed}".split()
-    network = train_residual(
-        run.folder,
-        iterations=ITERATIONS,
-        seed=seed,
-        progress=lambda text: progress(f"training a network, step {text}"),
-        command=["pamid", "train-residual", str(run.folder), *options],
-    )
-    if network.interrupted:
-        raise KeyboardInterrupt
-    return network.to_dict()

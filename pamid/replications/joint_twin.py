@@ -8,6 +8,7 @@ missed its rig. Many other twins would do: this one is a fixture, not a claim ab
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -78,27 +79,23 @@ class Twin:
             "conductance_in_m3_per_s_pa": self.conductance,
             "conductance_out_m3_per_s_pa": self.conductance,
         }
-        return {
-            p.outside_name: p.value * shares[p.outside_name]
-            for p in catalogue_rig(TWIN_RIG).parameters
-            if p.outside_name in shares
-        }
+        return departed(TWIN_RIG, shares)
 
     def record(
         self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0
     ) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording on this reference
         (deg)."""
-        simulated = simulate_virtual_rig(
-            TWIN_RIG,
-            excitation(reference),
-            self.effects(inertia),
-            {"inertia_kg_m2": inertia},
-            self.hidden(),
-            noise,
-            seed,
-        )
-        return {"columns": simulated.columns, "meta": simulated.meta}
+        known, sent = {"inertia_kg_m2": inertia}, excitation(reference)
+        effects, hidden = self.effects(inertia), self.hidden()
+        made = simulate_virtual_rig(TWIN_RIG, sent, effects, known, hidden, noise, seed)
+        return {"columns": made.columns, "meta": made.meta}
+
+
+def departed(rig: str, shares: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of a rig that are these shares of the data sheet's, by outside name."""
+    sheet = catalogue_rig(rig).parameters
+    return {p.outside_name: p.value * shares[n] for p in sheet if (n := p.outside_name) in shares}
 
 
 def step_reference() -> Array:
@@ -111,14 +108,8 @@ def step_reference() -> Array:
 
 def excitation(reference: Array) -> Recording:
     """A reference (deg) as what is sent to a closed loop."""
-    return Recording(
-        "reference",
-        Path("reference"),
-        "",
-        clock(reference),
-        {REFERENCE_COLUMN: reference},
-        PERIOD_S,
-    )
+    columns = {REFERENCE_COLUMN: reference}
+    return Recording("reference", Path("reference"), "", clock(reference), columns, PERIOD_S)
 
 
 def clock(reference: Array) -> Array:

@@ -50,9 +50,7 @@ def reproduce_paper(
     output: Path,
     *,
     command: Sequence[str],
-    seed: int = 0,
-    quick: bool = False,
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, Any],
     resume: bool = False,
     overwrite: bool = False,
     progress: Progress = silent,
@@ -60,10 +58,10 @@ def reproduce_paper(
     """Reproduce the paper of this name; the run in `output` is closed with its outcome. PamidError
     where there is no such paper or the folder is taken, and whatever the paper raises.
 
-    options: those of `Paper.OPTIONS`; resume: go on in a folder where the same was interrupted.
+    options: arguments of `Paper.plan`; resume: go on in a folder where the same was interrupted.
     """
     paper = paper_named(name)
-    plan = paper.plan(seed=seed, quick=quick, **options or {})
+    plan, seed = paper.plan(**options), options["seed"]
     noted = {"paper": name, **asdict(plan)}
     if resume:
         run = Run.open(output)

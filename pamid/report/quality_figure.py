@@ -35,7 +35,7 @@ def quality_drawing(
     others: Sequence[str] = (),
 ) -> Drawing:
     """The quality card; channels: step and noise per column
-    (`pamid.checks.recording_quality.channel_figures`); others: further faults, as a missing column
+    (`quality.channels` of the check); others: further faults, as a missing column
     of the rig."""
     # the columns in their order: all of them, or where there are too many, those with findings
     named = {column for issue in issues for column in issue.columns}

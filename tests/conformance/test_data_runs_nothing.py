@@ -321,28 +321,11 @@ def _new_rig(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None
 
 @reads("simulate")
 def _simulate(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
-    recordings(
-        trap,
-        capsys,
-        made,
-        ("simulate", "--excitation", "rec.csv", "--output", "out/x.csv", "--force"),
-    )
-    tried(
-        trap,
-        capsys,
-        trap.place / "run",
-        (
-            "simulate",
-            "--model",
-            "run",
-            "--excitation",
-            "rec.csv",
-            "--which",
-            "refitted",
-            "--output",
-            "out/x.csv",
-        ),
-    )
+    words = ("simulate", "--excitation", "rec.csv", "--output", "out/x.csv", "--force")
+    recordings(trap, capsys, made, words)
+    which = ("--which", "refitted", "--output", "out/x.csv")
+    words = ("simulate", "--model", "run", "--excitation", "rec.csv", *which)
+    tried(trap, capsys, trap.place / "run", words)
 
 
 @reads("power")
@@ -396,12 +379,8 @@ def _trial(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
 def _reproduce(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     (trap.place / "paper").mkdir()
     (trap.place / "paper" / "run.json").write_text(json.dumps(run_json()))
-    tried(
-        trap,
-        capsys,
-        trap.place / "paper",
-        ("reproduce-paper", "--quick", "--output", "paper", "--resume"),
-    )
+    words = ("reproduce-paper", "--quick", "--output", "paper", "--resume")
+    tried(trap, capsys, trap.place / "paper", words)
 
 
 @reads("ingest")

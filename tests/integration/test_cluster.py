@@ -46,13 +46,21 @@ def _patient() -> Iterator[None]:
         yield
 
 
+def local(workers: int, **options: Any) -> Any:
+    return distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=":0",
+        silence_logs=50,
+        **options,
+    )
+
+
 @pytest.fixture(scope="module")
 def made() -> Iterator[Any]:
     """Two worker processes of one thread each, every one watched over by a nanny that replaces it
     when it dies."""
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
-    ) as found:
+    with local(2, processes=True) as found:
         yield found
 
 
@@ -69,20 +77,11 @@ def address(made: Any) -> str:
 def threads() -> Iterator[Any]:
     """Make a cluster of so many workers, threads of this process: where nothing is to be killed."""
     with contextlib.ExitStack() as open_ones:
-        yield (
-            lambda n: (
-                open_ones.enter_context(
-                    distributed.LocalCluster(
-                        n_workers=n,
-                        threads_per_worker=1,
-                        processes=False,
-                        protocol="tcp",
-                        dashboard_address=":0",
-                        silence_logs=50,
-                    )
-                ).scheduler_address
-            )
-        )
+
+        def made(n: int) -> Any:
+            return open_ones.enter_context(local(n, processes=False, protocol="tcp"))
+
+        yield lambda n: made(n).scheduler_address
 
 
 @pytest.fixture(scope="module")
@@ -164,15 +163,11 @@ def test_the_command(
     address: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["diagnose", str(recording), "--rig", RIG, *others(), "--json"]
-    assert frame.run([*words, "--output", str(tmp_path / "far"), "--cluster", address]) == 0
-    assert frame.run([*words, "--output", str(tmp_path / "near"), "--jobs", "1"]) == 0
-    assert (tmp_path / "far" / "diagnosis.json").read_bytes() == (
-        tmp_path / "near" / "diagnosis.json"
-    ).read_bytes()
-    assert (
-        read_json(tmp_path / "far" / "run.json")["jobs"]
-        == read_json(tmp_path / "near" / "run.json")["jobs"]
-    )
+    far, near = tmp_path / "far", tmp_path / "near"
+    assert frame.run([*words, "--output", str(far), "--cluster", address]) == 0
+    assert frame.run([*words, "--output", str(near), "--jobs", "1"]) == 0
+    assert (far / "diagnosis.json").read_bytes() == (near / "diagnosis.json").read_bytes()
+    assert read_json(far / "run.json")["jobs"] == read_json(near / "run.json")["jobs"]
     capsys.readouterr()
 
 

@@ -52,10 +52,8 @@ def test_a_short_demo_names_what_was_withheld(
     unpatched = demo.diagnose
     monkeypatch.setattr(demo, "diagnose", blind)
     seed = str(seed_of("valve-dead-band"))
-    assert (
-        frame.run(["demo", "--output", str(folder), "--seed", seed, "--duration", "15", "--json"])
-        == 0
-    )
+    words = ["--output", str(folder), "--seed", seed, "--duration", "15", "--json"]
+    assert frame.run(["demo", *words]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["hit"] == "right" and found["verdict"] == "explained"
     (cause,) = found["causes"]
@@ -82,10 +80,8 @@ def test_a_short_demo_names_what_was_withheld(
     assert "Right: " in text and "Withheld  valve-dead-band" in text
     # the network goes on from where the demo left it
     more = str(demo.ITERATIONS + 1)
-    assert (
-        frame.run(["train-residual", str(folder), "--seed", seed, "--iterations", more, "--resume"])
-        == 0
-    )
+    words = ["--seed", seed, "--iterations", more, "--resume"]
+    assert frame.run(["train-residual", str(folder), *words]) == 0
     assert read_json(folder / "network.json")["training"]["iterations"] == demo.ITERATIONS + 1
 
 
@@ -112,14 +108,7 @@ def test_the_list_is_of_the_catalogue() -> None:
 def test_the_whole_demo_for_every_effect(
     effect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = [
-        "demo",
-        "--output",
-        str(tmp_path / "demo"),
-        "--seed",
-        str(seed_of(effect)),
-        "--json",
-    ]
-    assert frame.run(arguments) == 0
+    words = ["--output", str(tmp_path / "demo"), "--seed", str(seed_of(effect)), "--json"]
+    assert frame.run(["demo", *words]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["hit"] == "right", found["sentence"]

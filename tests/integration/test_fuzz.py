@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fuzz_child import ALLOWED, RunLimits
-from fuzz_inputs import KINDS
+from fuzz_inputs import KINDS, ONE_STEP
 from fuzz_runs import FAULTS, Outcome, count, run_inputs, signal_after
 from fuzz_seeds import make_seeds
 from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
@@ -207,26 +207,23 @@ def _bare_pickle(canary: Path) -> bytes:
     return pickle.dumps(Payload(canary))
 
 
-def _pickle_as_member(canary: Path) -> bytes:
+def _member(content: bytes) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr("weights.npy", pickle.dumps(Payload(canary)))
+        archive.writestr("weights.npy", content)
     return buffer.getvalue()
+
+
+def _pickle_as_member(canary: Path) -> bytes:
+    return _member(pickle.dumps(Payload(canary)))
 
 
 def _endless(canary: Path) -> bytes:
     """A header that promises more numbers than any machine holds."""
-    header = (
-        b"{'descr': '<f8', 'fortran_order': False, 'shape': (1099511627776000,), }".ljust(117)
-        + b"\n"
-    )
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        archive.writestr(
-            "weights.npy",
-            b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + b"\0" * 64,
-        )
-    return buffer.getvalue()
+    shape = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1099511627776000,), }"
+    header = shape.ljust(117) + b"\n"
+    length = len(header).to_bytes(2, "little")
+    return _member(b"\x93NUMPY\x01\x00" + length + header + b"\0" * 64)
 
 
 @pytest.mark.parametrize("crafted", [_object_array, _bare_pickle, _pickle_as_member, _endless])
@@ -237,29 +234,8 @@ def test_a_crafted_archive_runs_nothing(
     folder, canary = _copied(seeds / "explained", tmp_path), tmp_path / "canary"
     (folder / name).write_bytes(crafted(canary))
     writing.content_of(folder)  # all that `report` reads, without the figures
-    answer(
-        capsys,
-        "train-residual",
-        folder,
-        "--iterations",
-        "1",
-        "--hidden",
-        "2",
-        "--jobs",
-        "1",
-        "--resume",
-    )
-    for words in (
-        (
-            "simulate",
-            "--model",
-            folder,
-            "--excitation",
-            folder / "residual.csv",
-            "--output",
-            tmp_path / "x",
-        ),
-        ("export", folder, "--to", "c", "--output", tmp_path / "model"),
-    ):
-        answer(capsys, *words)
+    answer(capsys, "train-residual", folder, *ONE_STEP, "--resume")
+    sent = ("--excitation", folder / "residual.csv")
+    answer(capsys, "simulate", "--model", folder, *sent, "--output", tmp_path / "x")
+    answer(capsys, "export", folder, "--to", "c", "--output", tmp_path / "model")
     assert not canary.exists(), "something unpickled it"

@@ -17,8 +17,10 @@ from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import DataError
 from pamid.base.progress import silent
-from pamid.checks.recording_quality import blocking, examine
+from pamid.checks.findings import QualityIssue
+from pamid.checks.recording_quality import before_a_fit, examine
 from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import split_recordings
 
@@ -63,6 +65,10 @@ class Tanks(Rig):
     def measure(self, x, u, p, port):
         return {"level_v": port("sensor", x.lower)}
 '''  # noqa: E501
+
+
+def blocking(recording: Recording, rig: Rig) -> list[QualityIssue]:
+    return [i for i in before_a_fit(recording, rig) if i.severity == "wrong"]
 
 
 @pytest.fixture(scope="module")
@@ -160,13 +166,8 @@ def piston(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, str]:
     folder, random = tmp_path_factory.mktemp("piston"), np.random.default_rng(1)
     (folder / "piston.py").write_text(PISTON)
     pressure = np.repeat(random.uniform(1.0, 7.0, 40), 50)
-    force = (
-        5e-4
-        * 1e5
-        * np.convolve(np.concatenate([np.full(20, pressure[0]), pressure]), np.full(3, 1 / 3))[
-            20:-2
-        ]
-    )
+    held = np.concatenate([np.full(20, pressure[0]), pressure])
+    force = 5e-4 * 1e5 * np.convolve(held, np.full(3, 1 / 3))[20:-2]
     write_recording(
         folder / "rec.csv",
         0.01 * np.arange(pressure.size),
@@ -206,26 +207,10 @@ def test_an_effect_that_hides_another_unit_is_set_aside(
     """A dead zone that switches the input off removes most of the error, since nothing at all is
     better than a force that is ten thousand times too large."""
     recording, rig = piston
-    without = [
-        word
-        for name in effects()
-        if name not in ("dead-zone", "dead-time", "offset")
-        for word in ("--without", name)
-    ]
-    code = run(
-        [
-            "diagnose",
-            str(recording.path),
-            "--rig",
-            rig,
-            "--jobs",
-            "1",
-            "--json",
-            *without,
-            "--output",
-            str(tmp_path / "run"),
-        ]
-    )
+    few = ("dead-zone", "dead-time", "offset")
+    without = [word for name in effects() if name not in few for word in ("--without", name)]
+    words = ["--rig", rig, "--jobs", "1", "--json", "--output", str(tmp_path / "run")]
+    code = run(["diagnose", str(recording.path), *words, *without])
     said = json.loads(capsys.readouterr().out)
     assert code in (0, 5) and not said["causes"]
     first = said["ranking"][0]

@@ -52,6 +52,13 @@ def ran(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str,
     return code, json.loads(capsys.readouterr().out)
 
 
+def converted(
+    capsys: pytest.CaptureFixture[str], output: str = "rec.csv", *more: str, log: str = "log.csv"
+) -> tuple[int, dict[str, Any]]:
+    """What the command says of a log with the mapping map.toml."""
+    return ran(capsys, log, "--mapping", "map.toml", "--output", output, *more)
+
+
 MAPPING = """
 rig = "one-dof"
 loop = "closed"
@@ -129,17 +136,12 @@ def test_a_recording_comes_back_from_raw_form(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     prepare()
-    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    code, said = converted(capsys)
     assert code == 0 and said["schema"] == "pamid.ingest/1"
     made = read_recording("rec.csv")
     require_plant(made, np.arange(N) * T)
-    assert (made.loop, made.rig, made.sampling_period_s, made.known, made.controller) == (
-        "closed",
-        "one-dof",
-        T,
-        {"inertia_kg_m2": 0.0896},
-        {"kp_per_deg": 0.1},
-    )
+    assert (made.loop, made.rig, made.sampling_period_s) == ("closed", "one-dof", T)
+    assert made.known == {"inertia_kg_m2": 0.0896} and made.controller == {"kp_per_deg": 0.1}
     told = json.loads(Path("rec.ingest.json").read_text())
     assert told == said["recordings"][0] and told["schema"] == "pamid.ingest/1"
     assert (
@@ -168,23 +170,11 @@ def test_guess_then_ingest_gives_the_recording_back(
         "signals.pressure_1_kpa.pressure",
         "signals.pressure_2_kpa.pressure",
     ]
-    code, error = ran(capsys, "known.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    code, error = converted(capsys, log="known.csv")
     assert code == 3 and error["message"].startswith(
         'map.toml: signals.pressure_1_kpa.pressure is "?"; allowed: "gaug'
     )
-    assert (
-        ran(
-            capsys,
-            "known.csv",
-            "--mapping",
-            "map.toml",
-            "--output",
-            "rec.csv",
-            "--pressures",
-            "gauge",
-        )[0]
-        == 0
-    )
+    assert converted(capsys, "rec.csv", "--pressures", "gauge", log="known.csv")[0] == 0
     before, after = read_recording("known.csv"), read_recording("rec.csv")
     assert after.columns.keys() == before.columns.keys()
     assert all((after.columns[c] == before.columns[c]).all() for c in before.columns)
@@ -205,25 +195,15 @@ def test_jittered_sampling_is_resampled_by_the_stamps(
 ) -> None:
     t = np.sort(np.arange(N) * T + np.random.default_rng(1).normal(0.0, 0.8e-3, N))
     prepare(t, t, "period_s = 0.003")
-    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    code, said = converted(capsys)
     assert code == 0 and said["recordings"][0]["clocks"][0]["cure"] == "jittered-sampling"
     made = read_recording("rec.csv")
     true = plant(t[0] + made.time)
     assert np.sqrt(np.mean((made.columns["angle_deg"] - true["angle_deg"]) ** 2)) < 0.004
     # held, nothing in between
     assert set(np.unique(made.columns["reference_deg"])) <= {-20.0, 20.0}
-    frame.run(
-        [
-            "ingest",
-            "log.csv",
-            "--mapping",
-            "map.toml",
-            "--output",
-            "o.csv",
-            "--time-base",
-            "late-stamps",
-        ]
-    )
+    words = "log.csv --mapping map.toml --output o.csv --time-base late-stamps"
+    frame.run(["ingest", *words.split()])
     assert "the data speak against late-stamps" in capsys.readouterr().err
 
 
@@ -233,25 +213,13 @@ def test_where_the_data_do_not_tell_it_is_asked(
     t = np.arange(N) * T
     write_log(Path("log.csv"), raw(np.zeros(N), late(t)))
     Path("map.toml").write_text(MAPPING.format(time=""), encoding="utf-8")
-    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    code, error = converted(capsys)
     assert code == 4 and "no signal moves enough" in error["message"]
     assert "late-stamps" in error["hint"] and "jittered-sampling" in error["hint"]
     assert not list(here.glob("rec*"))
-    assert (
-        ran(
-            capsys,
-            "log.csv",
-            "--mapping",
-            "map.toml",
-            "--output",
-            "rec.csv",
-            "--time-base",
-            "late-stamps",
-        )[0]
-        == 0
-    )
+    assert converted(capsys, "rec.csv", "--time-base", "late-stamps")[0] == 0
     Path("map.toml").write_text(MAPPING.format(time='repair = "none"'), encoding="utf-8")
-    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "o.csv")
+    code, error = converted(capsys, "o.csv")
     assert code == 3 and 'time.repair is "none"' in error["message"]
 
 
@@ -267,7 +235,7 @@ def test_gaps_and_long_empty_runs_split_and_short_ones_are_filled(
     stay = (k != 600) & (k != 601)  # two rows never came
     write_log(Path("log.csv"), {name: values[stay] for name, values in log.items()})
     Path("map.toml").write_text(MAPPING.format(time="max_gap_s = 0.05"), encoding="utf-8")
-    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "out")
+    code, said = converted(capsys, "out")
     assert code == 0
     told = said["recordings"]
     assert [part["recording"]["path"] for part in told] == [
@@ -351,15 +319,14 @@ def test_nothing_is_replaced_without_being_told(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     prepare()
-    words = ("log.csv", "--mapping", "map.toml", "--output")
     Path("rec.toml").write_text("precious")
-    assert ran(capsys, *words, "rec.csv")[1]["message"] == "rec.toml exists already."
+    assert converted(capsys)[1]["message"] == "rec.toml exists already."
     assert not Path("rec.csv").exists() and Path("rec.toml").read_text() == "precious"
-    assert ran(capsys, *words, "rec.csv", "--overwrite")[0] == 0
+    assert converted(capsys, "rec.csv", "--overwrite")[0] == 0
     for output in ("log.csv", "map.csv"):  # the log itself; map.toml beside map.csv
-        code, error = ran(capsys, *words, output, "--overwrite")
+        code, error = converted(capsys, output, "--overwrite")
         assert code == 3 and "would be overwritten" in error["message"]
-    code, error = ran(capsys, *words, "rec.txt")
+    code, error = converted(capsys, "rec.txt")
     assert code == 3 and "neither a .csv file nor a folder" in error["message"]
 
 
@@ -379,7 +346,7 @@ def test_what_a_killed_ingest_left_is_swept_by_the_next(
         stage.mkdir()
         (stage / "rec.csv").write_text("half")
     link.symlink_to(here / "other")
-    assert ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[0] == 0
+    assert converted(capsys)[0] == 0
     assert not left.exists()
     assert (busy / "rec.csv").exists() and link.is_symlink()
     assert (here / "other" / "rec.csv").read_text() == "mine"
@@ -393,12 +360,7 @@ def test_a_rig_file_named_by_a_mapping_is_not_run(
     Path("map.toml").write_text(
         MAPPING.format(time="").replace('"one-dof"', '"evil.py"'), encoding="utf-8"
     )
-    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    code, error = converted(capsys)
     assert code == 3 and "add --rig evil.py" in error["hint"] and not Path("ran").exists()
-    assert (
-        ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv", "--rig", "one-dof")[
-            0
-        ]
-        == 0
-    )
+    assert converted(capsys, "rec.csv", "--rig", "one-dof")[0] == 0
     assert read_recording("rec.csv").rig == "one-dof"

@@ -167,14 +167,7 @@ def test_mat_tables_and_timetables(tmp_path: Path, version: str) -> None:
 @octave
 @pytest.mark.parametrize(
     ("option", "name"),
-    [
-        ("-v7", "o.mat"),
-        ("-v6", "o.mat"),
-        ("-v4", "o.mat"),
-        ("-text", "o.mat"),
-        ("-hdf5", "o.h5"),
-        ("-hdf5", "o.mat"),
-    ],
+    [*((form, "o.mat") for form in ("-v7", "-v6", "-v4", "-text", "-hdf5")), ("-hdf5", "o.h5")],
 )
 def test_what_octave_saves(tmp_path: Path, option: str, name: str) -> None:
     path = tmp_path / name
@@ -463,10 +456,8 @@ def test_a_missing_package_is_named_with_its_extra(
     stub(tmp_path, monkeypatch, package, f"raise ModuleNotFoundError('none', name={package!r})")
     with pytest.raises(FileError) as caught:
         read_log(path)
-    assert (
-        caught.value.code == "missing-extra"
-        and caught.value.hint == f"pip install 'pamid[{kind.extra}]'"
-    )
+    assert caught.value.code == "missing-extra"
+    assert caught.value.hint == f"pip install 'pamid[{kind.extra}]'"
 
 
 @pytest.mark.parametrize(
@@ -516,18 +507,10 @@ def test_nothing_that_a_file_brings_is_executed(tmp_path: Path) -> None:
     assert not (tmp_path / "sprung").exists()
 
 
-def bag(path: Path) -> Path:
-    return write_ros(path, "bag")
-
-
-def mcap(path: Path) -> Path:
-    folder = write_ros(path.with_suffix(""), "mcap")
-    return Path(shutil.copy(next(folder.glob("*.mcap")), path))
-
-
-def sqlite(path: Path) -> Path:
-    folder = write_ros(path.with_suffix(""), "sqlite3")
-    return Path(shutil.copy(next(folder.glob("*.db3")), path))
+def ros_2(path: Path) -> Path:
+    """The one file of a bag by itself."""
+    folder = write_ros(path.with_suffix(""), "mcap" if path.suffix == ".mcap" else "sqlite3")
+    return Path(shutil.copy(next(folder.glob(f"*{path.suffix}")), path))
 
 
 def parquet(path: Path) -> Path:
@@ -535,10 +518,6 @@ def parquet(path: Path) -> Path:
 
     pandas.DataFrame({"t": TIME, "angle": ANGLE}).to_parquet(path)
     return path
-
-
-def mat73(path: Path) -> Path:
-    return write_tables(path, "v7.3")
 
 
 def hdf5(path: Path) -> Path:
@@ -580,13 +559,13 @@ for path in paths:
     ("suffix", "kind", "write"),
     [
         ("mat", "mat", write_mat),
-        ("mat", "mat", mat73),
+        ("mat", "mat", lambda path: write_tables(path, "v7.3")),
         ("h5", "hdf5", hdf5),
         ("tdms", "tdms", write_tdms),
         ("mf4", "mdf", write_mdf),
-        ("bag", "ros", bag),
-        ("mcap", "ros", mcap),
-        ("db3", "ros", sqlite),
+        ("bag", "ros", lambda path: write_ros(path, "bag")),
+        ("mcap", "ros", ros_2),
+        ("db3", "ros", ros_2),
         ("parquet", "parquet", parquet),
         ("csv", "csv", text),
     ],

@@ -24,15 +24,10 @@ import pamid.base.run_folder
 from pamid.base.json_file import read_json
 from pamid.parallel.result_store import Store
 
-FILES = (
-    "diagnosis.json",
-    "fit.json",
-    "residual.csv",
-    "free-run.csv",
-    "added-variables.json",
-    "next-experiment.csv",
-    "next-experiment.toml",
-)
+FILES = [
+    *("diagnosis.json", "fit.json", "residual.csv", "free-run.csv", "added-variables.json"),
+    *("next-experiment.csv", "next-experiment.toml"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -86,11 +81,8 @@ def test_killed_and_resumed(
         "what is unfinished is not lost by accident"
     )
     refused = json.loads(capfd.readouterr().out)
-    assert (
-        "unfinished" in refused["message"]
-        and "--resume" in refused["hint"]
-        and "--overwrite" in refused["hint"]
-    )
+    assert "unfinished" in refused["message"]
+    assert "--resume" in refused["hint"] and "--overwrite" in refused["hint"]
     assert frame.run(words(recording, folder, "--resume", "--seed", "1")) == 3, "another diagnosis"
     assert frame.run(words(recording, folder, "--resume", "--overwrite")) == 2
 
@@ -137,12 +129,12 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
     for more in ((), ("--resume",), ("--overwrite",)):
         folder = shutil.copytree(tmp_path / "run", tmp_path / f"run{more}")
         assert frame.run([*fitted, str(folder), *more]) == 0
-        assert sorted(p.name for p in folder.iterdir()) == [
+        assert {p.name for p in folder.iterdir()} == {
             "fit.json",
             "free-run.csv",
             "residual.csv",
             "run.json",
-        ]
+        }
 
 
 def test_what_was_damaged_meanwhile_is_worked_out_again(
@@ -217,17 +209,8 @@ def test_a_failed_job_is_told_and_tried_again(
 
 def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path) -> None:
     def fitted(folder: Path, *more: str) -> list[str]:
-        return [
-            "fit",
-            str(recording),
-            "--rig",
-            RIG,
-            "--bootstrap",
-            "12",
-            "--output",
-            str(folder),
-            *more,
-        ]
+        words = ["--rig", RIG, "--bootstrap", "12", "--output", str(folder)]
+        return ["fit", str(recording), *words, *more]
 
     whole, folder = tmp_path / "whole", tmp_path / "run"
     assert frame.run(fitted(whole, "--jobs", "2")) == 0 and not (whole / "jobs").exists()
@@ -243,17 +226,8 @@ def test_a_training_goes_on_where_it_was_disturbed(
     number: int, recording: Path, tmp_path: Path
 ) -> None:
     def trained(folder: Path, *more: str) -> list[str]:
-        return [
-            "train-residual",
-            str(folder),
-            "--hidden",
-            "2",
-            "--iterations",
-            "8",
-            "--jobs",
-            "1",
-            *more,
-        ]
+        words = ["--hidden", "2", "--iterations", "8", "--jobs", "1"]
+        return ["train-residual", str(folder), *words, *more]
 
     whole, folder = tmp_path / "whole", tmp_path / "run"
     assert frame.run(["fit", str(recording), "--rig", RIG, "--output", str(whole)]) == 0
@@ -292,11 +266,8 @@ def test_a_trial_goes_on_where_it_was_disturbed(
     monkeypatch.setattr(work, "examine", examine)
     assert frame.run(tried(folder, "--resume")) == 0 and len(again) == 3 and not leftovers(folder)
     assert frame.run(tried(whole)) == 0
-    for name in (
-        "trial.json",
-        "labels.json",
-        *(f"cases/{p.name}" for p in (whole / "cases").iterdir()),
-    ):
+    cases = (f"cases/{p.name}" for p in (whole / "cases").iterdir())
+    for name in ("trial.json", "labels.json", *cases):
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
 
 

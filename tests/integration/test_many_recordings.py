@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 from pamid_cli import frame
 from small_cart import PERIOD_S, RIG, others
+from virtual_recordings import virtual_recording
 
 from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
-from pamid.recording.recording import read_recording, write_recording
+from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import FEWEST_SAMPLES
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
 def recorded(folder: Path, count: int) -> list[str]:
     """Paths of recordings of a cart with friction that its model lacks."""
     paths = []
     for k in range(count):
-        path, time = folder / f"rec-{k}.csv", PERIOD_S * np.arange(FEWEST_SAMPLES)
-        write_recording(
-            path,
-            time,
-            {"force_n": aprbs(FEWEST_SAMPLES * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)},
-        )
-        made = simulate_virtual_rig(
-            RIG, read_recording(path), ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, k
-        )
-        write_recording(path, time, made.columns, made.meta)
-        paths.append(str(path))
+        sent = {"force_n": aprbs(FEWEST_SAMPLES * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)}
+        truth: dict[str, Any] = {
+            "true": {"mass_kg": 1.2},
+            "seed": k,
+            "path": folder / f"rec-{k}.csv",
+        }
+        made = virtual_recording(RIG, sent, PERIOD_S, "coulomb-friction", **truth)
+        paths.append(str(made.path))
     return paths
 
 
@@ -48,22 +45,8 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert sorted(read) == sorted(2 * paths)
     one, other = (read_json(tmp_path / name / "fit.json") for name in ("one", "other"))
     assert one["parameters"] == other["parameters"] and len(one["recordings"]) == 5
-    assert (
-        frame.run(
-            [
-                "diagnose",
-                *paths,
-                "--rig",
-                RIG,
-                *others(),
-                "--jobs",
-                "1",
-                "--output",
-                str(tmp_path / "run"),
-            ]
-        )
-        == 0
-    )
+    words = ["--rig", RIG, *others(), "--jobs", "1", "--output", str(tmp_path / "run")]
+    assert frame.run(["diagnose", *paths, *words]) == 0
     found = read_json(tmp_path / "run" / "diagnosis.json")
     assert found["verdict"] == "explained" and found["causes"][0]["effect"] == "coulomb-friction"
 
@@ -71,10 +54,7 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.slow
 def test_two_hundred_are_diagnosed(tmp_path: Path) -> None:
     paths = recorded(tmp_path, 200)
-    assert (
-        frame.run(["diagnose", *paths, "--rig", RIG, *others(), "--output", str(tmp_path / "run")])
-        == 0
-    )
-    assert (
-        read_json(tmp_path / "run" / "diagnosis.json")["causes"][0]["effect"] == "coulomb-friction"
-    )
+    words = ["--rig", RIG, *others(), "--output", str(tmp_path / "run")]
+    assert frame.run(["diagnose", *paths, *words]) == 0
+    found = read_json(tmp_path / "run" / "diagnosis.json")
+    assert found["causes"][0]["effect"] == "coulomb-friction"

@@ -188,12 +188,7 @@ def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
     plain = small({"force_n": wave(3), "position_1_mm": wave(2)})
     made = replace(plain, columns={name: wave(1), **plain.columns})
     with pytest.raises((FileError, UsageError)):
-        pamid.new_rig(
-            made,
-            like="two-masses",
-            columns={"force_n": name},
-            output=here / "bad.py",
-        )
+        pamid.new_rig(made, like="two-masses", columns={"force_n": name}, output=here / "bad.py")
     text = pamid.new_rig(made, like="two-masses", output=here / "good.py").text
     tree = ast.parse(text)
     assert name not in {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
+from virtual_recordings import virtual_recording
 
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
@@ -16,30 +17,25 @@ from pamid.estimation.restart import TRAPPED, escape_local_minimum
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
-from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import attach_specs, simulate_virtual_rig
+from pamid.simulation.virtual_rig import attach_specs
 
 TRUE = {"mass_kg": 1.2, "coulomb-friction:force_n": 0.8}
 
 
 @pytest.fixture(scope="module")
-def sticking(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+def sticking() -> DataSplit:
     """The README's cart: it sticks in some windows."""
-    folder = tmp_path_factory.mktemp("sticking")
     push = aprbs(30.0, 0.003, 3.0, (0.2, 0.8), seed=1)
-    write_recording(folder / "push.csv", 0.003 * np.arange(push.size), {"force_n": push})
-    made = simulate_virtual_rig(
+    made = virtual_recording(
         RIG,
-        read_recording(folder / "push.csv"),
-        ("coulomb-friction:force_n=0.8",),
-        {},
-        {"mass_kg": 1.2},
-        1.0,
-        2,
+        {"force_n": push},
+        0.003,
+        "coulomb-friction:force_n=0.8",
+        true={"mass_kg": 1.2},
+        seed=2,
     )
-    write_recording(folder / "rec.csv", 0.003 * np.arange(push.size), made.columns, made.meta)
-    return split_recordings(rig_named(RIG), [read_recording(folder / "rec.csv")], [])
+    return split_recordings(rig_named(RIG), [made], [])
 
 
 @pytest.fixture(scope="module")

@@ -55,6 +55,7 @@ effect = ["coulomb-friction"]
 duration = 2.0
 hold = [0.1, 0.5]
 """
+ONE_STEP = ("--iterations", "1", "--hidden", "2", "--jobs", "1")
 #: log -> channels of the clock ("": each its own), of an angle, of a second signal
 TEXT_LOGS = {
     "log.csv": ("t", "Winkel", "p1"),
@@ -85,7 +86,7 @@ def recording(site: Site) -> list[Words]:
         site.copy("rec.toml")
     path.write_bytes(broken_table(site.random, path.read_text()))
     if site.random.random() < 0.2:
-        return [("simulate", "--excitation", path, "--rig", "one-dof", "--output", "out.csv")]
+        return [_simulated(path, "--rig", "one-dof")]
     return [("check", path, *(("--rig", "one-dof") if site.random.random() < 0.6 else ()))]
 
 
@@ -100,21 +101,13 @@ def fit(site: Site) -> list[Words]:
 def sidecar(site: Site) -> list[Words]:
     path = site.copy("rec.csv")
     path.with_suffix(".toml").write_bytes(broken_toml(site.random, SIDECAR))
-    return (
-        [("check", path)]
-        if site.random.random() < 0.8
-        else [
-            (
-                "simulate",
-                "--excitation",
-                site.copy("sent.csv"),
-                "--rig",
-                "one-dof",
-                "--output",
-                "out.csv",
-            )
-        ]
-    )
+    if site.random.random() < 0.8:
+        return [("check", path)]
+    return [_simulated(site.copy("sent.csv"), "--rig", "one-dof")]
+
+
+def _simulated(sent: Path, *more: str | Path) -> Words:
+    return ("simulate", "--excitation", sent, *more, "--output", "out.csv")
 
 
 def settings(site: Site) -> list[Words]:
@@ -147,21 +140,14 @@ def _read_log(site: Site, path: Path) -> list[Words]:
     if site.random.random() < 0.4:
         return [("ingest", "--guess", path)]
     clock, angle, force = {**TEXT_LOGS, **BINARY_LOGS}[path.name]
-    lines = [
-        'rig = "one-dof"',
-        "[time]",
-        *([f'source = "{clock}"', 'unit = "s"'] if clock else []),
-        f'repair = "{site.one_of("none", "late-stamps", "jittered-sampling")}"',
-        "[signals.angle_deg]",
-        f'source = "{angle}"',
-        'unit = "deg"',
-        "[signals.force_1_n]",
-        f'source = "{force}"',
-        'unit = "N"',
-    ]
-    (site.place / "map.toml").write_text(
-        MAPPING if path.name == "log.csv" else "\n".join(lines) + "\n"
+    stamps = f'source = "{clock}"\nunit = "s"\n' if clock else ""
+    repair = site.one_of("none", "late-stamps", "jittered-sampling")
+    plain = (
+        f'rig = "one-dof"\n[time]\n{stamps}repair = "{repair}"\n'
+        f'[signals.angle_deg]\nsource = "{angle}"\nunit = "deg"\n'
+        f'[signals.force_1_n]\nsource = "{force}"\nunit = "N"\n'
     )
+    (site.place / "map.toml").write_text(MAPPING if path.name == "log.csv" else plain)
     return [("ingest", path, "--mapping", "map.toml", "--output", "out.csv")]
 
 
@@ -175,27 +161,14 @@ def run_folder(site: Site) -> list[Words]:
     """Any file of a diagnosed run."""
     folder = site.copy(site.one_of("explained", "partly-explained", "unknown-effect"))
     _break_one(site, folder, [p for p in sorted(folder.iterdir()) if p.is_file()])
-    return [
-        site.random.choice(
-            [
-                ("report", folder),
-                ("report", folder),
-                ("report", folder),
-                ("train-residual", folder, "--iterations", "1", "--hidden", "2", "--jobs", "1"),
-                ("animate", folder, "--size", "160"),
-                ("export", folder, "--to", "c", "--output", "model"),
-                (
-                    "simulate",
-                    "--model",
-                    folder,
-                    "--excitation",
-                    site.copy("sent.csv"),
-                    "--output",
-                    "out.csv",
-                ),
-            ]
-        )
+    commands: list[Words] = [
+        *[("report", folder)] * 3,
+        ("train-residual", folder, *ONE_STEP),
+        ("animate", folder, "--size", "160"),
+        ("export", folder, "--to", "c", "--output", "model"),
+        _simulated(site.copy("sent.csv"), "--model", folder),
     ]
+    return [site.random.choice(commands)]
 
 
 def training(site: Site) -> list[Words]:
@@ -204,9 +177,7 @@ def training(site: Site) -> list[Words]:
     shutil.copy(site.seeds / "checkpoint.npz", folder)
     files = [folder / name for name in ("checkpoint.npz", "residual.csv", "fit.json", "run.json")]
     _break_one(site, folder, [*files[:1], *files])
-    return [
-        ("train-residual", folder, "--iterations", "1", "--hidden", "2", "--jobs", "1", "--resume")
-    ]
+    return [("train-residual", folder, *ONE_STEP, "--resume")]
 
 
 def model(site: Site) -> list[Words]:
@@ -215,21 +186,8 @@ def model(site: Site) -> list[Words]:
     files = ("fit.json", "fit.json", "network.json", "run.json", "network.npz")
     _break_one(site, folder, [folder / name for name in files])
     if site.random.random() < 0.5:
-        return [
-            (
-                "simulate",
-                "--model",
-                folder,
-                "--excitation",
-                site.copy("sent.csv"),
-                "--noise",
-                "none",
-                "--which",
-                site.one_of("best", "refitted"),
-                "--output",
-                "out.csv",
-            )
-        ]
+        which = ("--noise", "none", "--which", site.one_of("best", "refitted"))
+        return [_simulated(site.copy("sent.csv"), "--model", folder, *which)]
     return [("export", folder, "--to", site.one_of("c", "matlab", "onnx"), "--output", "model")]
 
 
@@ -248,17 +206,10 @@ def resumed(site: Site) -> list[Words]:
     word = site.one_of("--resume", "--overwrite")
     if name == "trial":
         return [("trial", "--output", folder, "--cases", "1", "--index", "2/2", "--resume")]
+    command, where = site.one_of("fit", "diagnose"), ("--output", folder)
     return [
-        (
-            site.one_of("fit", "diagnose"),
-            site.copy("fit.csv"),
-            "--held-out",
-            "none.csv",
-            "--output",
-            folder,
-            word,
-        ),
-        ("force-law", site.copy("map.csv"), "--sets", "99", "--output", folder, "--overwrite"),
+        (command, site.copy("fit.csv"), "--held-out", "none.csv", *where, word),
+        ("force-law", site.copy("map.csv"), "--sets", "99", *where, "--overwrite"),
     ]
 
 
@@ -294,19 +245,7 @@ def excitation(site: Site) -> list[Words]:
         path.write_bytes(broken_table(site.random, path.read_text()))
     else:
         path.with_suffix(".toml").write_bytes(broken_toml(site.random, SIDECAR))
-    return [
-        (
-            "simulate",
-            "--excitation",
-            path,
-            "--rig",
-            "one-dof",
-            "--noise",
-            "none",
-            "--output",
-            "out.csv",
-        )
-    ]
+    return [_simulated(path, "--rig", "one-dof", "--noise", "none")]
 
 
 def words(site: Site) -> list[Words]:
@@ -337,25 +276,9 @@ def words(site: Site) -> list[Words]:
 
 def _word(site: Site) -> str:
     """A word of a command line: it has no zero byte and names nothing outside the folder."""
-    word = site.random.choice(
-        [
-            *EXTREMES,
-            *WORDS,
-            "0.003",
-            "5",
-            "out.csv",
-            "a=1",
-            "angle_deg=1e300",
-            "x.csv/y.csv",
-            "\udcff",
-            "rec.csv",
-            "",
-            "x" * 5000,
-            "-1",
-            "1e300=1",
-            "../rec.csv" * 2000,
-        ]
-    )
+    more = ("0.003", "5", "out.csv", "a=1", "angle_deg=1e300", "x.csv/y.csv", "\udcff", "rec.csv")
+    rest = ("", "x" * 5000, "-1", "1e300=1", "../rec.csv" * 2000)
+    word = site.random.choice([*EXTREMES, *WORDS, *more, *rest])
     return "here" if word in (".", "/", "~", "../x.py") else word
 
 
@@ -377,52 +300,14 @@ def _break_one(site: Site, folder: Path, files: list[Path]) -> None:
         path.write_bytes(broken_bytes(site.random, path.read_bytes()))
 
 
-#: kind -> its generator
+#: kind -> its generator, and the share of the inputs: small where a command takes long
+_DAMAGED = {
+    **{recording: 16, fit: 0.5, sidecar: 12, settings: 10, raw_log: 10, binary_log: 4},
+    **{mapping: 10, run_folder: 8, training: 2, model: 4, earlier: 4, resumed: 4, results: 8},
+    **{trial: 2, force_map: 0.5, excitation: 8, words: 10},
+}
+_HOSTILE = dict(zip(HOSTILE_KINDS, (16, 0.8, 6, 5, 8), strict=True))
 KINDS: dict[str, Callable[[Site], list[Words]]] = {
-    kind.__name__: kind
-    for kind in (
-        recording,
-        fit,
-        sidecar,
-        settings,
-        raw_log,
-        binary_log,
-        mapping,
-        run_folder,
-        training,
-        model,
-        earlier,
-        resumed,
-        results,
-        trial,
-        force_map,
-        excitation,
-        words,
-        *HOSTILE_KINDS,
-    )
+    kind.__name__: kind for kind in (*_DAMAGED, *HOSTILE_KINDS)
 }
-#: shares of the inputs: small where a command takes long
-WEIGHTS = {
-    "recording": 16,
-    "sidecar": 12,
-    "settings": 10,
-    "raw_log": 10,
-    "binary_log": 4,
-    "mapping": 10,
-    "run_folder": 8,
-    "training": 2,
-    "model": 4,
-    "earlier": 4,
-    "resumed": 4,
-    "results": 8,
-    "trial": 2,
-    "force_map": 0.5,
-    "excitation": 8,
-    "words": 10,
-    "fit": 0.5,
-    "values": 16,
-    "diagnosed": 0.8,
-    "declared": 6,
-    "model_file": 5,
-    "counts": 8,
-}
+WEIGHTS = {kind.__name__: share for kind, share in {**_DAMAGED, **_HOSTILE}.items()}

@@ -115,51 +115,27 @@ def _raw_logs(place: Path) -> None:
     import test_ingest_formats as written
 
     (place / "log.csv").write_bytes(LOG.encode("cp1252"))
-    lvm = [
-        "LabVIEW Measurement",
-        "Writer_Version\t2",
-        "Reader_Version\t2",
-        "Separator\tTab",
-        "Decimal_Separator\t.",
-        "Multi_Headings\tYes",
-        "X_Columns\tOne",
-        "Time_Pref\tRelative",
-        "***End_of_Header***",
-        "",
-        "Channels\t2",
-        "Samples\t60\t60",
-        "Y_Unit_Label\tdeg\tbar",
-        "X_Dimension\tTime\tTime",
-        "X0\t0.0\t0.0",
-        "Delta_X\t0.003\t0.003",
-        "***End_of_Header***",
-        "X_Value\tangle\tp1\tComment",
-    ]
-    lvm += [f"{0.003 * k:.6f}\t{np.sin(k / 9):.6f}\t{1 + np.cos(k / 7):.6f}" for k in range(60)]
-    (place / "log.lvm").write_text("\n".join(lvm) + "\n")
+    head = (
+        "LabVIEW Measurement\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\n"
+        "Decimal_Separator\t.\nMulti_Headings\tYes\nX_Columns\tOne\nTime_Pref\tRelative\n"
+        "***End_of_Header***\n\nChannels\t2\nSamples\t60\t60\nY_Unit_Label\tdeg\tbar\n"
+        "X_Dimension\tTime\tTime\nX0\t0.0\t0.0\nDelta_X\t0.003\t0.003\n***End_of_Header***\n"
+        "X_Value\tangle\tp1\tComment\n"
+    )
+    lvm = [f"{0.003 * k:.6f}\t{np.sin(k / 9):.6f}\t{1 + np.cos(k / 7):.6f}" for k in range(60)]
+    (place / "log.lvm").write_text(head + "\n".join(lvm) + "\n")
     data = [
         {"t": 0.003 * k, "angle": round(float(np.sin(k / 9)), 6), "f": [float(k % 7), None]}
         for k in range(60)
     ]
     (place / "log.json").write_text(json.dumps({"robot": "arm", "data": data}))
-    octave = [
-        "# Created by Octave 8.4.0",
-        "# name: t",
-        "# type: matrix",
-        "# rows: 60",
-        "# columns: 1",
-        *(f" {0.003 * k}" for k in range(60)),
-        "",
-        "",
-        "# name: angle",
-        "# type: matrix",
-        "# rows: 1",
-        "# columns: 60",
-        " " + " ".join(f"{np.sin(k / 9):.6f}" for k in range(60)),
-        "",
-        "",
-    ]
-    (place / "octave.mat").write_text("\n".join(octave) + "\n")
+    stamps = "".join(f" {0.003 * k}\n" for k in range(60))
+    angles = " ".join(f"{np.sin(k / 9):.6f}" for k in range(60))
+    (place / "octave.mat").write_text(
+        "# Created by Octave 8.4.0\n"
+        f"# name: t\n# type: matrix\n# rows: 60\n# columns: 1\n{stamps}\n\n"
+        f"# name: angle\n# type: matrix\n# rows: 1\n# columns: 60\n {angles}\n\n\n"
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         written.write_mat(place / "v5.mat")
@@ -170,7 +146,7 @@ def _raw_logs(place: Path) -> None:
         written.write_tdms(place / "log.tdms")
         written.write_mdf(place / "log.mf4")
         written.write_ros(place / "log.bag", "bag")
-        written.mcap(place / "log.mcap")
+        written.ros_2(place / "log.mcap")
         folder = written.write_ros(place / "bag2", "sqlite3")
         shutil.copy(next(folder.glob("*.db3")), place / "log.db3")
         import pyarrow

@@ -11,129 +11,68 @@ from __future__ import annotations
 import copy
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
 from typing import Any
 
+_EDGES = (
+    "nan inf -inf 1e999 -1e999 1e308 -1e308 1e300 1e155 1e-308 5e-324 1e-300 -0 0 -1 1 2 1e-6 1e6 "
+    "1e15 9007199254740993 9223372036854775808 18446744073709551616"
+)
+_NO_NUMBERS = "0x10 1_000 1,5 0.1e --1 +1 1e ٣ −1"
 #: numbers at the edge, as text: too large for a float, for its square, for an int64, for the digits
 #: Python reads
 EXTREMES = (
-    "nan",
-    "inf",
-    "-inf",
-    "1e999",
-    "-1e999",
-    "1e308",
-    "-1e308",
-    "1e300",
-    "1e155",
-    "1e-308",
-    "5e-324",
-    "1e-300",
-    "-0",
-    "0",
-    "-1",
-    "1",
-    "2",
-    "1e-6",
-    "1e6",
-    "1e15",
-    "9007199254740993",
-    "9223372036854775808",
-    "18446744073709551616",
-    "1" * 400,
-    "-" + "9" * 400,
-    "9" * 5000,
-    "0x10",
-    "1_000",
-    "1,5",
-    "0.1e",
-    "--1",
-    "+1",
-    "1e",
-    "٣",
-    "−1",
+    *_EDGES.split(),
+    *("1" * 400, "-" + "9" * 400, "9" * 5000),
+    *_NO_NUMBERS.split(),
     "",
 )
-WORDS = (
-    "time_s",
-    "angle_deg",
-    "angle_rad",
-    "angle_mdeg",
-    "command",
-    "comand",
-    "pressure_1_kpa",
-    "pressure_1_bar",
-    "reference_deg",
-    "_",
-    "_deg",
-    "one-dof",
-    "two-link",
-    "one-dov",
-    "one-dof:exponentiel",
-    "coulomb-friction",
-    "coulomb-fricton",
-    "leak@pressure",
-    "dead-time",
-    "../x.py",
-    "./x.py",
-    "/dev/zero",
-    "/dev/null",
-    ".",
-    "/",
-    "~",
-    "closed",
-    "open",
-    "clsoed",
-    "x" * 300,
-    "a/b",
-    "\x1b[31m",
-    "\u202e",
-    "\x7f",
-    "None",
-    "null",
-    "true",
-    "<script>alert(1)</script>",
-    "__import__('os')",
-    "%s%n",
-    "{}",
-    "$HOME",
-    "`id`",
-    "ü",
-    "\U0001f600",
+_NAMES = (
+    "time_s angle_deg angle_rad angle_mdeg command comand pressure_1_kpa pressure_1_bar "
+    "reference_deg _ _deg one-dof two-link one-dov one-dof:exponentiel coulomb-friction "
+    "coulomb-fricton leak@pressure dead-time ../x.py ./x.py /dev/zero /dev/null . / ~ closed open "
+    "clsoed"
 )
-TOKENS = tuple(word.encode() for word in (*EXTREMES, *WORDS)) + (
-    b" ",
-    b",",
-    b";",
-    b"\t",
-    b"\n",
-    b"\r\n",
-    b"\r",
-    b"\x00",
-    b"\xff",
-    b"\xef\xbb\xbf",
-    b"\xff\xfe",
-    b'"',
-    b'""',
-    b"'",
-    b"#",
-    b"=",
-    b"[",
-    b"]",
-    b"[[",
-    b"{",
-    b"}",
-    b"\\",
-    b"\\u0000",
-    b"\\ud800",
-    b"\xed\xa0\x80",
-    b"1979-05-27T07:32:00Z",
-    b"../../etc/passwd",
-    b"\x80\x04\x95",
-    b"PK\x03\x04",
-    b"[" * 2000,
-    b'{"a":' * 2000,
+_TRAPS = (
+    "a/b \x1b[31m \u202e \x7f None null true <script>alert(1)</script> __import__('os') %s%n {} "
+    "$HOME `id` ü \U0001f600"
+)
+WORDS = (*_NAMES.split(), "x" * 300, *_TRAPS.split())
+_BYTES = (
+    *(
+        b" ",
+        b",",
+        b";",
+        b"\t",
+        b"\n",
+        b"\r\n",
+        b"\r",
+        b"\x00",
+        b"\xff",
+        b"\xef\xbb\xbf",
+        b"\xff\xfe",
+    ),
+    *(b'"', b'""', b"'", b"#", b"=", b"[", b"]", b"[[", b"{", b"}", b"\\", b"\\u0000", b"\\ud800"),
+    *(
+        b"\xed\xa0\x80",
+        b"1979-05-27T07:32:00Z",
+        b"../../etc/passwd",
+        b"\x80\x04\x95",
+        b"PK\x03\x04",
+    ),
+    *(b"[" * 2000, b'{"a":' * 2000),
+)
+TOKENS = (*(word.encode() for word in (*EXTREMES, *WORDS)), *_BYTES)
+#: numbers where a binary format counts its bytes or its samples
+_COUNTS = (0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
+#: numbers of a JSON tree at the edge
+_FLOATS = (1e308, -1e308, 5e-324, -0.0, 0, -1, 1e155, math.inf, 0.5, 10**9)
+_JSON_EDGES = (10**400, -(10**400), 10**19, 2**63, -(2**31), *_FLOATS)
+#: values of a TOML file of other kinds
+_TOML_VALUES = (
+    *("1979-05-27T07:32:00Z", "07:32:00", "''", '"""x"""', "[" * 3000 + "]" * 3000),
+    *("{a=" * 800 + "1" + "}" * 800, "0b1", "1e400", "[[[[]]]]"),
 )
 
 
@@ -154,28 +93,11 @@ def broken_bytes(random: Random, data: bytes, most: int = 4) -> bytes:
             data = data[:at] if random.random() < 0.5 else data[at:]
         elif kind == "flip" and at < len(data):
             data = data[:at] + bytes([data[at] ^ 1 << random.randrange(8)]) + data[at + 1 :]
-        elif kind == "number":  # where a binary format counts its bytes or its samples
-            value = random.choice(
-                [
-                    0,
-                    1,
-                    0x7F,
-                    0xFF,
-                    0x7FFF,
-                    0xFFFF,
-                    2**31 - 1,
-                    2**31,
-                    2**32 - 1,
-                    2**63 - 1,
-                    2**64 - 1,
-                ]
-            )
+        elif kind == "number":
+            value = random.choice(_COUNTS)
             size = random.choice([size for size in (1, 2, 4, 8) if value < 256**size])
-            data = (
-                data[:at]
-                + value.to_bytes(size, random.choice(["little", "big"]))
-                + data[at + size :]
-            )
+            written = value.to_bytes(size, random.choice(["little", "big"]))
+            data = data[:at] + written + data[at + size :]
         else:
             data = data[:at] + random.randbytes(random.randint(0, 8)) + data[at + length :]
     return data
@@ -273,10 +195,8 @@ def _lines(random: Random, rows: Rows) -> None:
 
 def _stamps(random: Random, rows: Rows) -> None:
     """Make the clock faster or slower, offset it, or stop it."""
-    factor, zero = (
-        random.choice([1e-6, 1e-300, 1e3, 1e300, 1e-3]),
-        random.choice([0.0, 0.0, 1e15, -1e9, 1.7e9]),
-    )
+    factor = random.choice([1e-6, 1e-300, 1e3, 1e300, 1e-3])
+    zero = random.choice([0.0, 0.0, 1e15, -1e9, 1.7e9])
     for row in rows[1:]:
         if row:
             try:
@@ -317,25 +237,7 @@ def broken_json(random: Random, content: Any, most: int = 3) -> str:
                 ),
             )
         elif kind == "extreme":
-            holder[key] = random.choice(
-                [
-                    10**400,
-                    -(10**400),
-                    10**19,
-                    2**63,
-                    -(2**31),
-                    1e308,
-                    -1e308,
-                    5e-324,
-                    -0.0,
-                    0,
-                    -1,
-                    1e155,
-                    math.inf,
-                    0.5,
-                    10**9,
-                ]
-            )
+            holder[key] = random.choice(_JSON_EDGES)
         else:
             holder[key] = _value(random)
     text = json.dumps(content)
@@ -380,15 +282,8 @@ def _places(node: Any) -> Iterator[tuple[Any, Any]]:
 def broken_toml(random: Random, text: str) -> bytes:
     """TOML with values, keys, titles, lines or bytes damaged."""
     lines = text.splitlines()
-    changes: tuple[Callable[[Random, list[str]], None], ...] = (
-        _toml_value,
-        _toml_value,
-        _toml_value,
-        _toml_key,
-        _toml_line,
-    )
     for _ in range(random.randint(1, 3)):
-        random.choice(changes)(random, lines)
+        random.choice((*[_toml_value] * 3, _toml_key, _toml_line))(random, lines)
     data = ("\n".join(lines) + "\n").encode("utf-8", errors="surrogateescape")
     return broken_bytes(random, data, 2) if random.random() < 0.3 else data
 
@@ -398,28 +293,9 @@ def _toml_value(random: Random, lines: list[str]) -> None:
     if entries:
         at = random.choice(entries)
         word = json.dumps(random.choice(WORDS), ensure_ascii=False)
-        value = random.choice(
-            [
-                random.choice(EXTREMES),
-                random.choice(EXTREMES),
-                word,
-                "true",
-                "[]",
-                "{}",
-                "[1, 2]",
-                f"[{word}, 1]",
-                f"{{a = {word}}}",
-                "1979-05-27T07:32:00Z",
-                "07:32:00",
-                "''",
-                '"""x"""',
-                "[" * 3000 + "]" * 3000,
-                "{a=" * 800 + "1" + "}" * 800,
-                "0b1",
-                "1e400",
-                "[[[[]]]]",
-            ]
-        )
+        plain = [random.choice(EXTREMES), random.choice(EXTREMES), word, "true", "[]", "{}"]
+        nested = ["[1, 2]", f"[{word}, 1]", f"{{a = {word}}}"]
+        value = random.choice([*plain, *nested, *_TOML_VALUES])
         lines[at] = f"{lines[at].partition('=')[0]}= {value}"
 
 

@@ -122,40 +122,35 @@ class Spindle(Rig):
 """
 
 
-@pytest.mark.parametrize(("way", "asked"), [("size", True), ("minus", True), ("signed", False)])
+@pytest.mark.parametrize(
+    ("way", "highest", "asked", "turned"),
+    [
+        ("size", 3.0, True, False),
+        ("minus size", 3.0, True, False),
+        ("as it is", 3.0, False, False),
+        # driven backwards most of the time, what it shows runs against the model, and would go with
+        # it were the drive turned
+        ("size", 1.5, True, False),
+        ("minus", 1.5, False, True),
+    ],
+)
 def test_a_sensor_that_never_crosses_zero_is_asked_about(
-    way: str, asked: bool, tmp_path: Path
+    way: str, highest: float, asked: bool, turned: bool, tmp_path: Path
 ) -> None:
+    """And is not taken for a wrong sign."""
     path = tmp_path / "spindle.py"
     path.write_text(BLIND)
     rng = np.random.default_rng(3)
-    drive = np.repeat(rng.uniform(-3.0, 3.0, 40), 80)
+    drive = np.repeat(rng.uniform(-3.0, highest, 40), 80)
     speed = np.zeros(drive.size)
     for k in range(drive.size - 1):
         speed[k + 1] = speed[k] + 0.01 / 0.27 * (9.0 * drive[k] - speed[k])
-    read = {"size": np.abs(speed), "minus": -np.abs(speed), "signed": speed}[way]
-    read = read + 0.05 * rng.standard_normal(drive.size)
-    made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
-    assert ("blind to the sign?" in pamid.check(made, rig=path).summary()) == asked
-
-
-@pytest.mark.parametrize("way", ["size", "turned"])
-def test_a_blind_sensor_is_not_taken_for_a_wrong_sign(way: str, tmp_path: Path) -> None:
-    """Driven backwards most of the time, what it shows runs against the model, and would go with it
-    were the drive turned."""
-    path = tmp_path / "spindle.py"
-    path.write_text(BLIND)
-    rng = np.random.default_rng(3)
-    drive = np.repeat(rng.uniform(-3.0, 1.5, 40), 80)
-    speed = np.zeros(drive.size)
-    for k in range(drive.size - 1):
-        speed[k + 1] = speed[k] + 0.01 / 0.27 * (9.0 * drive[k] - speed[k])
-    read = np.abs(speed) if way == "size" else -speed
+    size = np.abs(speed)
+    read = {"size": size, "minus size": -size, "as it is": speed, "minus": -speed}[way]
     read = read + 0.05 * rng.standard_normal(drive.size)
     made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
     said = pamid.check(made, rig=path).summary()
-    assert ("blind to the sign?" in said) == (way == "size")
-    assert ("opposite sign" in said) == (way == "turned")
+    assert ("blind to the sign?" in said) == asked and ("opposite sign" in said) == turned
 
 
 def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:

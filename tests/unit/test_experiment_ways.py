@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from virtual_recordings import virtual_recording
 
 from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
@@ -27,9 +28,7 @@ from pamid.planning.experiment_ways import (
     ways_to_run,
 )
 from pamid.planning.next_experiment import bench_of
-from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 
@@ -37,21 +36,17 @@ PERIOD_S, SAMPLES = 0.005, 4000
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
 
 
-def split(folder: Path, rig: str, columns: dict[str, Array]) -> DataSplit:
+def split(rig: str, columns: dict[str, Array]) -> DataSplit:
     """What the rig records of these columns."""
-    time = PERIOD_S * np.arange(SAMPLES)
-    write_recording(folder / "sent.csv", time, columns)
-    made = simulate_virtual_rig(rig, read_recording(folder / "sent.csv"), (), {}, {}, 1.0, 3)
-    write_recording(folder / "rec.csv", time, made.columns, made.meta)
-    return split_recordings(rig_named(rig), [read_recording(folder / "rec.csv")], [])
+    return split_recordings(rig_named(rig), [virtual_recording(rig, columns, PERIOD_S, seed=3)], [])
 
 
 @pytest.fixture(scope="module")
-def pushed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Any]:
+def pushed() -> tuple[DataSplit, Any]:
     """A free cart that was pushed to and fro about a place, as a controller would, and its
     model."""
     wave = washed_out(aprbs(SAMPLES * PERIOD_S, PERIOD_S, 1.0, (0.1, 0.4), seed=1), 0.05)
-    evidence = split(tmp_path_factory.mktemp("cart"), CART, {"force_n": 4.0 * wave})
+    evidence = split(CART, {"force_n": 4.0 * wave})
     return evidence, fit_model(evidence, ())
 
 

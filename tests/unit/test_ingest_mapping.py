@@ -14,12 +14,7 @@ from pamid.base.units import unit
 from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.guessed_mapping import Answers, guess_of
-from pamid.ingest.mapping import (
-    Mapping,
-    load_mapping,
-    mapping_of,
-    resolved_signals,
-)
+from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, resolved_signals
 from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
 

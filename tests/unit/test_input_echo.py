@@ -13,7 +13,7 @@ from small_cart import PERIOD_S, RIG
 
 from cli.frame import run
 from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import blocking
+from pamid.checks.recording_quality import before_a_fit
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
@@ -95,7 +95,7 @@ def kinds(u: Array) -> dict[str, Array]:
 
 
 def issues(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
-    return tuple(i for i in blocking(recording, rig) if i.kind == "echo")
+    return tuple(i for i in before_a_fit(recording, rig) if i.kind == "echo")
 
 
 @pytest.mark.parametrize("kind", list(kinds(levels())))
@@ -103,7 +103,7 @@ def issues(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
 def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
     u = levels()
     columns = {"force_n": u, "position_m": kinds(u)[kind]}
-    (issue,) = blocking(recording_of(period * np.arange(u.size), columns, {}), rig_named(RIG))
+    (issue,) = before_a_fit(recording_of(period * np.arange(u.size), columns, {}), rig_named(RIG))
     assert issue.kind == "echo" and issue.columns == ("position_m", "force_n")
     assert "position_m and force_n carry the same signal" in issue.text
     assert "Export the measured column as position_m" in issue.text

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from virtual_recordings import virtual_recording
 
 from cli.frame import run
 from pamid.correction.residual_data import read_residual_data
@@ -17,7 +18,6 @@ from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 SPRUNG = '''"""A mass on a spring behind a load cell."""
 from pamid import Parameter, Port, Rig, State
@@ -56,20 +56,13 @@ def recorded(
 ) -> Recording:
     """The same machine each time, another push and noise; columns: of the sensors, all where none
     is named."""
-    folder, random = rig.parent, np.random.default_rng(seed)
-    push = np.repeat(random.uniform(-8.0, 8.0, steps), 40)
-    time = 0.01 * np.arange(push.size)
-    write_recording(folder / "push.csv", time, {"push_n": push})
+    random, path = np.random.default_rng(seed), rig.parent / f"{name}.csv"
+    sent = {"push_n": np.repeat(random.uniform(-8.0, 8.0, steps), 40)}
     true = {"gain": 1.3, "mass_kg": 1.2}
-    made = simulate_virtual_rig(
-        str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed
-    )
-    write_recording(
-        folder / f"{name}.csv",
-        time,
-        {k: v for k, v in made.columns.items() if k == "push_n" or not columns or k in columns},
-    )
-    return read_recording(folder / f"{name}.csv")
+    made = virtual_recording(str(rig), sent, 0.01, *planted, true=true, seed=seed)
+    kept = [k for k in made.columns if k == "push_n" or not columns or k in columns]
+    write_recording(path, made.time, {k: made.columns[k] for k in kept})
+    return read_recording(path)
 
 
 @pytest.fixture(scope="module")
@@ -130,20 +123,8 @@ def test_the_commands_go_all_the_way(
     ]
     few = ("coulomb-friction", "dead-time")
     without = [word for name in effects() if name not in few for word in ("--without", name)]
-    code = run(
-        [
-            "diagnose",
-            *(str(r.path) for r in made),
-            "--rig",
-            str(rig),
-            "--jobs",
-            "1",
-            *without,
-            "--json",
-            "--output",
-            str(tmp_path / "run"),
-        ]
-    )
+    words = ["--rig", str(rig), "--jobs", "1", "--json", "--output", str(tmp_path / "run")]
+    code = run(["diagnose", *(str(r.path) for r in made), *without, *words])
     shown = capsys.readouterr()
     said = json.loads(shown.out)
     assert code in (0, 5, 6) and not said["failed_jobs"] and "short.csv lacks cell_n" in shown.err

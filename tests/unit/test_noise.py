@@ -9,12 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.model.registry import rig_named
-from pamid.recording.noise import (
-    noise_level,
-    plateaus,
-    quantisation_step,
-    sensor_noise,
-)
+from pamid.recording.noise import noise_level, plateaus, quantisation_step, sensor_noise
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.tracks import stated_noise

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
+from virtual_recordings import virtual_recording
 
 from pamid.diagnosis.pipeline import diagnose
 from pamid.estimation.fit_files import residual_table
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.notes import notes_of, remark
 
 Array = NDArray[np.float64]
@@ -69,22 +67,13 @@ def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(
     assert bool(split_recordings(rig_named(RIG), [recording], []).spread) == rests
 
 
-def test_a_step_response_is_judged(tmp_path: Path) -> None:
+def test_a_step_response_is_judged() -> None:
     """A cart that is pushed, and braked: its last three tenths are a plateau, of which nothing can
     be told."""
     time = PERIOD_S * np.arange(1200)
     push = 8.0 * ((time > 0.5) & (time < 0.8)) - 8.0 * ((time > 1.5) & (time < 1.8))
-    write_recording(tmp_path / "push.csv", time, {"force_n": push})
-    made = simulate_virtual_rig(
-        RIG,
-        read_recording(tmp_path / "push.csv"),
-        ("coulomb-friction",),
-        {},
-        {"mass_kg": 1.2},
-        1.0,
-        1,
-    )
-    recording = recording_of(time, made.columns, made.meta)
+    true = {"mass_kg": 1.2}
+    recording = virtual_recording(RIG, {"force_n": push}, PERIOD_S, "coulomb-friction", true=true)
     evidence = split_recordings(rig_named(RIG), [recording], [])
     assert len(evidence.spread) == 1 and not evidence.whole_held_out
     found = diagnose(evidence, {k: effects()[k] for k in ("coulomb-friction", "dead-time")})

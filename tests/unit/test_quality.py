@@ -6,23 +6,24 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from virtual_recordings import virtual_recording
 
 from cli.frame import run
 from pamid.checks.findings import QualityIssue
 from pamid.checks.recording_quality import examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
+from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
-Make = Callable[..., Recording]
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = str(ROOT / "data" / "rigs" / "cart.py")
@@ -31,30 +32,11 @@ PERIOD = 0.003
 P1, P2, ANGLE = "pressure_1_kpa", "pressure_2_kpa", "angle_deg"
 
 
-@pytest.fixture(scope="module")
-def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
-    """A virtual recording: rig, what is sent, effects, factor on the noise."""
-    folder = tmp_path_factory.mktemp("quality")
-
-    def made(
-        name: str,
-        rig: str,
-        sent: Columns,
-        *effects: str,
-        noise: float = 1.0,
-        known: dict[str, float] | None = None,
-    ) -> Recording:
-        path = folder / f"{name}.csv"
-        if not path.exists():
-            count = len(next(iter(sent.values())))
-            write_recording(folder / "excitation.csv", PERIOD * np.arange(count), sent)
-            done = simulate_virtual_rig(
-                rig, read_recording(folder / "excitation.csv"), effects, known or {}, {}, noise, 1
-            )
-            write_recording(path, PERIOD * np.arange(count), done.columns, done.meta)
-        return read_recording(path)
-
-    return made
+@cache
+def sent_as(name: str) -> tuple[Recording, Rig]:
+    """The virtual recording of that entry of SENT, and its rig."""
+    rig, sent, effects, noise = SENT[name]
+    return virtual_recording(rig, sent, PERIOD, *effects, noise=noise), library.rig_named(rig)
 
 
 def reference(seconds: float = 30.0, seed: int = 1) -> Array:
@@ -62,14 +44,10 @@ def reference(seconds: float = 30.0, seed: int = 1) -> Array:
 
 
 @pytest.fixture(scope="module")
-def joint(make: Make) -> Recording:
-    return make(
-        "joint",
-        "one-dof",
-        {"reference_deg": reference()},
-        "coulomb-friction",
-        known={"inertia_kg_m2": 0.09},
-    )
+def joint() -> Recording:
+    sent, true = {"reference_deg": reference()}, {"inertia_kg_m2": 0.09}
+    made = virtual_recording("one-dof", sent, PERIOD, "coulomb-friction", true=true)
+    return dataclasses.replace(made, known=true)
 
 
 def changed(recording: Recording, **columns: Array) -> Recording:
@@ -107,12 +85,11 @@ SENT: dict[str, tuple[str, Columns, tuple[str, ...], float]] = {
 
 @pytest.mark.parametrize("name", [*SENT, "example"])
 @pytest.mark.parametrize("bits", [0, 12, 16])
-def test_nothing_is_claimed_of_a_good_recording(make: Make, name: str, bits: int) -> None:
+def test_nothing_is_claimed_of_a_good_recording(name: str, bits: int) -> None:
     if name == "example":
         recording, rig = read_recording(EXAMPLE), library.rig_named("one-dof")
     else:
-        named, sent, effects, noise = SENT[name]
-        recording, rig = make(name, named, sent, *effects, noise=noise), library.rig_named(named)
+        recording, rig = sent_as(name)
     if bits:
 
         def converted(values: Array) -> Array:
@@ -150,31 +127,26 @@ def rounded(values: Array, step: float) -> Array:
     return np.asarray(np.round(values / step) * step)
 
 
-def hum(count: int) -> Array:
-    return 0.5 * np.random.default_rng(4).standard_normal(count)
+def noise_of(count: int, seed: int = 1) -> Array:
+    return np.random.default_rng(seed).standard_normal(count)
 
 
 DEFECTS: dict[str, tuple[str, Callable[[Array], Array], str, tuple[float, float] | None]] = {
     "clipped": (P2, lambda y: np.minimum(y, 540.0), "clipped", None),
     "clipped on an encoder": (ANGLE, lambda y: np.minimum(rounded(y, 0.09), 18.0), "clipped", None),
     "coarse": (P1, lambda y: rounded(y, 8.0), "coarse", None),
-    "coarse before the logger": (P1, lambda y: rounded(y, 20.0) + hum(y.size), "coarse", None),
-    "dead": (P1, lambda y: np.full(y.size, 101.0), "dead", None),
-    "unplugged": (
+    "coarse before the logger": (
         P1,
-        lambda y: 3.0 + np.random.default_rng(1).standard_normal(y.size),
-        "dead",
+        lambda y: rounded(y, 20.0) + 0.5 * noise_of(y.size, 4),
+        "coarse",
         None,
     ),
+    "dead": (P1, lambda y: np.full(y.size, 101.0), "dead", None),
+    "unplugged": (P1, lambda y: 3.0 + noise_of(y.size), "dead", None),
     "frozen": (P1, lambda y: held(y, 4000, 4300), "frozen", (12.0, 12.9)),
     "bridged": (P1, lambda y: ramp(y, 5000, 5100), "bridged", (15.0, 15.3)),
     "spikes": (ANGLE, lambda y: moved(y, {2000: 15.0, 7000: -9.0}), "spikes", (6.0, 6.0)),
-    "noisy": (
-        ANGLE,
-        lambda y: y + 8.0 * np.random.default_rng(1).standard_normal(y.size),
-        "noisy",
-        None,
-    ),
+    "noisy": (ANGLE, lambda y: y + 8.0 * noise_of(y.size), "noisy", None),
     "slow": (P2, lambda y: y[np.arange(y.size) // 4 * 4], "sampled-slowly", None),
 }
 
@@ -215,50 +187,36 @@ def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, wor
 # ---- against the rig --------------------
 
 
-@pytest.mark.parametrize(
-    ("change", "kind", "columns", "severity"),
-    [
-        (lambda c: {P1: c[P2], P2: c[P1]}, "exchanged", {P1, P2}, "wrong"),
-        (
-            lambda c: {"force_1_n": c["force_2_n"], "force_2_n": c["force_1_n"]},
-            "exchanged",
-            {"force_1_n", "force_2_n"},
-            "wrong",
-        ),
-        (lambda c: {ANGLE: -c[ANGLE]}, "sign", {ANGLE}, "wrong"),
-        (lambda c: {"command": -c["command"]}, "sign", {"command"}, "wrong"),
-        (lambda c: {ANGLE: np.radians(c[ANGLE])}, "unit", {ANGLE}, "wrong"),
-        (lambda c: {P1: c[P1] / 100.0, P2: c[P2] / 100.0}, "unit", {P1, P2}, "wrong"),
-        (lambda c: {P1: c[P1] * 1000.0}, "unit", {P1}, "wrong"),
-        (lambda c: {"command": 100.0 * c["command"]}, "unit", {"command"}, "wrong"),
-        (lambda c: {P1: c[P1] + 101.3, P2: c[P2] + 101.3}, "absolute-pressure", {P1, P2}, "advice"),
-        (lambda c: {ANGLE: np.roll(c[ANGLE], 12)}, "delay", {ANGLE}, "advice"),
-        (lambda c: {ANGLE: np.roll(c[ANGLE], -12)}, "delay", {ANGLE}, "advice"),
-    ],
-    ids=[
-        "pressures",
-        "forces",
-        "angle",
-        "command",
-        "radians",
-        "bar",
-        "pascal",
-        "percent",
-        "absolute",
-        "late",
-        "early",
-    ],
-)
-def test_what_contradicts_the_rig_is_found(
-    joint: Recording,
-    change: Callable[[Columns], Columns],
-    kind: str,
-    columns: set[str],
-    severity: str,
-) -> None:
-    issue = only(
-        examine(changed(joint, **change(joint.columns)), library.rig_named("one-dof")), kind
-    )
+CONTRADICTIONS: dict[str, tuple[Callable[[Columns], Columns], str, set[str], str]] = {
+    "pressures": (lambda c: {P1: c[P2], P2: c[P1]}, "exchanged", {P1, P2}, "wrong"),
+    "forces": (
+        lambda c: {"force_1_n": c["force_2_n"], "force_2_n": c["force_1_n"]},
+        "exchanged",
+        {"force_1_n", "force_2_n"},
+        "wrong",
+    ),
+    "angle": (lambda c: {ANGLE: -c[ANGLE]}, "sign", {ANGLE}, "wrong"),
+    "command": (lambda c: {"command": -c["command"]}, "sign", {"command"}, "wrong"),
+    "radians": (lambda c: {ANGLE: np.radians(c[ANGLE])}, "unit", {ANGLE}, "wrong"),
+    "bar": (lambda c: {P1: c[P1] / 100.0, P2: c[P2] / 100.0}, "unit", {P1, P2}, "wrong"),
+    "pascal": (lambda c: {P1: c[P1] * 1000.0}, "unit", {P1}, "wrong"),
+    "percent": (lambda c: {"command": 100.0 * c["command"]}, "unit", {"command"}, "wrong"),
+    "absolute": (
+        lambda c: {P1: c[P1] + 101.3, P2: c[P2] + 101.3},
+        "absolute-pressure",
+        {P1, P2},
+        "advice",
+    ),
+    "late": (lambda c: {ANGLE: np.roll(c[ANGLE], 12)}, "delay", {ANGLE}, "advice"),
+    "early": (lambda c: {ANGLE: np.roll(c[ANGLE], -12)}, "delay", {ANGLE}, "advice"),
+}
+
+
+@pytest.mark.parametrize("case", CONTRADICTIONS)
+def test_what_contradicts_the_rig_is_found(joint: Recording, case: str) -> None:
+    change, kind, columns, severity = CONTRADICTIONS[case]
+    spoilt = changed(joint, **change(joint.columns))
+    issue = only(examine(spoilt, library.rig_named("one-dof")), kind)
     assert set(issue.columns) == columns and issue.severity == severity and issue.hint
     if kind == "delay":
         assert abs(issue.figures["delay_s"]) == pytest.approx(12 * PERIOD, abs=1.1 * PERIOD)
@@ -273,13 +231,9 @@ def test_what_contradicts_the_rig_is_found(
         ("angle_1_deg", "angle_2_deg"),
     ],
 )
-def test_an_exchange_on_the_arm_is_found(make: Make, a: str, b: str) -> None:
-    rig, sent, effects, noise = SENT["arm"]
-    arm = make("arm", rig, sent, *effects, noise=noise)
-    issue = only(
-        examine(changed(arm, **{a: arm.columns[b], b: arm.columns[a]}), library.rig_named(rig)),
-        "exchanged",
-    )
+def test_an_exchange_on_the_arm_is_found(a: str, b: str) -> None:
+    arm, rig = sent_as("arm")
+    issue = only(examine(changed(arm, **{a: arm.columns[b], b: arm.columns[a]}), rig), "exchanged")
     assert set(issue.columns) == {a, b}
 
 
@@ -305,18 +259,11 @@ def test_check_tells_the_issues_and_writes_nothing(
     before = sorted(spoilt.parent.iterdir())
     assert run(["check", str(spoilt), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert (
-        said["schema"] == "pamid.check/1"
-        and said["ok"]
-        and sorted(spoilt.parent.iterdir()) == before
-    )
+    assert said["schema"] == "pamid.check/1" and said["ok"]
+    assert sorted(spoilt.parent.iterdir()) == before
     (issue,) = said["quality"]["issues"]
-    assert (
-        issue["kind"] == "clipped"
-        and issue["columns"] == [P2]
-        and issue["windows_s"]
-        and issue["figures"]
-    )
+    assert issue["kind"] == "clipped" and issue["columns"] == [P2]
+    assert issue["windows_s"] and issue["figures"]
     assert said["quality"]["channels"][P1].keys() == {"span", "step", "noise"}
     assert any(f["check"] == "clipped" and f["advice"] for f in said["findings"])
     assert run(["check", str(spoilt)]) == 0

@@ -8,10 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.recording.recording import (
-    read_recording,
-    write_recording,
-)
+from pamid.recording.recording import read_recording, write_recording
 
 EMPS = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"
 ROWS = 60

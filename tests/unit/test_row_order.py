@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_recordings import virtual_recording
 
 import pamid
 from pamid.checks.sampling_slips import OF_THE_LOG, RowOrder, misplaced_readings
@@ -17,7 +18,6 @@ from pamid.ingest.mapping import mapping_of
 from pamid.model.between_samples import as_recorded, stated
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.notes import _row_order
 
 PERIOD_S = 0.002
@@ -32,9 +32,7 @@ def driven(name: str, *effects: str, before: bool = False) -> dict[str, np.ndarr
     t = PERIOD_S * np.arange(SAMPLES)
     rig = stated(rig_named(name), {"current_a": "before"} if before else {})
     off = {"resistance_ohm": 1.1, "inertia_kg_m2": 0.025}
-    made = simulate_virtual_rig(
-        rig, recording_of(t, {"voltage_v": voltage}), effects, {}, off, 1.0, 3
-    )
+    made = virtual_recording(rig, {"voltage_v": voltage}, PERIOD_S, *effects, true=off, seed=3)
     return {"time_s": t, **made.columns}
 
 

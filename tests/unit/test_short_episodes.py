@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from small_cart import FEW, PERIOD_S, RIG
+from virtual_recordings import virtual_recording
 
 from pamid.base.errors import DataError
 from pamid.checks.recording_quality import examine
 from pamid.diagnosis.pipeline import diagnose
 from pamid.model.registry import effects, rig_named
-from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings
 from pamid.simulation.replay import replay_windows
-from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.verdict_figures import diagnosis_file
 
 
-def episodes(folder: Path, count: int, samples: int) -> list[Recording]:
+def episodes(count: int, samples: int) -> list[Recording]:
     """Recordings of a cart with friction, each pushed from rest elsewhere along the rail."""
     found, random = [], np.random.default_rng(2)
     for k in range(count):
-        time = PERIOD_S * np.arange(samples)
         push = np.repeat(random.uniform(2.0, 6.0, 10) * random.choice([-1, 1], 10), 30)[:samples]
-        write_recording(folder / f"push-{k}.csv", time, {"force_n": push})
-        made = simulate_virtual_rig(
-            RIG,
-            read_recording(folder / f"push-{k}.csv"),
-            ("coulomb-friction",),
-            {},
-            {"mass_kg": 1.2},
-            1.0,
-            k,
+        made = virtual_recording(
+            RIG, {"force_n": push}, PERIOD_S, "coulomb-friction", true={"mass_kg": 1.2}, seed=k
         )
-        columns = dict(made.columns)
-        columns["position_m"] = columns["position_m"] + random.uniform(-0.5, 0.5)
-        write_recording(folder / f"rec-{k}.csv", time, columns, made.meta)
-        found.append(read_recording(folder / f"rec-{k}.csv"))
+        place = made.columns["position_m"] + random.uniform(-0.5, 0.5)
+        found.append(
+            recording_of(made.time, {**made.columns, "position_m": place}, name=f"rec-{k}")
+        )
     return found
 
 
-def test_nine_episodes_of_100_samples_are_900_samples(tmp_path: Path) -> None:
-    evidence = split_recordings(rig_named(RIG), episodes(tmp_path, 9, 100), [])
+def test_nine_episodes_of_100_samples_are_900_samples() -> None:
+    evidence = split_recordings(rig_named(RIG), episodes(9, 100), [])
     assert {(s.start, s.stop) for s in (*evidence.fit, *evidence.held_out)} == {(0, 100)}
     assert (len(evidence.fit), len(evidence.held_out)) == (6, 3)
     found = diagnose(evidence, {name: effects()[name] for name in FEW})
@@ -52,10 +42,10 @@ def test_nine_episodes_of_100_samples_are_900_samples(tmp_path: Path) -> None:
     assert [c.effect for c in diagnosis_file(found).causes] == ["coulomb-friction"]
 
 
-def test_check_and_diagnose_draw_the_same_line(tmp_path: Path) -> None:
+def test_check_and_diagnose_draw_the_same_line() -> None:
     rig = rig_named(RIG)
     for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
-        (recording,) = episodes(tmp_path, 1, samples)
+        (recording,) = episodes(1, samples)
         short = samples < FEWEST_SAMPLES
         assert bool(shortfall_alone(recording)) == short
         issues = [issue for issue in examine(recording, rig) if issue.kind == "short"]

@@ -7,39 +7,31 @@ of Python objects, texts and references are left out by name.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 
 
-def read_hdf5(path: Path) -> Log:
+def read_hdf5(builder: ChannelBuilder) -> None:
     """Every dataset of numbers as a channel without stamps, named by its groups; fields of
     compounds one by one."""
     import h5py
 
-    builder = ChannelBuilder(path)
-    with h5py.File(path, "r") as file:
+    with h5py.File(builder.path, "r") as file:
         datasets: dict[str, Any] = {}
         _group(builder, datasets, file, "", frozenset())
         # the sum of all is known before any is read
         for name, dataset in datasets.items():
             _read(builder, dataset, name)
-    return builder.log(path, "hdf5")
 
 
 def _group(
-    builder: ChannelBuilder,
-    datasets: dict[str, Any],
-    group: Any,
-    name: str,
-    above: frozenset[int],
+    builder: ChannelBuilder, datasets: dict[str, Any], group: Any, name: str, above: frozenset[int]
 ) -> None:
     """Enter the datasets below a group that can be channels into `datasets`, by name."""
     import h5py
@@ -53,18 +45,16 @@ def _group(
             builder.leave_out(inside, "a link")
             continue
         item = group[key]
-        if isinstance(item, h5py.Dataset):
-            _dataset(builder, datasets, item, inside)
-        elif isinstance(item, h5py.Group) and _is_of_octave(item):
-            if isinstance(item["value"], h5py.Group):
-                _group(builder, datasets, item["value"], inside, above | {address})
-            else:
-                _dataset(builder, datasets, item["value"], inside)
-        elif isinstance(item, h5py.Group):
+        octave = isinstance(item, h5py.Group) and "OCTAVE_NEW_FORMAT" in item.attrs
+        if octave and set(item) == {"type", "value"}:
+            item = item["value"]
+        if isinstance(item, h5py.Group):
             _group(builder, datasets, item, inside, above | {address})
+        elif octave or isinstance(item, h5py.Dataset):
+            _dataset(builder, datasets, item, inside)
 
 
-def charge_hdf5(builder: ChannelBuilder, path: Path) -> None:
+def charge_hdf5(builder: ChannelBuilder) -> None:
     """Charge every dataset of a file that another library reads whole, as float64."""
     import h5py
 
@@ -74,12 +64,8 @@ def charge_hdf5(builder: ChannelBuilder, path: Path) -> None:
             raw = item.size * item.dtype.itemsize
             builder.budget.charge(name, columns * item.size, raw=raw)
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(builder.path, "r") as file:
         file.visititems(charge)
-
-
-def _is_of_octave(group: Any) -> bool:
-    return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
 
 
 def _dataset(builder: ChannelBuilder, datasets: dict[str, Any], dataset: Any, name: str) -> None:

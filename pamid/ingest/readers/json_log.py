@@ -4,12 +4,10 @@ either of these nested in others, as `data[i].actions`."""
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.ingest.channel_builder import MAX_COLUMNS, ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.text import decode
 from pamid.ingest.text_cells import add_column
@@ -18,20 +16,18 @@ OBJECT_BYTES = 12  # memory that a byte of the file takes as objects
 _UNIT_KEYS = ("unit", "units", "Unit", "Units")
 
 
-def read_json(path: Path) -> Log:
+def read_json(builder: ChannelBuilder) -> None:
     """Every array of numbers as a channel named by its keys, joined by "/"; the elements of a
     record's short array are name/1, name/2 ... Times are channels like the others.
 
     FileError for a file that is no JSON or holds no array of numbers.
     """
-    builder = ChannelBuilder(path)
-    builder.budget.charge("its objects", 0, raw=OBJECT_BYTES * path.stat().st_size)
+    builder.budget.charge("its objects", 0, raw=OBJECT_BYTES * builder.path.stat().st_size)
     text, _ = decode(builder.budget)
-    _enter(builder, "", _parsed(builder, text, path))
-    return builder.log(path, "json")
+    _enter(builder, "", _parsed(builder, text))
 
 
-def _parsed(builder: ChannelBuilder, text: str, path: Path) -> Any:
+def _parsed(builder: ChannelBuilder, text: str) -> Any:
     """The value in a file, or the list of those in its lines."""
     try:
         return json.loads(text)
@@ -45,7 +41,7 @@ def _parsed(builder: ChannelBuilder, text: str, path: Path) -> Any:
         values = []
     if len(values) < 2:
         raise FileError(
-            f"{path}, line {whole.lineno}: {whole.msg}: this is not JSON.",
+            f"{builder.path}, line {whole.lineno}: {whole.msg}: this is not JSON.",
             "The file may be truncated or damaged there. Export it again.",
             code="damaged",
         )
@@ -109,7 +105,7 @@ def _enter_list(builder: ChannelBuilder, name: str, values: list[Any]) -> None:
 def _column(builder: ChannelBuilder, name: str, cells: list[Any], unit: str = "") -> None:
     import pandas
 
-    add_column(builder, name or "value", pandas.Series(cells), unit, ".", str(builder.budget.path))
+    add_column(builder, name or "value", pandas.Series(cells), unit, ".")
 
 
 def _inside(name: str, key: str) -> str:

@@ -18,7 +18,7 @@ from pamid.base.json_file import read_json
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import ChannelBuilder
 from pamid.ingest.channel_words import JOINT_QUANTITIES, names_command, tokens
-from pamid.ingest.channels import Log, RobotValue
+from pamid.ingest.channels import RobotValue
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.parquet import columns_of
 
@@ -47,20 +47,19 @@ def _features(root: Path) -> dict[str, Any]:
     return features if isinstance(features, dict) else {}
 
 
-def read_lerobot(path: Path) -> Log:
+def read_lerobot(builder: ChannelBuilder) -> None:
     """Channels "observation.state/NAME", with stamps in s, episode after episode; FileError if it
     is not a data set."""
+    path = builder.path
     root = data_set_of(path)
     if root is None:
         raise FileError(
-            f"{path}: there is no {INFO} with the features of a LeRobot data set.",
-            code="damaged",
+            f"{path}: there is no {INFO} with the features of a LeRobot data set.", code="damaged"
         )
     info, features = read_json(root / INFO), _features(root)
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     if not files:
         raise FileError(f"{root / 'data'}: there are no Parquet files.", code="no-signals")
-    builder = ChannelBuilder(path)
     tables = [_table(builder, file) for file in files]
     wanted = [name for name in tables[0] if all(name in table for table in tables)]
     for name in {name for table in tables for name in table}.difference(wanted):
@@ -70,7 +69,6 @@ def read_lerobot(path: Path) -> Log:
     for name, values in whole.items():
         if name not in _PLACES and values is not None:
             _enter(builder, name, values, stamps, features.get(name))
-    return builder.log(path, "lerobot")
 
 
 def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:

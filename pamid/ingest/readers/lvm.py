@@ -13,7 +13,7 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Channel, Log
+from pamid.ingest.channels import Channel
 from pamid.ingest.dialect import TextDialect
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.text import add_table, decode
@@ -27,37 +27,35 @@ _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 class _Way:
     """How the file is written; x_columns: "One", "Multi" or "No"."""
 
-    path: Path
     delimiter: str
     decimal: str
     x_columns: str
 
 
-def read_lvm(path: Path) -> Log:
+def read_lvm(builder: ChannelBuilder) -> None:
     """Channels by name ("segment 2/name" where there are several segments), stamped by their X
     column or, if there is none, by X0 and Delta_X."""
-    builder = ChannelBuilder(path)
     text, encoding = decode(builder.budget)
     lines = text.split("\n")
     ends = [index for index, line in enumerate(lines) if line.startswith(END)]
     if not text.startswith(FIRST_TAG) or len(ends) < 2:
         raise FileError(
-            f"{path} is not a complete LabVIEW measurement file.",
+            f"{builder.path} is not a complete LabVIEW measurement file.",
             f"Such a file begins with {FIRST_TAG!r} and has {END} twice before its numbers.",
         )
-    way = _way(path, lines[: ends[0]])
+    way = _way(builder.path, lines[: ends[0]])
     builder.note(f"encoding: {encoding}; decimal {'comma' if way.decimal == ',' else 'point'}")
     builder.note("stamps: " + ("X0 and Delta_X" if way.x_columns == "No" else "X_Value"))
-    heads = [
-        ends[0] + 1,
-        *(_header_above(lines, below, above) for above, below in pairwise(ends[1:])),
-    ]
+    heads = [ends[0] + 1]
+    for above, below in pairwise(ends[1:]):
+        # where the header begins that ends at line `below`
+        begins = (k for k in range(below, above, -1) if lines[k].startswith("Channels"))
+        heads.append(next(begins, below))
     for number, (head, end) in enumerate(zip(heads, ends[1:], strict=True)):
         stop = heads[number + 1] if number + 1 < len(heads) else len(lines)
         prefix = f"segment {number + 1}/" if len(heads) > 1 else ""
         tags = _tags(lines[head:end], way.delimiter)
         _segment(builder, prefix, tags, lines[end + 1 : stop], end + 2, way)
-    return builder.log(path, "lvm")
 
 
 def _way(path: Path, lines: Sequence[str]) -> _Way:
@@ -71,22 +69,13 @@ def _way(path: Path, lines: Sequence[str]) -> _Way:
         raise FileError(
             f"{path}: separator {delimiter!r} and decimal separator {decimal!r} do not go together."
         )
-    return _Way(path, delimiter, decimal, head.get("X_Columns", "One"))
+    return _Way(delimiter, decimal, head.get("X_Columns", "One"))
 
 
 def _tags(lines: Sequence[str], delimiter: str) -> dict[str, list[str]]:
     """A tag and its values, one for each channel, a line."""
     rows = [line.split(delimiter) for line in lines if line.strip()]
     return {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
-
-
-def _header_above(lines: Sequence[str], below: int, above: int) -> int:
-    """Where the header begins that ends at line `below`; the table before it began under line
-    `above`."""
-    for index in range(below, above, -1):
-        if lines[index].startswith("Channels"):
-            return index
-    return below
 
 
 def _segment(
@@ -104,27 +93,24 @@ def _segment(
         return
     width = rows[0].count(way.delimiter) + 1
     names = (names + [f"column_{column + 1}" for column in range(len(names), width)])[:width]
-    table = ChannelBuilder(way.path, builder.budget)
+    table = ChannelBuilder(builder.path, builder.budget)
     ended = lines[-1] == ""  # else the file was cut
     dialect = TextDialect(way.delimiter, way.decimal, tuple(names), ("",) * width, first, ())
-    add_table(table, "\n".join(rows) + ("\n" if ended else ""), dialect, way.path)
+    add_table(table, "\n".join(rows) + ("\n" if ended else ""), dialect)
     for note in table.notes:
         builder.note(prefix + note)
-    columns = [channel for channel in table.channels if not channel.name.startswith("Comment")]
     units = tags.get("Y_Unit_Label", [])
     x: FloatArray | None = None
     number = 0
-    for channel in columns:
+    for channel in table.channels:
+        if channel.name.startswith("Comment"):
+            continue
         if channel.name.startswith("X_Value"):
             x = channel.values
             continue
         stamps = _even_stamps(channel, tags, number, way.decimal) if way.x_columns == "No" else x
-        builder.add(
-            prefix + channel.name,
-            channel.values,
-            stamps,
-            units[number] if number < len(units) else "",
-        )
+        unit = units[number] if number < len(units) else ""
+        builder.add(prefix + channel.name, channel.values, stamps, unit)
         number += 1
 
 

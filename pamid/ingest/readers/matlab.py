@@ -8,8 +8,6 @@ out with advice.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.matlab_sizes import charge_matlab
 from pamid.ingest.readers.hdf5 import charge_hdf5
@@ -33,51 +30,30 @@ CELL_TEXT_BYTES = 80  # bytes of a short text and of its place in a list
 OCTAVE_STRUCTS = ("struct", "scalar struct")
 
 
-def read_matlab(path: Path) -> Log:
+def read_matlab(builder: ChannelBuilder) -> None:
     """Variables as channels named by their fields. Stamps where a struct brings its time, none for
     plain arrays: their time is a channel like the others."""
-    head = _head(path)
+    with builder.path.open("rb") as file:
+        head = file.read(1024)
     if head.startswith(b"# Created by Octave"):
-        return read_octave_text(path)
-    builder = ChannelBuilder(path)
-    load = _loader(head)
-    if _is_hdf5(head):
-        charge_hdf5(builder, path)
+        _read_octave_text(builder)
+        return
+    hdf5 = head[512:520] == b"\x89HDF\r\n\x1a\n"
+    # v7.3 is HDF5; in a v5 file a part of its own keeps objects of classes
+    if hdf5 or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b""):
+        from matio import load_from_mat as load
+    else:
+        from scipy.io import loadmat as load
+    if hdf5:
+        charge_hdf5(builder)
     else:
         charge_matlab(builder.budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
-        variables = dict(load(str(path)))
+        variables = dict(load(str(builder.path)))
     for name, value in variables.items():
         if not name.startswith("__") and name != "None":
             _enter(builder, name, _plain(value))
-    return builder.log(path, "mat")
-
-
-def _loader(head: bytes) -> Callable[[str], dict[str, Any]]:
-    """The function that reads all variables of such a file, as arrays of MATLAB's kinds."""
-    if _has_objects(head):
-        from matio import load_from_mat
-
-        return load_from_mat
-    from scipy.io import loadmat
-
-    return loadmat
-
-
-def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(1024)
-
-
-def _is_hdf5(head: bytes) -> bool:
-    return head[512:520] == b"\x89HDF\r\n\x1a\n"
-
-
-def _has_objects(head: bytes) -> bool:
-    """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes
-    are kept."""
-    return _is_hdf5(head) or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b"")
 
 
 def _plain(value: Any) -> Any:
@@ -135,10 +111,8 @@ def _enter_simulink(
 ) -> None:
     """Structure With Time of Simulink; without time its signals have no stamps."""
     stamps = _stamps(time)
-    builder.note(
-        f"{name}: Simulink structure, "
-        + ("stamps from its time" if stamps is not None else "without time")
-    )
+    source = "without time" if stamps is None else "stamps from its time"
+    builder.note(f"{name}: Simulink structure, {source}")
     for index, signal in enumerate(signals):
         label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
         full = f"{name}/{label}" if isinstance(label, str) and label else name
@@ -211,40 +185,34 @@ def _unit(struct: dict[str, Any]) -> str:
 # ---- text that Octave's `save` writes unless a format is given -----------------------------------
 
 
-def read_octave_text(path: Path) -> Log:
+def _read_octave_text(builder: ChannelBuilder) -> None:
     """Matrices as channels without stamps, also those inside structs; everything else is left out
     by name."""
-    builder = ChannelBuilder(path)
     text, _ = decode(builder.budget)
     for block in text.split("# name: ")[1:]:
         lines = block.split("\n")
         tags = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
         head = {key: value.strip() for key, _, value in tags}
-        kind = head.get("type", "unknown")
-        if (
-            kind == "matrix"
-            and head.get("rows", "").isdecimal()
-            and head.get("columns", "").isdecimal()
-        ):
-            _matrix(builder, path, lines, int(head["rows"]), int(head["columns"]))
+        kind, shape = head.get("type", "unknown"), (head.get("rows", ""), head.get("columns", ""))
+        if kind == "matrix" and all(map(str.isdecimal, shape)):
+            rows, columns = map(int, shape)
+            numbers = [line for line in lines[1:] if not line.startswith("#")]
+            written = sum(len(line.split()) for line in numbers)
+            most = max(written, rows * columns)
+            builder.budget.charge(lines[0], most, raw=CELL_TEXT_BYTES * written)
+            cells = " ".join(numbers).split()
+            if len(cells) != rows * columns:
+                raise FileError(
+                    f"{builder.path}: {lines[0]} has {len(cells)} values, but its header has "
+                    f"{rows} x {columns}.",
+                    "The file is damaged or truncated. Save it again.",
+                    code="damaged",
+                )
+            values = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
+            builder.add(lines[0], values.reshape(rows, columns))
         elif kind not in OCTAVE_STRUCTS:
             builder.leave_out(lines[0], f"{kind}, save it with -v7")
     builder.note("text saved by Octave")
-    return builder.log(path, "mat")
-
-
-def _matrix(builder: ChannelBuilder, path: Path, lines: list[str], rows: int, columns: int) -> None:
-    written = sum(len(line.split()) for line in lines[1:] if not line.startswith("#"))
-    builder.budget.charge(lines[0], max(written, rows * columns), raw=CELL_TEXT_BYTES * written)
-    cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
-    if len(cells) != rows * columns:
-        raise FileError(
-            f"{path}: {lines[0]} has {len(cells)} values, but its header has {rows} x {columns}.",
-            "The file is damaged or truncated. Save it again.",
-            code="damaged",
-        )
-    numbers = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
-    builder.add(lines[0], numbers.reshape(rows, columns))
 
 
 KIND = Kind(

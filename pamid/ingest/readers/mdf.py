@@ -4,13 +4,11 @@ filled in."""
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 
 #: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers
@@ -20,13 +18,12 @@ _TEXT = {True: (7, 8, 9, 10, 11), False: (11, 12)}
 _TIME_MASTER = (0, 1)  # sync_type of a master: unknown, time
 
 
-def read_mdf(path: Path) -> Log:
+def read_mdf(builder: ChannelBuilder) -> None:
     """Channels by their name, or "group 2/name" where several groups have it; stamps in s since the
     measurement began. A value marked invalid is NaN."""
     from asammdf import MDF
 
-    builder = ChannelBuilder(path)
-    with MDF(path) as file:
+    with MDF(builder.path) as file:
         groups: list[Any] = list(file.groups)
         wanted = [
             (number, index)
@@ -46,7 +43,6 @@ def read_mdf(path: Path) -> Log:
         for number, index, name in reserved:  # the sum of all is known before any is read
             _add(builder, file, number, index, name)
         builder.note(f"measured from {file.start_time}")
-    return builder.log(path, "mdf")
 
 
 def _add(builder: ChannelBuilder, file: Any, number: int, index: int, name: str) -> None:

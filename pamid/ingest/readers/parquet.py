@@ -11,19 +11,16 @@ from typing import Any
 import numpy as np
 
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import FLOAT
 from pamid.ingest.readers.hdf5 import UNIT_NAMES
 
 
-def read_parquet(path: Path) -> Log:
+def read_parquet(builder: ChannelBuilder) -> None:
     """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata
     `unit`."""
-    builder = ChannelBuilder(path)
-    for name, values, unit in columns_of(builder, path):
+    for name, values, unit in columns_of(builder, builder.path):
         builder.add(name, values, unit=unit)
-    return builder.log(path, "parquet")
 
 
 def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, str]]:
@@ -33,7 +30,15 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
-        declared = _declared(file)
+        # how many values the footer declares, by column
+        declared: Counter[str] = Counter()
+        groups = (file.metadata.row_group(index) for index in range(file.metadata.num_row_groups))
+        for group in groups:
+            for index in range(group.num_columns):
+                chunk = group.column(index)  # its path is NAME or NAME.list.element
+                parts = chunk.path_in_schema.split(".")
+                for end in range(1, len(parts) + 1):
+                    declared[".".join(parts[:end])] += chunk.num_values
         rows = file.metadata.num_rows
         reserved = [  # the sum of all is known before any is read; a decimal has 16 bytes
             name
@@ -51,13 +56,16 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
                 yield name, _values(pyarrow, column), _unit(field)
 
 
-def _is_list(kind: Any) -> bool:
-    import pyarrow.types as types
+def _is(kind: Any, *words: str) -> bool:
+    """Whether a type is one of pyarrow's of these names."""
+    import pyarrow.types
 
-    return bool(
-        (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
-        and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
-    )
+    return any(getattr(pyarrow.types, f"is_{word}")(kind) for word in words)
+
+
+def _is_list(kind: Any) -> bool:
+    lists = _is(kind, "list", "large_list", "fixed_size_list")
+    return lists and _is(kind.value_type, "floating", "integer")
 
 
 def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
@@ -71,9 +79,8 @@ def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
         builder.leave_out(name, "lists of different lengths" if lengths else "empty")
         return None
     builder.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
-    flat = (
-        pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False).fill_null(np.nan)
-    )
+    flat = pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False)
+    flat = flat.fill_null(np.nan)
     there = column.is_valid().to_numpy()
     values = np.full((rows, lengths[0]), np.nan)
     values[there] = flat.to_numpy().reshape(-1, lengths[0])
@@ -82,51 +89,24 @@ def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
 
 def _columns(builder: ChannelBuilder, file: Any) -> list[str]:
     """Names of the columns that can be channels."""
-    import pyarrow.types as types
-
     readable = []
     for field in file.schema_arrow:
-        kind = field.type
-        if (
-            types.is_integer(kind)
-            or types.is_floating(kind)
-            or types.is_boolean(kind)
-            or types.is_decimal(kind)
-            or (types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind))
-            or _is_list(kind)
-        ):
+        numbers = _is(field.type, "integer", "floating", "boolean", "decimal")
+        if numbers or _is(field.type, "timestamp", "duration", "date") or _is_list(field.type):
             readable.append(field.name)
         else:
-            builder.leave_out(field.name, f"of type {kind}")
+            builder.leave_out(field.name, f"of type {field.type}")
     return readable
 
 
-def _declared(file: Any) -> Counter[str]:
-    """How many values the footer declares, by column; of lists those inside."""
-    declared: Counter[str] = Counter()
-    groups = (file.metadata.row_group(index) for index in range(file.metadata.num_row_groups))
-    for group in groups:
-        for index in range(group.num_columns):
-            chunk = group.column(index)  # its path is NAME or NAME.list.element
-            parts = chunk.path_in_schema.split(".")
-            for end in range(1, len(parts) + 1):
-                declared[".".join(parts[:end])] += chunk.num_values
-    return declared
-
-
 def _values(pyarrow: Any, column: Any) -> Any:
-    kind = column.type
-    if (
-        pyarrow.types.is_decimal(kind)
-        or pyarrow.types.is_float16(kind)
-        or pyarrow.types.is_boolean(kind)
-    ):
+    if _is(column.type, "decimal", "float16", "boolean"):
         column = column.cast(pyarrow.float64())
-    elif pyarrow.types.is_date(kind):
+    elif _is(column.type, "date"):
         column = column.cast(pyarrow.timestamp("ms"))
-    elif pyarrow.types.is_integer(kind) and column.null_count:
+    elif _is(column.type, "integer") and column.null_count:
         column = column.cast(pyarrow.float64(), safe=False)
-    if pyarrow.types.is_floating(column.type):
+    if _is(column.type, "floating"):
         column = column.cast(pyarrow.float64()).fill_null(np.nan)
     return column.combine_chunks().to_numpy(zero_copy_only=False)
 

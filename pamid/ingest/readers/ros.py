@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass, field, fields, is_dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channel_builder import MAX_COLUMNS, ChannelBuilder
 from pamid.ingest.channel_words import names_command
-from pamid.ingest.channels import Log, RobotValue
+from pamid.ingest.channels import RobotValue
 from pamid.ingest.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
@@ -78,15 +77,14 @@ class _Topic:
         return self.measured if self.stamped else self.received
 
 
-def read_ros(path: Path) -> Log:
+def read_ros(builder: ChannelBuilder) -> None:
     """Channels "topic/field/field", elements of arrays by the names the message gives them
     (JointState) or numbered from 1; stamps in s since the earliest of all topics."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    builder = ChannelBuilder(path)
     topics: dict[str, _Topic] = {}
-    with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+    with AnyReader([builder.path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         known = [
             connection
             for connection in reader.connections
@@ -115,7 +113,6 @@ def read_ros(path: Path) -> Log:
         builder.note(f"stamps: in s since {np.datetime64(zero, 'ns')}")
         for name, topic in topics.items():
             _enter(builder, name, topic, zero)
-    return builder.log(path, "ros")
 
 
 def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None:

@@ -3,29 +3,26 @@ different times."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.log_kinds import Kind
 from pamid.ingest.memory_budget import FLOAT
 
 
-def read_tdms(path: Path) -> Log:
+def read_tdms(builder: ChannelBuilder) -> None:
     """Channels "group/channel"; with stamps in s since the earliest start where they are
     waveforms."""
     from nptdms import TdmsFile
 
-    builder = ChannelBuilder(path)
     # a segment of a few bytes can declare any number of values: count them before reading any
-    for channel in _channels(TdmsFile.read_metadata(path)):
+    for channel in _channels(TdmsFile.read_metadata(builder.path)):
         builder.reserve(f"{channel.group_name}/{channel.name}", (len(channel),), FLOAT)
         if _is_waveform(channel):
             builder.budget.charge(f"{channel.group_name}/{channel.name}", len(channel))
-    file = TdmsFile.read(path)
+    file = TdmsFile.read(builder.path)
     if file.file_status.incomplete_final_segment:
         builder.note("the last segment is incomplete, as after a crash; its written part is read")
     channels = _channels(file)
@@ -46,7 +43,6 @@ def read_tdms(path: Path) -> Log:
             builder.add(name, channel[:], stamps, str(unit))
         else:
             builder.leave_out(name, "empty")
-    return builder.log(path, "tdms")
 
 
 def _channels(file: Any) -> list[Any]:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,6 @@ import numpy as np
 from pamid.base.errors import FileError, listed
 from pamid.base.files import TABLE, read_data
 from pamid.ingest.channel_builder import ChannelBuilder
-from pamid.ingest.channels import Log
 from pamid.ingest.dialect import (
     COMMENT,
     DELIMITERS,
@@ -70,31 +67,24 @@ _MESSAGES = (
 FOOTER = 20
 
 
-def read_text(path: Path) -> Log:
+def read_text(builder: ChannelBuilder) -> None:
     """A table of numbers in a text file, with every column as a channel without stamps; FileError
     if it is not a table or is ambiguous."""
-    builder = ChannelBuilder(path)
     text, encoding = decode(builder.budget)
     text, serial = as_table(text)
     head = text.split("\n", SAMPLE)[:SAMPLE]
-    _refuse_messages(head, path)
-    dialect = find_dialect(path, head)
+    lines = [line for line in head if line.strip()]
+    for pattern, what, hint in _MESSAGES:
+        if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
+            raise FileError(f"{builder.path} contains {what}.", hint, code="messages")
+    dialect = find_dialect(builder.path, head)
     start = sum(len(line) + 1 for line in head[: dialect.first])
     builder.note(f"encoding: {encoding}")
     for note in (serial, *dialect.notes) if serial else dialect.notes:
         builder.note(note)
-    add_table(builder, text[start:], dialect, path)
+    add_table(builder, text[start:], dialect)
     mark = "," if dialect.delimiter == "," else "\n"  # no decimal mark then
-    stated = stated_period(line.replace(mark, mark + " ") for line in head[: dialect.first])
-    return replace(builder.log(path, "csv"), stated=stated)
-
-
-def _refuse_messages(head: Sequence[str], path: Path) -> None:
-    """Raise FileError for text that is not a table: lists of messages, or frames of a bus."""
-    lines = [line for line in head if line.strip()]
-    for pattern, what, hint in _MESSAGES:
-        if sum(map(bool, map(pattern.match, lines))) >= SHARE_OF_ROWS * len(lines):
-            raise FileError(f"{path} contains {what}.", hint, code="messages")
+    builder.stated = stated_period(line.replace(mark, mark + " ") for line in head[: dialect.first])
 
 
 def decode(budget: MemoryBudget) -> tuple[str, str]:
@@ -104,16 +94,14 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
     data = read_data(path, TABLE)
     if not data.strip():
         raise FileError(f"{path} is empty.")
-    marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     halves = [data[start : 2 * ENCODED_BYTES : 2] for start in (0, 1)]
     zeros = [half.count(0) / max(1, len(half)) for half in halves]
-    wide = "utf-16" if marked else ""
-    if not marked and not len(data) % 2 and min(zeros) == 0.0 and max(zeros) > ZERO_BYTES:
+    wide = "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ""
+    if not wide and not len(data) % 2 and min(zeros) == 0.0 and max(zeros) > ZERO_BYTES:
         wide = "utf-16-be" if zeros[0] else "utf-16-le"
     if b"\0" in data and not wide:
         raise FileError(
-            f"{path} is not text: it contains zero bytes.",
-            "It may be damaged, or of another kind.",
+            f"{path} is not text: it contains zero bytes.", "It may be damaged, or of another kind."
         )
     text, used = "", ""
     for used in (wide,) if wide else ("utf-8-sig", *OLD_ENCODINGS):
@@ -128,14 +116,12 @@ def decode(budget: MemoryBudget) -> tuple[str, str]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), name
 
 
-def add_table(
-    builder: ChannelBuilder, text: str, dialect: TextDialect, path: Path, *, stamps: Any = None
-) -> None:
+def add_table(builder: ChannelBuilder, text: str, dialect: TextDialect) -> None:
     """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error,
     unless the log was cut there."""
     import pandas
 
-    body, lines = _whole_rows(builder, text, dialect, path)
+    body, lines = _whole_rows(builder, text, dialect)
     copies, cells = TEXT_COPIES * len(body), lines * dialect.width
     builder.budget.charge("its table", cells, raw=copies + CELL_BYTES * cells)
     separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
@@ -154,8 +140,8 @@ def add_table(
         )
     except (ValueError, OverflowError) as error:
         raise FileError(
-            f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
-            f"{error}."
+            f"{builder.path}: its {lines} rows from line {dialect.first + 1} on cannot be read as "
+            f"a table: {error}."
         ) from error
     frame, dialect = _signal_per_column(builder, frame, dialect)
     dates = _joined_dates(builder, frame, dialect)
@@ -163,7 +149,7 @@ def add_table(
         series = frame[column]
         if column == dates or name == f"column_{column + 1}" and series.isna().all():
             continue  # what a delimiter at the end of every row makes
-        add_column(builder, name, series, unit, dialect.decimal, str(path))
+        add_column(builder, name, series, unit, dialect.decimal)
 
 
 def _joined_dates(builder: ChannelBuilder, frame: Any, dialect: TextDialect) -> int | None:
@@ -194,9 +180,8 @@ def _signal_per_column(
     words, stamp, values = long
     signals, instants = frame[words].unique(), frame[stamp].nunique()
     builder.budget.charge("its signals", instants * len(signals) * len(values))
-    table = frame.pivot(index=stamp, columns=words, values=values)[
-        [(value, signal) for signal in signals for value in values]
-    ]
+    pairs = [(value, signal) for signal in signals for value in values]
+    table = frame.pivot(index=stamp, columns=words, values=values)[pairs]
     order = frame[stamp].drop_duplicates()
     table = table.loc[order if frame[stamp].dtype.kind not in "biuf" else order.sort_values()]
     ends = [f"/{dialect.names[value]}" if len(values) > 1 else "" for value in values]
@@ -245,15 +230,12 @@ def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
     """Does each signal have one value at an instant, and do instants rise?"""
     if frame[[words, stamp]].duplicated().any():
         return False
-    dates = frame[stamp].dtype.kind not in "biuf"
-    if dates:
+    if frame[stamp].dtype.kind not in "biuf":  # dates
         return bool(moment_kind(str(frame[stamp].iloc[0])))
     return bool(frame.groupby(words)[stamp].agg(lambda item: item.is_monotonic_increasing).all())
 
 
-def _whole_rows(
-    builder: ChannelBuilder, text: str, dialect: TextDialect, path: Path
-) -> tuple[bytes, int]:
+def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tuple[bytes, int]:
     """The rows that have all their cells, and how many; a row cut short and lines of text at the
     end are dropped and said."""
     if any("\n" + mark in text for mark in COMMENT):
@@ -279,8 +261,8 @@ def _whole_rows(
     if wrong.size:
         line = dialect.first + 1 + int(wrong[0])
         raise FileError(
-            f"{path}, line {line}: {widths[wrong[0]]} cells, the others have {dialect.width} "
-            f"({DELIMITERS[dialect.delimiter]}).",
+            f"{builder.path}, line {line}: {widths[wrong[0]]} cells, the others have "
+            f"{dialect.width} ({DELIMITERS[dialect.delimiter]}).",
             "The log may be damaged there. Correct or delete the line.",
             code="ragged",
         )
@@ -290,27 +272,20 @@ def _whole_rows(
 def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
     """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line
     end."""
-    data = np.frombuffer(body, dtype=np.uint8)
-    pieces, begin = list[tuple[Any, Any]](), 0
+    whole = np.frombuffer(body, dtype=np.uint8)
+    widths, line_ends, begin = list[Any](), list[Any](), 0
     while begin < len(body):  # piece by piece: the masks take several times the memory of the text
         end = body.find(b"\n", min(begin + COUNTED_BYTES, len(body) - 1)) + 1
-        cells, ends = _piece_widths(data[begin:end], delimiter)
-        pieces.append((cells, ends + begin))
+        data = whole[begin:end]
+        ends = np.flatnonzero(data == 10)
+        blank = (data == 32) | (data == 9) | (data == 10)
+        words = _count(~blank & np.concatenate(([True], blank[:-1])), ends)
+        marks = _count(data == ord(delimiter), ends)
+        written = words + marks if delimiter == "\t" else words
+        widths.append(words if delimiter == " " else np.where(written, marks + 1, 0))
+        line_ends.append(ends + begin)
         begin = end
-    return np.concatenate([cells for cells, _ in pieces]), np.concatenate([e for _, e in pieces])
-
-
-def _piece_widths(data: Any, delimiter: str) -> tuple[Any, Any]:
-    ends = np.flatnonzero(data == 10)
-    blank = (data == 32) | (data == 9) | (data == 10)
-    starts = ~blank & np.concatenate(([True], blank[:-1]))
-    words = _count(starts, ends)
-    if delimiter == " ":
-        return words, ends
-    marks = _count(data == ord(delimiter), ends)
-    if delimiter == "\t":
-        return np.where(words + marks, marks + 1, 0), ends
-    return np.where(words, marks + 1, 0), ends
+    return np.concatenate(widths), np.concatenate(line_ends)
 
 
 def _count(there: Any, ends: Any) -> Any:
