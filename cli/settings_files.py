@@ -34,7 +34,7 @@ import click
 from click.core import ParameterSource
 
 from pamid.base.errors import nearest
-from pamid.base.trust import is_code, is_own, why_shared, within_home
+from pamid.base.trust import is_code, is_users_file, why_shared, within_home
 
 from .generated import Catalogued
 from .table import COMMANDS, every_command
@@ -87,7 +87,7 @@ def why_harmless_only(path: Path) -> str:
     """Reason to ignore code, addresses and permission to replace files in this file, or ""."""
     if not within_home(path):
         return "the file lies outside your home"
-    return "" if is_own(path) else "the file is not yours"
+    return "" if is_users_file(path) else "the file is not yours"
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:
@@ -139,7 +139,7 @@ def entries_for(command: click.Command) -> list[Entry]:
         return []
     tables, options, why = read_settings(path), options_of(command), why_harmless_only(path)
     shared = tables.get(SHARED_TABLE, {})
-    known = {name for one in every_command() for name in options_of(one)} if shared else set()
+    known = {name for other in every_command() for name in options_of(other)} if shared else set()
     for key in shared:
         if key not in known:
             raise SettingsError(

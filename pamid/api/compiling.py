@@ -32,8 +32,8 @@ def compile_ahead() -> None:
     shipped = {name: kind() for name, kind in sorted(rigs().items())}
     rig = shipped[_FIRST]
     models = {
-        f"{name}{' with background' if background else ''}": Assembly(one, background=background)
-        for name, one in shipped.items()
+        f"{name}{' with background' if background else ''}": Assembly(r, background=background)
+        for name, r in shipped.items()
         for background in (False, True)
     } | {
         f"{_FIRST} with {attachment.label}": Assembly(rig, (attachment,), background=True)

@@ -76,8 +76,8 @@ def fit(arguments: FitArguments) -> FitResult:
         a, e, fitted = model.assembly, model.evidence, model.fit
         with counted_warnings() as warned:
             free = {"free_run": free_runs(e, a, fitted.p, fitted.stepping)}
-        found = fit_json(model, arguments.seed, notes=warned.sentences(OVER_RECORDINGS))
-        write_json(run.path(FIT_FILE), found | {"failed_jobs": pool.failed_jobs})
+        written = fit_json(model, arguments.seed, notes=warned.sentences(OVER_RECORDINGS))
+        write_json(run.path(FIT_FILE), written | {"failed_jobs": pool.failed_jobs})
         write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
         write_atomically(run.path(FREE_RUN_FILE), free_run_csv(e, free))
 

@@ -67,14 +67,14 @@ def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | typ
     """Words for `effects_with`, and effects themselves; UsageError for anything else."""
     single = isinstance(effects, str | os.PathLike | type)
     resolved: list[str | type[Effect]] = []
-    for one in [effects] if single else effects:  # type: ignore[list-item, union-attr]
-        if isinstance(one, str) or isinstance(one, type) and issubclass(one, Effect):
-            resolved.append(one)
-        elif isinstance(one, os.PathLike):
-            resolved.append(as_file(one))
+    for effect in [effects] if single else effects:  # type: ignore[list-item, union-attr]
+        if isinstance(effect, str) or isinstance(effect, type) and issubclass(effect, Effect):
+            resolved.append(effect)
+        elif isinstance(effect, os.PathLike):
+            resolved.append(as_file(effect))
         else:
             raise UsageError(
-                f"{one!r:.60} is no effect.",
+                f"{effect!r:.60} is no effect.",
                 "Give a name (see `pamid effects`), the path of an effect file, or a class "
                 "derived from pamid.Effect.",
             )

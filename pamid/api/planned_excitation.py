@@ -127,7 +127,7 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
                 "column": column,
                 "unit": unit,
                 "range": list(reach),
-                **item.own,
+                **item.settings,
                 "coverage": _coverage_entry(covers),
             }
         )

@@ -133,10 +133,10 @@ class IdentifiedCause:
 
     def removes_text(self) -> str:
         """ "64 % (60 to 68 %)", of the gap."""
-        one = self.removes
-        if one is None:
+        removed = self.removes
+        if removed is None:
             return "–"
-        return f"{percent_text(one.share)} ({percents_text(one.low, one.high)})"
+        return f"{percent_text(removed.share)} ({percents_text(removed.low, removed.high)})"
 
     def parameter_text(self) -> str:
         """Values with their intervals in one line."""
@@ -399,7 +399,7 @@ def result_of(
     common |= {
         "folder": folder,
         "combinations": _parameters(fit.combinations),
-        "failed_jobs": tuple((one.job, one.why) for one in failed or ()),
+        "failed_jobs": tuple((failure.job, failure.why) for failure in failed or ()),
         "code": (rig, effects),
         "_home": home,
     }
@@ -427,8 +427,10 @@ def result_of(
 
 def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
     table = []
-    for name, one in estimates.items():
-        stated = {field: getattr(one, field) for field in Estimate.model_fields}
-        stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
-        table.append(ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""}))
+    for name, estimate in estimates.items():
+        stated = {field: getattr(estimate, field) for field in Estimate.model_fields}
+        stated["unit"] = estimate.unit or ("-" if "/" in name else split_column(name)[1])
+        table.append(
+            ParameterEstimate(name=name, **{**stated, "at_bound": estimate.at_bound or ""})
+        )
     return ParameterTable(tuple(table))

@@ -210,7 +210,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     if planted:
         seen = max(shows.values()) if shows else visibility(*planted)
     # of two faults each with the other one alone
-    each = [visibility(*(k for k in planted if k != one)) for one in planted if planted[1:]]
+    each = [visibility(*(k for k in planted if k != name)) for name in planted if planted[1:]]
     return {
         "diagnosis": run.to_dict(),
         "seconds": seconds,

@@ -124,7 +124,7 @@ def _require_regular(path: Path, status: os.stat_result) -> None:
 
 
 def _word(status: os.stat_result) -> str:
-    return next((word for is_one, word in _WORDS if is_one(status.st_mode)), "something else")
+    return next((word for is_kind, word in _WORDS if is_kind(status.st_mode)), "something else")
 
 
 def size_words(count: int) -> str:

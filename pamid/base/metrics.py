@@ -193,12 +193,12 @@ def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, flo
 
 
 def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
-    one, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
-    if one.size == 0 or (other.ndim > 0 and one.shape != other.shape):
+    first, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
+    if first.size == 0 or (other.ndim > 0 and first.shape != other.shape):
         raise DataError(
-            f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape"
+            f"Errors need arrays of one shape, not {first.shape} and {other.shape}.", code="shape"
         )
-    return one - other
+    return first - other
 
 
 def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

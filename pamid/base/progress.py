@@ -169,8 +169,8 @@ class ProgressLine:
             stage = f", {100 * done // self._total} %"
             if left := _time_left(spent, done / self._total):
                 stage += f", at most {left} left"
-        said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
-        line = f"{_plain(said)} ({_time_text(spent)}{stage})"
+        message = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
+        line = f"{_plain(message)} ({_time_text(spent)}{stage})"
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
         self._write("\r" + line.ljust(self._length) if self._live else line + "\n")
         self._length = len(line)
@@ -185,7 +185,7 @@ class ProgressLine:
             self._listed = True
             titles = ", ".join(stage.title for stage in self._stages)
             lines.append(f"{self._label}: {len(self._stages)} stages: {titles}")
-        lines += [f"{self._label}: {_plain(one)}" for one in self._settled]
+        lines += [f"{self._label}: {_plain(text)}" for text in self._settled]
         self._settled = []
         for line in lines:
             self._write(("\r" + line.ljust(self._length) if self._live else line) + "\n")
@@ -193,15 +193,15 @@ class ProgressLine:
     def _count_stages(self, text: str) -> None:
         """Which stage the text tells of, and how much of the whole is done then: never less than
         before, as some stages come again."""
-        own = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
-        if not own:
+        matching = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
+        if not matching:
             return
-        self._again = own[0] < self._reached
-        self._reached = max(self._reached, own[0])
+        self._again = matching[0] < self._reached
+        self._reached = max(self._reached, matching[0])
         match = _COUNTED.match(text)
         part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
-        before = sum(stage.share for stage in self._stages[: own[0]])
-        self._share = max(self._share, before + part * self._stages[own[0]].share)
+        before = sum(stage.share for stage in self._stages[: matching[0]])
+        self._share = max(self._share, before + part * self._stages[matching[0]].share)
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""

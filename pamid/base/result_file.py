@@ -31,7 +31,7 @@ def need_result(
     if not isinstance(content, dict):
         raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
     schema = kind.model_fields["schema_"].default
-    earlier = next((one for one in kind.earlier if one == content.get("schema")), None)
+    earlier = next((s for s in kind.earlier if s == content.get("schema")), None)
     if not any_schema and earlier is not None:
         raise outdated(path, kind, earlier)
     if not any_schema and content.get("schema") not in (schema, *kind.readable):

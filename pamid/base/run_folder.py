@@ -183,7 +183,8 @@ class Run:
             record.setdefault(key, empty)
         for key in ("steps", "inputs"):
             if not (
-                isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])
+                isinstance(record[key], list)
+                and all(isinstance(entry, dict) for entry in record[key])
             ):
                 raise FileError(
                     f"{self.folder / 'run.json'}: {key} must be a list of objects.",

@@ -39,17 +39,17 @@ def why_shared(path: Path) -> str:
             for near in (place, place.parent):
                 if _is_anothers(status := near.lstat()):
                     return f"{near} belongs to another user ({status.st_uid})"
-            for depth, one in enumerate(_chain(place)):
-                status = one.lstat()
+            for depth, folder in enumerate(_chain(place)):
+                status = folder.lstat()
                 sticky = depth > 1 and bool(status.st_mode & stat.S_ISVTX)
                 if others_may_write(status) and not sticky:
-                    return f"others may write {one}"
+                    return f"others may write {folder}"
     except OSError as error:
         return f"{error.filename or path} cannot be looked at: {error.strerror}"
     return ""
 
 
-def is_own(path: Path) -> bool:
+def is_users_file(path: Path) -> bool:
     """Does what the path leads to belong to the user, not merely to root?"""
     return not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
 
@@ -80,7 +80,7 @@ def others_may_write(status: os.stat_result) -> bool:
     return (
         bool(status.st_mode & stat.S_IWOTH)
         or bool(status.st_mode & stat.S_IWGRP)
-        and not _own_group(status.st_gid)
+        and not _private_group(status.st_gid)
     )
 
 
@@ -90,7 +90,7 @@ def _chain(place: Path) -> Iterator[Path]:
     yield from place.parents
 
 
-def _own_group(gid: int) -> bool:
+def _private_group(gid: int) -> bool:
     """Root's, or the group of one that many systems give to every user, writable by default
     there."""
     if gid == 0:

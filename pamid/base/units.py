@@ -405,7 +405,7 @@ def _split_fraction(text: str) -> tuple[Factors, Factors]:
             readings = [
                 [*r[:k], (way, [option]), *r[k + 1 :]] for r in readings for option in options
             ]
-    factors = _likeliest([[(way, one[0]) for way, one in reading] for reading in readings])
+    factors = _likeliest([[(way, factor[0]) for way, factor in reading] for reading in readings])
     signed = [(atom, way * power) for way, part in factors for atom, power in part]
     return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
 

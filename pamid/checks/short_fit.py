@@ -72,7 +72,7 @@ class FitPoint:
     H: Array
     g: Array
     gains: Array  # windows x states x parameters: derivatives of the start states by s
-    own_steps: Array  # windows x states: steps of the start states at constant s
+    start_steps: Array  # windows x states: steps of the start states at constant s
     errors: Array
     linearised: bool = True
 
@@ -324,22 +324,24 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         fresh = self.runner.memory(p)
         H, g = np.eye(m), s.copy()
         cost = float(s @ s)
-        gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
+        gains, start_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
             rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes, derivatives)
             if rows is None:
-                return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
+                return FitPoint(
+                    s, x, np.inf, H, g, gains, start_steps, np.full_like(errors, np.inf)
+                )
             A, B, r = rows
             errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
             cost += float(r @ r)
             if not derivatives:
                 continue
             solve = _pseudo_inverse(B)
-            gains[k], own_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
+            gains[k], start_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
-            g += A.T @ r + A.T @ B @ own_steps[k]
-        return FitPoint(s, x, cost, H, g, gains, own_steps, errors, derivatives)
+            g += A.T @ r + A.T @ B @ start_steps[k]
+        return FitPoint(s, x, cost, H, g, gains, start_steps, errors, derivatives)
 
     def _weighted_rows(
         self,
@@ -427,7 +429,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             return None
         scale = np.maximum(at.H.diagonal(), 1.0)
         s = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
-        x = at.own_steps + at.gains @ s
+        x = at.start_steps + at.gains @ s
         return np.concatenate([s, x.ravel()])
 
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:

@@ -135,16 +135,16 @@ class ValidatedMap:
     def finding(self) -> str:
         """How far the ANFIS and the best analytic law are off, on points and on contractions they
         have not seen."""
-        own, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
+        anfis, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
         text = (
-            f"On points held out, the ANFIS is off by {own:.3g} N RMS and the best analytic law, "
+            f"On points held out, the ANFIS is off by {anfis:.3g} N RMS and the best analytic law, "
             f"{self.best} x {self.scale[self.best]:.3g}, by {other:.3g} N"
         )
-        own, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
+        anfis, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
         return (
             text
-            if own is None
-            else f"{text}; on whole contractions held out, by {own:.3g} and {other:.3g} N"
+            if anfis is None
+            else f"{text}; on whole contractions held out, by {anfis:.3g} and {other:.3g} N"
         )
 
     @property
@@ -316,12 +316,12 @@ def judge(
     wrong_way, complaint = _guarded(trained)
     limits = ""
     if unconstrained is not None:
-        own, other = (
+        fit, other = (
             rms(points.force_n, pulls(ForceLaw(law), points)) for law in (trained, unconstrained)
         )
         limits = (
             " It is constrained to: as trained it moved the wrong way by "
-            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {own:.3g} N RMS, "
+            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {fit:.3g} N RMS, "
             f"as trained by {other:.3g} N."
         )
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
@@ -347,7 +347,7 @@ def _guarded(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         wrong_way = check_force_law(trained, strict=False)
-    return wrong_way, " ".join(str(one.message) for one in heard)
+    return wrong_way, " ".join(str(warning.message) for warning in heard)
 
 
 def _check_size(points: ForceMap, sets: int, every: int) -> None:

@@ -52,7 +52,7 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 WHICH = ("best", "cause", "network", "refitted")
-BESIDE = "uncorrected."
+UNCORRECTED = "uncorrected."
 GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
 NETWORK_LEFT_OUT = (
     "the network of the run was trained on the residual of the refitted model and is left out of "
@@ -104,7 +104,7 @@ class Identified:
 
     assembly     what the values belong to, the input for a network at a port included
     values       of every parameter, SI, in the assembly's order
-    beside       values of the uncorrected model, where a network at a port needs it
+    uncorrected  values of the uncorrected model, where a network at a port needs it
     period_s     the sample over which inputs are held and the integration is stepped
     controller   [controller] of the first recording made in a closed loop, {} where none was
     source       the rig as the run names it: with its variant, or the path of its file
@@ -122,7 +122,7 @@ class Identified:
     period_s: float
     stepping: Stepping
     network: ModelNetwork | None = None
-    beside: tuple[Assembly, Array] | None = None
+    uncorrected: tuple[Assembly, Array] | None = None
     controller: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
@@ -134,29 +134,29 @@ class Identified:
     @property
     def effects(self) -> tuple[Attachment, ...]:
         """Effects attached to the rig, without the entry of a network."""
-        return (self.beside[0] if self.beside else self.assembly).attachments
+        return (self.uncorrected[0] if self.uncorrected else self.assembly).attachments
 
     @cached_property
     def equations(self) -> Traced:
         """Rates, outputs and cells of the whole model, network and uncorrected model included
         (SI)."""
-        own = self.assembly.traced
+        traced = self.assembly.traced
         if self.network is None or self.network.in_loop:
-            return own
+            return traced
         if self.network.entry is None:
-            value, cells = self.network.value(signals_of(own))
+            value, cells = self.network.value(signals_of(traced))
             unit = split_column(self.network.channel)[1]
-            behind = to_si(from_si(own.outputs[self.network.channel], unit) + value, unit)
+            behind = to_si(from_si(traced.outputs[self.network.channel], unit) + value, unit)
             return replace(
-                own,
-                outputs={**own.outputs, self.network.channel: behind},
-                cells=(*own.cells, *cells),
+                traced,
+                outputs={**traced.outputs, self.network.channel: behind},
+                cells=(*traced.cells, *cells),
             )
-        assert self.beside is not None
-        before = prefixed_model(self.beside[0].traced, own, BESIDE)
+        assert self.uncorrected is not None
+        before = prefixed_model(self.uncorrected[0].traced, traced, UNCORRECTED)
         value, cells = self.network.value(signals_of(before))
         value = to_si(value, split_column(self.network.trained.output_name)[1])
-        return with_input_replaced(own, before, ADDED, value, cells)
+        return with_input_replaced(traced, before, ADDED, value, cells)
 
     @cached_property
     def lowered(self) -> StateEquations:
@@ -176,10 +176,10 @@ class Identified:
     def start(self) -> Array:
         """Initial state (SI), in the order of `lowered.states`."""
         begin = self.assembly.begin(self.values)
-        if self.beside is not None:
+        if self.uncorrected is not None:
             begin |= {
-                f"{BESIDE}{name}": value
-                for name, value in self.beside[0].begin(self.beside[1]).items()
+                f"{UNCORRECTED}{name}": value
+                for name, value in self.uncorrected[0].begin(self.uncorrected[1]).items()
             }
         return np.array([begin.get(name, 0.0) for name in self.lowered.states])
 
@@ -187,9 +187,9 @@ class Identified:
     def constants(self) -> dict[str, float]:
         """Every parameter of `lowered` by name, SI."""
         values = dict(zip(self.assembly.keys, self.values.tolist(), strict=True))
-        if self.beside is not None:
-            uncorrected = zip(self.beside[0].keys, self.beside[1].tolist(), strict=True)
-            values |= {f"{BESIDE}{key}": value for key, value in uncorrected}
+        if self.uncorrected is not None:
+            uncorrected = zip(self.uncorrected[0].keys, self.uncorrected[1].tolist(), strict=True)
+            values |= {f"{UNCORRECTED}{key}": value for key, value in uncorrected}
         return values
 
     @cached_property
@@ -207,10 +207,12 @@ class Identified:
         """The same model where these parameters (outside names and units) are known to be
         otherwise."""
 
-        company = self.beside
+        company = self.uncorrected
         if company is not None:
             company = company[0], company[0].with_known(company[1], known)
-        return replace(self, values=self.assembly.with_known(self.values, known), beside=company)
+        return replace(
+            self, values=self.assembly.with_known(self.values, known), uncorrected=company
+        )
 
     def closed(self, controller: Mapping[str, float]) -> Identified:
         """The same model with this controller in its loop: references in the place of commands."""
@@ -393,7 +395,7 @@ def require_rival(effect: str, known: Collection[str]) -> None:
         )
 
 
-def network_beside(
+def channel_network(
     models: Mapping[str, Identified], folder: Path, channels: Sequence[str]
 ) -> Identified:
     """The model that another network of a run was trained on, with that network, of the folder of
@@ -455,7 +457,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
         assembly=corrected,
         values=p,
         network=ModelNetwork(trained, "", entry, sources),
-        beside=(model.assembly, model.values),
+        uncorrected=(model.assembly, model.values),
     )
 
 

@@ -136,14 +136,14 @@ def train_network(
     ConvergenceError where the training diverged at its very start; FileError for a checkpoint of
     another training.
     """
-    own = residual.of_part(0)
-    scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
+    training_part = residual.of_part(0)
+    scored = sum(s.rows.stop - s.rows.start - residual.washout for s in training_part)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(
             wanted.network(len(residual.inputs), residual.period_s, scored),
-            [residual.signals(s) for s in own],
-            [target[s.rows] for s in own],
+            [residual.signals(s) for s in training_part],
+            [target[s.rows] for s in training_part],
             output_name=name,
             period_s=residual.period_s,
             options=replace(options, washout=residual.washout),
@@ -186,21 +186,21 @@ def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[
 def write_correction(run: Run, correction: Correction) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and the network's column of residual.csv; returns
     network.json."""
-    one = correction.residual
+    network = correction.residual
     about = {
         "enters": "output",
-        "model": one.model,
-        "on": one.on,
-        "target": f"measured {one.channel} - {one.model_words}",
-        "mae": {one.channel: {**correction.mae, "part": "held-out"}},
-        "notes": list(one.notes),
+        "model": network.model,
+        "on": network.on,
+        "target": f"measured {network.channel} - {network.model_words}",
+        "mae": {network.channel: {**correction.mae, "part": "held-out"}},
+        "notes": list(network.notes),
     }
     return write_network(
         run,
         correction.trained,
         correction.training,
         about,
-        {one.channel: one.columns[one.modelled] + correction.values},
+        {network.channel: network.columns[network.modelled] + correction.values},
     )
 
 

@@ -197,9 +197,9 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
             code="damaged",
         ) from None
     for path in roles:
-        for one in (path, str(Path(path).with_suffix(".toml"))):
-            if one in known:
-                _require_unchanged(_place(folder, one), known[one], folder)
+        for file in (path, str(Path(path).with_suffix(".toml"))):
+            if file in known:
+                _require_unchanged(_place(folder, file), known[file], folder)
     rig_object = in_form(noted_rig(name, rig, known), saved, folder / FIT_FILE)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(

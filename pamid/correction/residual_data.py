@@ -231,7 +231,7 @@ def _period(fit: FitFile, columns: dict[str, Array]) -> float:
             REFIT_REMEDY,
             code="damaged",
         )
-    if not one_period(used):
+    if not equal_periods(used):
         raise DataError(
             f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one "
             "period.",
@@ -240,7 +240,7 @@ def _period(fit: FitFile, columns: dict[str, Array]) -> float:
     return used[0]
 
 
-def one_period(periods: Iterable[float]) -> bool:
+def equal_periods(periods: Iterable[float]) -> bool:
     """Are recordings with these sampling periods (s) alike enough for one network?"""
     every = sorted(periods)
     return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]

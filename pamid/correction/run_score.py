@@ -25,8 +25,8 @@ from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.identified_model import (
     PERIODS_AGREE,
     Identified,
+    channel_network,
     load_identified,
-    network_beside,
     record_identified,
 )
 from pamid.correction.port_network import ADDED
@@ -65,17 +65,21 @@ class _Models:
     refitted: Identified
     named: dict[str, Identified]
     channels: tuple[str, ...]
-    beside: dict[str, Identified]
+    channel_networks: dict[str, Identified]
 
     def of(self, channel: str) -> dict[str, Identified]:
         """By name, with the channel's own network where it has one."""
-        own = {"with_network": self.beside[channel]} if channel in self.beside else {}
-        return {**self.named, **own}
+        of_channel = (
+            {"with_network": self.channel_networks[channel]}
+            if channel in self.channel_networks
+            else {}
+        )
+        return {**self.named, **of_channel}
 
     @property
     def every(self) -> list[tuple[str, Identified]]:
         """Each model once, with its name; of the networks beside, their channel's."""
-        others = [(f"with network of {channel}", m) for channel, m in self.beside.items()]
+        others = [(f"with network of {channel}", m) for channel, m in self.channel_networks.items()]
         return [*self.named.items(), *others]
 
 
@@ -127,21 +131,21 @@ def _models_of(
     others: dict[str, Identified] = {}
     if (folder / NETWORK_FILE).exists():
         named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
-        own = named["with_network"].network
+        network = named["with_network"].network
         others = {
-            channel: network_beside(named, place, fit.channels)
+            channel: channel_network(named, place, fit.channels)
             for channel, place in channel_networks(folder).items()
-            if own is not None and channel != own.channel
+            if network is not None and channel != network.channel
         }
     return _Models(refitted, named, tuple(fit.channels), others)
 
 
 def _notes(models: _Models) -> tuple[str, ...]:
-    one = models.named.get("with_network")
-    if one is None or one.network is None:
+    corrected = models.named.get("with_network")
+    if corrected is None or corrected.network is None:
         return ()
-    where, other = ("closed loop", "replay") if one.network.in_loop else ("replay", "")
-    labels, without = ([a.label for a in m.effects] for m in (one, models.refitted))
+    where, other = ("closed loop", "replay") if corrected.network.in_loop else ("replay", "")
+    labels, without = ([a.label for a in m.effects] for m in (corrected, models.refitted))
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
@@ -220,8 +224,8 @@ def _rows(
             say(name, recording)
             loops[id(model)] = _loop_of(model, recording)
         for channel in seen:
-            own = {name: loops[id(model)] for name, model in available.of(channel).items()}
-            models = {n: None if run is None else run[channel] for n, run in own.items()}
+            runs = {name: loops[id(model)] for name, model in available.of(channel).items()}
+            models = {n: None if run is None else run[channel] for n, run in runs.items()}
             yield recording_error(
                 recording.name,
                 recording.known,
@@ -266,8 +270,8 @@ class _Replayed:
             unit = split_column(network.channel)[1]
             outputs[:, k] = to_si(from_si(outputs[:, k], unit) + self._value(done), unit)
             return done, outputs
-        assert self.model.beside is not None
-        before = self._run(*self.model.beside)
+        assert self.model.uncorrected is not None
+        before = self._run(*self.model.uncorrected)
         unit = split_column(network.trained.output_name)[1]
         done = self._run(
             self.model.assembly, self.model.values, np.asarray(to_si(self._value(before), unit))

@@ -112,7 +112,7 @@ def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[fl
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = MONOTONE_TOLERANCE * (high - low)
     faults = [
-        _said(trained, k, places, forces)
+        _force_law_text(trained, k, places, forces)
         for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
         if by > allowed
     ]
@@ -143,7 +143,9 @@ def _worst(forces: Array, axis: int, sign: float) -> tuple[float, tuple[Place, P
     return float(fall[end, other]), (places[0], places[1])
 
 
-def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], forces: Array) -> str:
+def _force_law_text(
+    trained: TrainedNetwork, axis: int, places: tuple[Place, Place], forces: Array
+) -> str:
     """Where the force goes the wrong way, in the words of the network's inputs."""
     steps = trained.input_scaling.backward(np.stack([_steps(), _steps()], axis=1)).T
     begin, end = places

@@ -224,15 +224,15 @@ class SteppedProgram:
 
         time_s, period_s, step = times
         self._read_start(around.arrays.x, around.arrays.S, p, columns)
-        own, chosen = self._own_parameters(p, columns)
+        parameters, chosen = self._simulator_values(p, columns)
         known = self.known
         if known is None or not (columns is None or known.is_by(chosen)):
             known = KnownSlopes.none(self._sizes)
         # Models of a library are costly to make, so that all that a run may need are made before it
         # begins.
-        copies, by = moved_parameters(own, chosen)
+        copies, by = moved_parameters(parameters, chosen)
         places = np.zeros(0, np.int64) if columns is None else np.asarray(columns[chosen], np.int64)
-        scales = StepScales(DIFFERENCE, *self.simulator.sizes, by, places, own, known.level)
+        scales = StepScales(DIFFERENCE, *self.simulator.sizes, by, places, parameters, known.level)
         run_times = Times(
             float(time_s),
             float(period_s),
@@ -247,7 +247,7 @@ class SteppedProgram:
                 stepped_sweep(*around[:3], run_times, around.results, c, scales, known, Y, JY)
             )
 
-    def _own_parameters(
+    def _simulator_values(
         self, p: Array, columns: NDArray[np.int64] | None
     ) -> tuple[Array, NDArray[np.intp]]:
         """Parameters of the simulator, and the places of those with a sensitivity."""
@@ -261,13 +261,13 @@ class SteppedProgram:
         assert not isinstance(self.simulator, Carrier)
         if not self.readings:
             return
-        own, chosen = self._own_parameters(p, columns)
+        values, chosen = self._simulator_values(p, columns)
         part = slice(self.readings, self.readings + self.simulated)
         state = x[part]
         n = len(state)
         moved = n + len(chosen) if columns is not None else 0
-        states, parameters = np.tile(state, (1 + moved, 1)), np.tile(own, (1 + moved, 1))
-        size = np.abs(own[chosen])
+        states, parameters = np.tile(state, (1 + moved, 1)), np.tile(values, (1 + moved, 1))
+        size = np.abs(values[chosen])
         by = DIFFERENCE * np.concatenate(
             [np.maximum(np.abs(state), self.simulator.sizes[0]), size + (size == 0.0)]
         )
@@ -356,13 +356,13 @@ class SteppedProgram:
         around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
         inside, n = around.arrays.x, self.simulated
         self._read_start(inside, around.arrays.S, p, None)
-        x, (own, none) = (
+        x, (parameters, none) = (
             inside[self.readings : self.readings + n].copy(),
-            self._own_parameters(p, None),
+            self._simulator_values(p, None),
         )
         times = time_s, period_s, Stepping()
         f = around.step(0, 0, times, (memory.begin, memory.join))[0][len(self.outputs) :]
-        alone = slopes_of(self.simulator, x, f, own, period_s, none, none).by_state
+        alone = slopes_of(self.simulator, x, f, parameters, period_s, none, none).by_state
         matrix[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
         return matrix
 

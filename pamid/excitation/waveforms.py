@@ -220,9 +220,9 @@ def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
     band_hz, periods, count = plan.band_hz, plan.periods, _samples(plan, amplitude)
     if not 1 <= periods <= count // 8:
         raise UsageError(f"{periods} periods do not go into {count} samples.")
-    one = count // periods
-    base = 1.0 / (one * plan.period_s)
-    lines = np.arange(1, one // 2, 2)
+    period = count // periods
+    base = 1.0 / (period * plan.period_s)
+    lines = np.arange(1, period // 2, 2)
     lines = lines[
         (lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))
     ]
@@ -232,9 +232,9 @@ def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
             f"{band_hz[1]:g} Hz.",
             "Take fewer periods, a longer signal or a wider band.",
         )
-    spectrum = np.zeros(one // 2 + 1, dtype=complex)
+    spectrum = np.zeros(period // 2 + 1, dtype=complex)
     spectrum[lines] = np.exp(1j * _flat_phases(lines, np.random.default_rng(seed)))
-    wave = np.fft.irfft(spectrum, one)
+    wave = np.fft.irfft(spectrum, period)
     wave = np.roll(wave, -int(np.argmin(np.abs(wave))))
     return np.asarray(plan.offset + amplitude * np.resize(wave / np.abs(wave).max(), count))
 
@@ -331,7 +331,7 @@ class Sent:
 
     samples: Array
     turn: slice
-    own: dict[str, Any]
+    settings: dict[str, Any]
 
 
 def plan_for(
@@ -395,10 +395,10 @@ def draw(
         duration = LOOPS_S * max(1.0, slowed)
     drawn = {}
     for k, (column, amplitude) in enumerate(amplitudes.items()):
-        own, offset = _own(plan, k), offsets.get(column, plan.offset)
+        settings, offset = _column_settings(plan, k), offsets.get(column, plan.offset)
         rest = rests.get(column, plan.rest)
-        one = replace(plan, duration_s=duration, offset=offset, rest=rest)
-        wave = _MAKERS[plan.signal](one, amplitude, **own)
+        active = replace(plan, duration_s=duration, offset=offset, rest=rest)
+        wave = _MAKERS[plan.signal](active, amplitude, **settings)
         if column in ramped and plan.signal not in SMOOTH:
             wave = ramps(wave)
         before, after = (k, turns - 1 - k) if turns > 1 else (0, 0)
@@ -407,7 +407,7 @@ def draw(
         )
         if plan.rate_limit is not None:
             samples = _within(plan, column, amplitude, samples, plan.rate_limit)
-        drawn[column] = Sent(samples, slice(before * len(wave), (before + 1) * len(wave)), own)
+        drawn[column] = Sent(samples, slice(before * len(wave), (before + 1) * len(wave)), settings)
     return drawn
 
 
@@ -420,7 +420,7 @@ def ramps(samples: Array) -> Array:
     return np.interp(np.arange(len(samples)), knots, levels)
 
 
-def _own(plan: Plan, k: int) -> dict[str, Any]:
+def _column_settings(plan: Plan, k: int) -> dict[str, Any]:
     """Settings in which column k differs from those sent at the same time."""
     if plan.signal == "prbs":
         return {"seed": plan.seed, "part": k * APART % 1.0}

@@ -21,7 +21,7 @@ from math import ceil, isclose, nan
 
 from pamid.base.errors import PamidError, UsageError
 from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
-from pamid.correction.identified_model import BESIDE, Identified
+from pamid.correction.identified_model import UNCORRECTED, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
 from pamid.excitation.experiments import held_level
 from pamid.model.bound_parameter import Bound
@@ -225,7 +225,10 @@ def step_of(model: Identified) -> SampleStep:
 
 
 def _owned(model: Identified) -> list[_Owned]:
-    parts = {"": (model.assembly, model.values), **({BESIDE: model.beside} if model.beside else {})}
+    parts = {
+        "": (model.assembly, model.values),
+        **({UNCORRECTED: model.uncorrected} if model.uncorrected else {}),
+    }
     return [
         _Owned(prefix + b.key, prefix + b.full_name, b, float(value))
         for prefix, (assembly, values) in parts.items()
@@ -293,7 +296,7 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
     """Initial state as a function of the parameters (SI), or as a number if it does not depend on
     them."""
     rig, formulas = model.assembly.rig, dict[str, Expr]()
-    for prefix in ("", BESIDE):
+    for prefix in ("", UNCORRECTED):
         symbols = {
             b.key: symbol("parameter", prefix + b.key)
             for b in model.assembly.parameters

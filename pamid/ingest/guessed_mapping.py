@@ -174,7 +174,7 @@ def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
 
     Channels of the log's rows need the number of values that most have, and enough for a recording.
     """
-    channels, notes = _of_one_length(channels)
+    channels, notes = _of_equal_length(channels)
     rare = [
         c
         for c in channels
@@ -185,7 +185,7 @@ def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
     return [c for c in channels if all(c is not other for other in rare)], notes
 
 
-def _of_one_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
+def _of_equal_length(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
     lengths = Counter(c.values.size for c in channels if c.stamps is None)
     if len(lengths) < 2:
         return list(channels), []

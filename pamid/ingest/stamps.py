@@ -96,10 +96,10 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
             )
         )
         return Rows(keep, _spread(stamps[keep]), tuple(starts), False, tuple(repairs))
-    return _one_row_per_stamp(keep, stamps, starts, (twice, differing), repairs, place)
+    return _without_repeated_stamps(keep, stamps, starts, (twice, differing), repairs, place)
 
 
-def _one_row_per_stamp(
+def _without_repeated_stamps(
     keep: IntArray,
     stamps: FloatArray,
     starts: list[int],

@@ -119,7 +119,7 @@ def _stepped(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None,
 ) -> SteppedProgram:
-    equation_states = tuple(rig.rated())
+    equation_states = tuple(rig.differential_states())
     simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
     if len(simulated) > len(equation_states):
         raise UsageError(

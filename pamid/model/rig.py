@@ -241,11 +241,11 @@ class Rig:
         """Every output, in the unit declared for it."""
         raise NotImplementedError
 
-    def told(self) -> dict[str, Expr]:
+    def auxiliary_signals(self) -> dict[str, Expr]:
         """Further signals of the equations, by name; nothing by default."""
         return {}
 
-    def rated(self) -> list[str]:
+    def differential_states(self) -> list[str]:
         """States that `rates` gives a rate of."""
         return [s.name for s in self.states]
 

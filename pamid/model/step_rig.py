@@ -193,10 +193,10 @@ class StepRig(Rig):
         """Runner of whole runs for a simulation in another process."""
         return None
 
-    def rated(self) -> list[str]:
-        return list(map(_read, self.readings)) if self.carries else super().rated()
+    def differential_states(self) -> list[str]:
+        return list(map(_read, self.readings)) if self.carries else super().differential_states()
 
-    def told(self) -> dict[str, Expr]:
+    def auxiliary_signals(self) -> dict[str, Expr]:
         """Readings, of which it is known which states they depend on."""
         if self.carries:
             return {name: symbol("state", _read(name)) for name in self.readings}
@@ -220,7 +220,7 @@ class StepRig(Rig):
         forces = {name: expression(value) for name, value in into.items()}
         states, names = self._named[0], tuple(forces)
         if self.carries:  # whatever is inside may lead from anywhere to anywhere
-            anything = (*self.told().values(), *forces.values())
+            anything = (*self.auxiliary_signals().values(), *forces.values())
             return {
                 _read(name): Expr(SIMULATED, anything, ("rate", name, names, names))
                 for name in self.readings

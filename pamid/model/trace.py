@@ -97,7 +97,7 @@ class _Tracer:
 
     def run(self) -> Traced:
         states = {s.name: symbol("state", s.name) for s in self.rig.states}
-        x = Names(states | self.rig.told(), "state")
+        x = Names(states | self.rig.auxiliary_signals(), "state")
         p = Names({q.name: symbol("parameter", q.name) for q in self.rig.parameters}, "parameter")
         columns: dict[str, Expr] = {c: symbol("input", c) for c in self.rig.inputs}
         if self.controller:
@@ -105,7 +105,7 @@ class _Tracer:
                 self.inputs.remove(loop.command)
                 columns[loop.command] = symbol("cell", loop.command)
         u = Names(columns, "input")
-        rates = self._call("rates", x, u, p, self.rig.rated())
+        rates = self._call("rates", x, u, p, self.rig.differential_states())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
         outputs = self._as_logged(outputs, columns)
         if self.controller:

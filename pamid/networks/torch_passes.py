@@ -140,7 +140,7 @@ class TorchPasses(ABC):
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Outputs (S, N) for inputs (N, m), each from a zero state."""
         u = self.network.table(inputs)
-        with _one_thread():
+        with _single_thread():
             y: Array = self._run(weights, u)[0].y.flatten(1)[:, : len(u)].cpu().numpy()
         return y
 
@@ -157,7 +157,7 @@ class TorchPasses(ABC):
         u, wanted = self.network.table(inputs), np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(u),):
             raise DataError(f"Target has shape {wanted.shape} for {len(u)} samples of input.")
-        with _one_thread():
+        with _single_thread():
             run, length = self._run(weights, u)
             counted = torch.zeros(run.y[0].shape, dtype=torch.bool, device=self.device)
             counted.view(-1)[washout : len(u)] = True
@@ -357,7 +357,7 @@ def _equal_part(total: int, largest: int) -> int:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def _single_thread() -> Iterator[None]:
     """One thread for torch's products on the processor: with several, the last digits would depend
     on their number."""
     import torch

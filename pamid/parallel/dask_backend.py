@@ -122,7 +122,7 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
                 code="cluster",
             )
         time.sleep(0.1)
-    own = fingerprint()
+    expected = fingerprint()
     try:
         fingerprints = client.run(fingerprint)
     except (ImportError, AttributeError) as error:
@@ -131,7 +131,7 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
             "Install the same version there.",
             code="cluster",
         ) from error
-    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != own)
+    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
     if other:
         raise FileError(
             f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
@@ -250,9 +250,9 @@ def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Packed 
     """On a worker; code: that of the machine which asks (a worker may have been replaced since they
     were compared)."""
     _hold_blas()
-    work, one = _unpickled(kind)(**parts), _unpickled(item)
+    work, unpacked = _unpickled(kind)(**parts), _unpickled(item)
     return (
-        packed_or_failure(work, one)
+        packed_or_failure(work, unpacked)
         if code == code_sha256()
-        else Failed(work.label(one), "its worker runs another pamid")
+        else Failed(work.label(unpacked), "its worker runs another pamid")
     )

@@ -171,13 +171,13 @@ def serve() -> None:
         answer = {"answer": function(**request["arguments"], folder=folder)}
         text = json.dumps(answer)
     except PamidError as error:
-        told = {
+        failure = {
             "message": error.message,
             "hint": error.hint,
             "code": error.code,
             "exit_code": error.exit_code,
         }
-        text = json.dumps({"error": told})
+        text = json.dumps({"error": failure})
     except MemoryError:
         os._exit(_OUT_OF_MEMORY)
     (folder / _ANSWER).write_text(text, encoding="utf-8")

@@ -164,8 +164,8 @@ class _Digests:
         name = f"{cls.__module__}.{cls.__qualname__}"
         if _ours(cls.__module__) or cls.__module__ == "builtins":
             return _sha(b"class", name.encode())
-        own = [(k, v) for k, v in vars(cls).items() if not k.startswith("__")]
-        return self._all("class", name, _source(cls.__module__) or own, *cls.__bases__)
+        members = [(k, v) for k, v in vars(cls).items() if not k.startswith("__")]
+        return self._all("class", name, _source(cls.__module__) or members, *cls.__bases__)
 
     def _function(self, f: Any) -> bytes:
         name = f"{f.__module__}.{f.__qualname__}"

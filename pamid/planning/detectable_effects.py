@@ -87,8 +87,10 @@ def experiment_power(
     progress("comparing effects")
     everything = _Projected.of(ground, np.ones(len(ground.away), bool))
     channels = evidence.channels
-    own = {c: ground.channel == k for k, c in enumerate(channels)}
-    only = {c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in own.items()}
+    channel_rows = {c: ground.channel == k for k, c in enumerate(channels)}
+    only = {
+        c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in channel_rows.items()
+    }
     samples = {c: float(sum(t.seen[k] * len(t) for t in tracks)) for k, c in enumerate(channels)}
     inner = _inner(everything, responses)
     effects = []
@@ -110,9 +112,11 @@ def experiment_power(
             )
         elif not isinstance(r, Failed):
             tried = [everything(r.columns[:, k]) for k in range(len(SIZES))]
-            visible = [max(visibility(x[own[c]], samples[c]) for c in channels) for x in tried]
+            visible = [
+                max(visibility(x[channel_rows[c]], samples[c]) for c in channels) for x in tried
+            ]
             by_channel = {
-                c: visibility(q(r.columns[:, USUAL])[own[c][q.counted]], samples[c])
+                c: visibility(q(r.columns[:, USUAL])[channel_rows[c][q.counted]], samples[c])
                 for c, q in only.items()
             }
             least = least_size(visible)
@@ -187,10 +191,10 @@ class _Responding(Work[Attachment, _Change]):
 
     def __call__(self, item: Attachment) -> _Change:
         assembly = model_with(self.evidence, (item,), self.sizes)
-        own = [b for b in assembly.parameters if b.owner == item.label]
+        effect_parameters = [b for b in assembly.parameters if b.owner == item.label]
         # derivatives by the effect's own parameters are all that is asked of it, those by the rig's
         # are the ground's: of an arm, or of a simulation that is stepped, they cost most by far
-        fitted = frozenset(b.key for b in own if b.fitted)
+        fitted = frozenset(b.key for b in effect_parameters if b.fitted)
         assembly = replace(assembly, sensitive=fitted)
         tracks = self.evidence.tracks(assembly)
         free = free_parameters(assembly, tracks)
@@ -199,7 +203,7 @@ class _Responding(Work[Attachment, _Change]):
         columns, tangents = list[Array](), np.zeros((len(self.ground), len(mine)))
         for size in SIZES:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
-            for b in own:
+            for b in effect_parameters:
                 if b.null is not None:
                     usual = b.null + size * (b.value - b.null)
                     p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
@@ -212,7 +216,7 @@ class _Responding(Work[Attachment, _Change]):
                 tangents[:common] = rows.by_parameters[:common]
         amount = None
         # the first of its parameters at whose null the effect vanishes says how large it is
-        if first := next((b for b in own if b.null is not None), None):
+        if first := next((b for b in effect_parameters if b.null is not None), None):
             usual = first.value / first.factor
             amount = UsualAmount(parameter=first.name, unit=first.unit, usual=usual, least=None)
         return _Change(np.column_stack([*columns, tangents]), amount)
@@ -234,8 +238,8 @@ class _Projected:
         return cls(counted, orthonormal_span(columns))
 
     def __call__(self, columns: Array) -> Array:
-        own = columns[self.counted]
-        return np.asarray(own - self.spanned @ (self.spanned.T @ own))
+        counted = columns[self.counted]
+        return np.asarray(counted - self.spanned @ (self.spanned.T @ counted))
 
 
 def _inner(projected: _Projected, responses: dict[str, Array]) -> dict[str, tuple[Array, Array]]:
@@ -247,8 +251,8 @@ def _inner(projected: _Projected, responses: dict[str, Array]) -> dict[str, tupl
             size = np.square(columns).sum()
         if not np.isfinite(size):
             continue
-        own = projected(np.column_stack([columns[:, USUAL], columns[:, len(SIZES) :]]))
-        spans[label] = own[:, 0], orthonormal_span(own)
+        inner = projected(np.column_stack([columns[:, USUAL], columns[:, len(SIZES) :]]))
+        spans[label] = inner[:, 0], orthonormal_span(inner)
     return spans
 
 

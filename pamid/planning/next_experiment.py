@@ -165,7 +165,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
         if family not in known and (d.cause is None or tied or d.comparison.is_tied(c, best))
     ]
     models = [best, *others][:COMPARED_MODELS]
-    return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
+    return [(model, other) for model, other in combinations(models, 2) if tied or model is best]
 
 
 def models_to_keep(

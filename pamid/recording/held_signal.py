@@ -9,7 +9,7 @@ from pamid.recording.file_checks import TINY
 from pamid.recording.noise import quantisation_step
 
 ALONE = 0.9  # of the changes have a standstill before and after
-OF_ONE_STEP = 0.5  # of the changes at most: else it is a coarse sensor that creeps
+MAX_SMALLEST_STEPS = 0.5  # of the changes at most: else it is a coarse sensor that creeps
 FEWEST_CHANGES = 5
 REGULAR = 0.8  # of the standstills last equally long: a sensor that is sampled more slowly
 STANDING_STILL = 0.9  # of the time it stands still between jumps
@@ -31,7 +31,7 @@ def held_by_jumps(values: NDArray[np.float64]) -> bool:
         return False
     jumps = steps[moved]
     small = 1.5 * max(quantisation_step(values), float(jumps.min()))
-    return float(np.mean(jumps <= small)) < OF_ONE_STEP
+    return float(np.mean(jumps <= small)) < MAX_SMALLEST_STEPS
 
 
 def stands(values: NDArray[np.float64]) -> bool:

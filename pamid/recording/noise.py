@@ -79,8 +79,8 @@ def quantisation_step(values: Array) -> float:
     levels = np.unique(values)
     levels = levels[max(0, levels.size - MOST_LEVELS) // 2 :][:MOST_LEVELS]
     gaps = np.diff(levels)
-    own = gaps > SAME_DIGITS * float(np.abs(levels).max(initial=0.0))
-    levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
+    distinct = gaps > SAME_DIGITS * float(np.abs(levels).max(initial=0.0))
+    levels, gaps = levels[np.concatenate([[True], distinct])], gaps[distinct]
     if gaps.size < 2:
         return float(gaps.sum())
     # the mean of all gaps of one step: one by one they are off by the digits of the file
@@ -127,7 +127,7 @@ def plateaus(values: Array) -> tuple[float, float]:
     exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation); its phase tells where
     the levels are.
     """
-    low, span, own = float(values.min()), motion(values), quantisation_step(values)
+    low, span, step = float(values.min()), motion(values), quantisation_step(values)
     if not span > 0.0:
         return 0.0, 0.0
     counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]
@@ -138,7 +138,7 @@ def plateaus(values: Array) -> tuple[float, float]:
     )
     cycles = np.arange(lines.size) / PADDED
     far = PADDED * LEAST_PLATEAUS
-    coarser = np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]
+    coarser = np.where(cycles * PLATEAUS_APART * step <= span, lines, 0.0)[far:]
     strong = np.flatnonzero(coarser > ON_PLATEAUS)
     if not strong.size:
         return 0.0, 0.0

@@ -3,7 +3,7 @@ columns, the digits it was printed with or an offset and a scale, or a stretch t
 
 Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
 Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
-Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod ONE_WORD_IN are looked up
+Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod WORD_STRIDE are looked up
 in all recordings at once, so that the same words are chosen wherever a copy begins; each pair of
 places that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not
 count. Noise never repeats itself, so that the same experiment made twice on a real rig is no copy;
@@ -38,7 +38,7 @@ Words = tuple[NDArray[np.uint64], Places]  # hashes that are looked up, and wher
 STEPS_PER_LEVEL = (63, 15, 3, 1)
 FEWEST_LEVELS = 100  # that a signal should visit at least, for its words to distinguish places
 DOUBLINGS = 3  # a word is 8 dwells
-ONE_WORD_IN = 8  # of so many words one is looked up, chosen by its hash
+WORD_STRIDE = 8  # of so many words one is looked up, chosen by its hash
 SHARED_WORDS = 3  # words that two places must share to be compared
 SHIFTS = 4  # ways to lay one recording upon another that are compared
 # samples at which something moves, alike in both, that two experiments do not share ...
@@ -98,16 +98,16 @@ def require_apart(
     longest = max(overlaps(outputs, recordings), key=lambda o: o.samples, default=None)
     if longest is None:
         return
-    one, other = recordings[longest.first], recordings[longest.second]
+    first, other = recordings[longest.first], recordings[longest.second]
     crossed = longest.first < len(fitted) <= longest.second
     why = "what was fitted is not held out" if crossed else "no sample may count twice"
-    seconds = longest.samples * one.sampling_period_s
-    if one.path == other.path:
-        message = f"{one.path} is given twice ({seconds:.4g} s): {why}"
+    seconds = longest.samples * first.sampling_period_s
+    if first.path == other.path:
+        message = f"{first.path} is given twice ({seconds:.4g} s): {why}"
     else:
         places = [
             f"{r.path} ({r.time[at]:.6g} .. {r.time[at + longest.samples - 1]:.6g} s)"
-            for r, at in ((one, longest.start), (other, longest.again))
+            for r, at in ((first, longest.start), (other, longest.again))
         ]
         message = (
             f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s "
@@ -210,7 +210,7 @@ def _levels_of(having: dict[int, _Signal]) -> dict[int, Words]:
         dwell = np.diff(begins).astype(np.uint64)
         word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
         word = _hashed(word ^ (word >> np.uint64(29)), DOUBLINGS)
-        sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
+        sampled = np.flatnonzero(word % np.uint64(WORD_STRIDE) == 0)
         words[i] = word[sampled], begins[sampled]
     return words
 
@@ -228,7 +228,7 @@ def _signs_of(having: dict[int, _Signal]) -> dict[int, Words]:
         word = np.minimum(*both)
         zeros = np.convolve(sign == 0, np.ones(1 << SIGN_DOUBLINGS), "valid")[: word.size]
         telling = zeros <= MOST_ZEROS * (1 << SIGN_DOUBLINGS)
-        sampled = np.flatnonzero((word % np.uint64(ONE_WORD_IN) == 0) & telling)
+        sampled = np.flatnonzero((word % np.uint64(WORD_STRIDE) == 0) & telling)
         words[i] = word[sampled], sampled
     return words
 

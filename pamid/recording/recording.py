@@ -367,17 +367,17 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         return wanted
     stem, symbol = split_column(wanted)
     for name in every:
-        found_stem, own_symbol = split_column(name)
-        if found_stem == stem and compatible(own_symbol, symbol):
+        column_stem, column_symbol = split_column(name)
+        if column_stem == stem and compatible(column_symbol, symbol):
             return name
     for name in every:
-        found_stem, own_symbol = split_column(name)
+        column_stem, column_symbol = split_column(name)
         if wanted == (meant := divided_name(name)):
-            message = f"Column {name!r} is in {own_symbol!r}; {wanted!r} is wanted."
+            message = f"Column {name!r} is in {column_symbol!r}; {wanted!r} is wanted."
             hint = f"In a name _ multiplies and _per_ divides: rename it {meant!r}."
             raise FileError(message, hint, code="unit")
-        if found_stem == stem and own_symbol != NONE and symbol != NONE:
-            raise _wrong_unit(name, f"in {own_symbol!r}", wanted, symbol)
+        if column_stem == stem and column_symbol != NONE and symbol != NONE:
+            raise _wrong_unit(name, f"in {column_symbol!r}", wanted, symbol)
         tail = name.removeprefix(stem + "_").lower() if name.startswith(stem + "_") else ""
         if tail in _FOREIGN_UNITS:
             raise _wrong_unit(name, f"in {tail!r}, which is no unit pamid knows", wanted, symbol)

@@ -108,10 +108,11 @@ def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwi
     """PNG of the largest deflection at each joint; its title says how far, and what explains it."""
 
     def each(name: str) -> str:
-        return " and ".join(f"{one.mae[name]:.2g}" for one in couplings)
+        return " and ".join(f"{coupling.mae[name]:.2g}" for coupling in couplings)
 
     moved = ", ".join(
-        f"joint {one.moved.split('_')[1]} by {one.swing_deg:.1f} deg" for one in couplings
+        f"joint {coupling.moved.split('_')[1]} by {coupling.swing_deg:.1f} deg"
+        for coupling in couplings
     )
     title = (
         f"Pulses on one joint swing the other: {moved}. The fitted arm is off by {each('fitted')} "

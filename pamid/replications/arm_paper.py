@@ -187,9 +187,9 @@ def fit_stages(
             earlier=earlier,
         )
         fitted = FitStage(grey, fit_json(grey, plan.seed))
-        own = part(run, name, plan, [r.path for r in evidence.recordings])
-        write_json(own.path(FIT_FILE), fitted.found)
-        own.finish()
+        stage_run = part(run, name, plan, [r.path for r in evidence.recordings])
+        write_json(stage_run.path(FIT_FILE), fitted.found)
+        stage_run.finish()
         return fitted
 
     def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> FitStage:
@@ -208,9 +208,9 @@ def fit_stages(
     known = read_posterior(run.folder / "gravity")
     progress("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
-    own = part(run, "law", plan, [run.path(MAP_FILE)])
-    about = write_law(own, judged, ARM_RIG, True)
-    own.finish()
+    stage_run = part(run, "law", plan, [run.path(MAP_FILE)])
+    about = write_law(stage_run, judged, ARM_RIG, True)
+    stage_run.finish()
     measured = force_law_of(judged.trained)
     return {
         **stages,

@@ -114,7 +114,7 @@ def write_rig_recording(folder: Path, machine: OwnMachine, *, seed: int) -> Path
     read = {k: v for k, v in columns.items() if k != TIME}
     write_recording(recording, columns[TIME], read, machine.meta(c))
     fault, off = machine.faults[site], specimen.true_parameters
-    values = ",".join(f"{k}={v:.6g}" for k, v in specimen.told(site, sizes).items())
+    values = ",".join(f"{k}={v:.6g}" for k, v in specimen.shown_values(site, sizes).items())
     truth = WithheldFile(
         seed=seed,
         effect=site.partition("@")[0],

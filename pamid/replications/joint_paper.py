@@ -136,9 +136,9 @@ class ModelRow:
         """1 - error / the error of another row, by inertia."""
         return {
             case: None
-            if own is None or not against.mae[case]
-            else 1.0 - own / float(against.mae[case] or 1.0)
-            for case, own in self.mae.items()
+            if error is None or not against.mae[case]
+            else 1.0 - error / float(against.mae[case] or 1.0)
+            for case, error in self.mae.items()
         }
 
 

@@ -245,8 +245,8 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         for cursor in cursors:
             cursor.set_xdata([motion.time[k]] * 2)
         clock.set_text(f"{motion.time[k]:.2f} s")
-        for axes, one in every:
-            axes.draw_artist(one)
+        for axes, drawn in every:
+            axes.draw_artist(drawn)
         return Image.fromarray(np.asarray(stage.canvas.buffer_rgba())[..., :3].copy())
 
     return draw

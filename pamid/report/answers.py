@@ -543,7 +543,7 @@ def _how_far_card(row: ChannelErrors, diagnosis: DiagnosisFile | None) -> tuple[
         size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
         at = f", at the {port_label(rest.port)}" if rest.port else ""
         lines.append(f"remaining: {size}{at}")
-    return formatting.in_one_unit(steps, unit_text, " → "), lines
+    return formatting.with_common_unit(steps, unit_text, " → "), lines
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> str:

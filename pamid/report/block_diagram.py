@@ -122,14 +122,14 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     every = {(a, b) for a, b in every if a in stage and b in stage}
     forward = {(a, b) for a, b in every if stage[a] < stage[b]}
     level = {(a, b) for a, b in every if stage[a] == stage[b]}
-    one_way = {(a, b) for a, b in level if (b, a) not in level}
-    ahead, reached = forward | one_way, {b for _, b in forward | one_way}
+    directed = {(a, b) for a, b in level if (b, a) not in level}
+    ahead, reached = forward | directed, {b for _, b in forward | directed}
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
     direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
     drawn = (
         {_with_bypass(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
         | back
-        | (level - one_way)
+        | (level - directed)
     )
     rank = {name: k for k, name in enumerate(stage)}
     for a, b in sorted(every - ahead - level, key=lambda ab: (rank[ab[0]] - rank[ab[1]], ab)):

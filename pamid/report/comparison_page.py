@@ -137,8 +137,8 @@ def _results(runs: Sequence[ComparedRun]) -> Markup:
     body = []
     for what, text_of in rows.items():
         of_fit = "fit only" if what == "verdict" else DASH
-        found = [run.run.diagnosis for run in runs]
-        body.append([what, *(of_fit if d is None else text_of(d) or DASH for d in found)])
+        diagnoses = [run.run.diagnosis for run in runs]
+        body.append([what, *(of_fit if d is None else text_of(d) or DASH for d in diagnoses)])
     return table(["found", *(run.name for run in runs)], body)
 
 

@@ -431,8 +431,8 @@ def _network(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Markup]:
         for name, mae in run.network_errors(in_loop=True).items()
         if {"refitted", "with_network"} <= set(mae)
     ]
-    if run.beside:
-        others = ", ".join(clean(name) for other in run.beside for name in other.errors)
+    if run.other_networks:
+        others = ", ".join(clean(name) for other in run.other_networks for name in other.errors)
         texts.append(f"Other networks of this run correct {others}; the one above came last.")
     yield text(*texts)
     yield from figures(pictures, "window-network", "training")

@@ -281,16 +281,16 @@ def ranking_drawing(
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        beside, names = right + (4 if narrow else 2), []
+        column, names = right + (4 if narrow else 2), []
         for row, entry in enumerate(shown):
             role = "refitted" if entry.effect in alike else "muted"
             _candidate(axes, entry, row, "with_cause" if entry.effect in named else role)
             chance = "" if entry.probability is None else chance_figure(entry.probability)
-            write(axes, beside, row, chance)
+            write(axes, column, row, chance)
             look_alike = " (look-alike)" if entry.effect in alike and not narrow else ""
             names.append(f"{effect_label(entry.effect)}{look_alike}")
         upright(axes)
-        write(axes, beside, -0.85, "P" if narrow else "probability", "muted", 8.0)
+        write(axes, column, -0.85, "P" if narrow else "probability", "muted", 8.0)
         name_rows(axes, names, 34 if narrow else 48)
         for row, name in enumerate(axes.get_yticklabels()):
             name.set_gid(f"name{row}")
@@ -469,7 +469,7 @@ def _budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | No
         return f"The refitted model errs by {error} in {what}, held out"
     else:
         act, errors = "Refitting changes", (row.data_sheet, row.refitted)
-    both = formatting.in_one_unit(errors, unit_text, " to ")
+    both = formatting.with_common_unit(errors, unit_text, " to ")
     text = capital(f"{act} the held-out {what} error from {both}")
     if row.noise_floor is not None:
         text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"

@@ -120,7 +120,7 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
 
 
-def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
+def with_common_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     """ "5.98 → 2.63 mm": the unit is that of the largest."""
     if values and unit_text:
         factor, unit_text = _scaled_unit(unit_text, *values)

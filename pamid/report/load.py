@@ -49,21 +49,21 @@ class RunData:
     residual: Residual | None
     trace: dict[str, FloatArray] | None
     missing: dict[str, FloatArray] | None
-    beside: tuple[NetworkFile, ...] = ()
+    other_networks: tuple[NetworkFile, ...] = ()
     added: AddedVariablesFile | None = None
 
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
         """Errors with the networks of the run, by channel: networks that correct the replayed
         model, or networks that correct the model in closed loop."""
         errors: dict[str, dict[str, float]] = {}
-        for network in (*self.beside, self.network):
+        for network in (*self.other_networks, self.network):
             if network is not None and network.in_loop == in_loop:
                 errors |= network.errors
         return errors
 
     def network_on_causes(self, channel: str) -> bool:
         """Does the network that corrects a channel correct the model with the causes?"""
-        networks = (*self.beside, self.network)
+        networks = (*self.other_networks, self.network)
         return any(n is not None and n.on_causes and channel in n.errors for n in networks)
 
     @property
@@ -117,7 +117,7 @@ def load_run(folder: Path) -> RunData:
         fit=fit,
         diagnosis=diagnosis,
         network=network,
-        beside=others,
+        other_networks=others,
         residual=None if residual is None else Residual(_in_loops(residual, networks)),
         trace=trace,
         missing=missing,

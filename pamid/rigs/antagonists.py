@@ -178,10 +178,10 @@ class Muscle:
 def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
     """Force of a muscle, N. static_force: a law, whose coefficients are taken from p where it has
     any."""
-    own = law_with(static_force, p)
+    static_pull = law_with(static_force, p)
 
     def law(contraction: Expr, pressure: Expr) -> Expr:
-        return p.scale * own(contraction, pressure)
+        return p.scale * static_pull(contraction, pressure)
 
     gauge = m.gauge
     drag = p.damping * m.pressure
@@ -226,19 +226,19 @@ def valves_of(
     size, (inwards, outwards) = absolute(command), conductances(p)
     supply, hold = p.supply_pressure + ATMOSPHERE_PA, p.initial_pressure + ATMOSPHERE_PA
     share1, share2 = (clip((hold - m.pressure) / FILL_BLEND_PA, 0.0, 1.0) for m in pair)
-    found = []
-    for m, fills, own, other in (
+    valves = []
+    for m, fills, share, other in (
         (pair[0], command > 0.0, share1, share2),
         (pair[1], command < 0.0, share2, share1),
     ):
         up, down = where(fills, supply, m.pressure), where(fills, m.pressure, ATMOSPHERE_PA)
-        opening = where(fills, size * own * inwards, -size * (1.0 - other) * outwards)
+        opening = where(fills, size * share * inwards, -size * (1.0 - other) * outwards)
         flow = opening * iso_flow(up, down, p.critical_ratio)
         ambient = iso_flow(ATMOSPHERE_PA, m.pressure, p.critical_ratio) - iso_flow(
             m.pressure, ATMOSPHERE_PA, p.critical_ratio
         )
-        found.append(Valves(flow + vented * outwards * ambient, fills, size * own, down / up))
-    return found[0], found[1]
+        valves.append(Valves(flow + vented * outwards * ambient, fills, size * share, down / up))
+    return valves[0], valves[1]
 
 
 def pressure_rate(

@@ -64,9 +64,9 @@ class StaticForce:
 
     def __set__(self, rig: Any, law: Law) -> None:
         vars(rig)[self.name] = law
-        own = law.parameters if isinstance(law, CoefficientLaw) else ()
+        coefficients = law.parameters if isinstance(law, CoefficientLaw) else ()
         options = vars(rig).get("option_parameters", ())
-        rig.parameters = (*type(rig).parameters, *options, *own)
+        rig.parameters = (*type(rig).parameters, *options, *coefficients)
 
 
 def _held(name: str, value: float, unit: str = "", source: str = CHART) -> Parameter:

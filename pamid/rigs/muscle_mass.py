@@ -46,7 +46,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, where
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-ONE_SIDE = 1.0  # the side of the one muscle there is
+MUSCLE_SIDE = 1.0  # the side of the one muscle there is
 
 
 def _without_side(signals: dict[str, Any]) -> dict[str, Any]:
@@ -123,12 +123,16 @@ class MuscleMass(Rig):
     def muscle(self, x: Any, p: Any) -> Muscle:
         """The muscle where the mass has taken it."""
         return Muscle(
-            "", ONE_SIDE, p.contraction_0 + x.position / p.length, x.velocity / p.length, x.pressure
+            "",
+            MUSCLE_SIDE,
+            p.contraction_0 + x.position / p.length,
+            x.velocity / p.length,
+            x.pressure,
         )
 
     def pull(self, x: Any, p: Any, port: Any) -> Expr:
         """Force of the muscle, N."""
-        return pull_of(self.muscle(x, p), self.static_force, p, _one(port))
+        return pull_of(self.muscle(x, p), self.static_force, p, _muscle_port(port))
 
     def pressure_rate(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
         """dP/dt, Pa/s."""
@@ -140,7 +144,7 @@ class MuscleMass(Rig):
         flow = opening * iso_flow(up, down, p.critical_ratio)
         valves = Valves(flow, fills, size, down / up)
         pull = self.pull(x, p, port)
-        return pressure_rate(self.muscle(x, p), valves, valves.drawn, pull, p, _one(port))
+        return pressure_rate(self.muscle(x, p), valves, valves.drawn, pull, p, _muscle_port(port))
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         pull, weight = self.pull(x, p, port), p.mass * GRAVITY_M_S2
@@ -167,7 +171,7 @@ class MuscleMass(Rig):
         return {"muscle": np.stack([np.zeros_like(end) + [0.0, p.length], end], axis=1)}
 
 
-def _one(port: Any) -> Any:
+def _muscle_port(port: Any) -> Any:
     """The ports of the shared equations, which name the muscle that they are about."""
 
     def at(name: str, value: Expr, *, place: str, **signals: Any) -> Expr:

@@ -70,16 +70,16 @@ _JOINT_SIZES = {
 def _ports() -> dict[str, Port]:
     """One port per joint and per muscle; like ones are kin, but for those whose sizes differ from
     joint to joint."""
-    found: dict[str, Port] = {}
+    ports: dict[str, Port] = {}
     for j in JOINTS:
-        found |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
+        ports |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
     for i in MUSCLES:
-        found |= _ports_at(i, pair.MUSCLE_PORTS)
+        ports |= _ports_at(i, pair.MUSCLE_PORTS)
     for j in JOINTS:
-        found |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
+        ports |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
     for i in MUSCLES:
-        found |= _ports_at(i, _MUSCLE_SENSORS)
-    return found
+        ports |= _ports_at(i, _MUSCLE_SENSORS)
+    return ports
 
 
 def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
@@ -273,17 +273,17 @@ class TwoLink(Rig):
             "1": p.radius_1 * scale * x.velocity_1,
             "2": p.radius_2 * scale * x.velocity_2 + p.wrap_radius * scale * x.velocity_1,
         }
-        found = {}
+        muscles = {}
         for i in MUSCLES:
             side = 1.0 if i[1] == "1" else -1.0
-            found[i] = Muscle(
+            muscles[i] = Muscle(
                 i,
                 side,
                 p.contraction_0 + side * wound[i[0]],
                 side * winding[i[0]],
                 getattr(x, f"pressure_{i}"),
             )
-        return found
+        return muscles
 
     def pulls(self, x: Any, p: Any, port: Any) -> dict[str, Expr]:
         """Forces of all muscles, N."""
@@ -314,12 +314,12 @@ class TwoLink(Rig):
     def combinations(self, p: Any) -> dict[str, Number]:
         """Combinations of masses, centres and inertias in the equations of motion; p: numbers or
         symbols."""
-        own = self._inertia(p)
+        inertia = self._inertia(p)
         return {
-            "inertia_about_joint_1_kg_m2": own.inertia_1,
-            "inertia_about_joint_2_kg_m2": own.inertia_2,
-            "first_moment_1_kg_m": own.moment_1,
-            "first_moment_2_kg_m": own.moment_2,
+            "inertia_about_joint_1_kg_m2": inertia.inertia_1,
+            "inertia_about_joint_2_kg_m2": inertia.inertia_2,
+            "first_moment_1_kg_m": inertia.moment_1,
+            "first_moment_2_kg_m": inertia.moment_2,
         }
 
     @staticmethod
@@ -351,16 +351,16 @@ class TwoLink(Rig):
         share of it swing, that share of the coupling swings along: on the average over it the other
         joint feels what it felt before.
         """
-        own = self._inertia(p)
-        lever, g = own.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
+        inertia = self._inertia(p)
+        lever, g = inertia.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
         bent = lever * cos(x.angle_2)
-        m11, m22 = own.inertia_1 + own.inertia_2 + 2.0 * bent, own.inertia_2
-        m12, swing = self.coupling(x, p, lever, own.inertia_2 + bent)
-        outer = own.moment_2 * g * sin(x.angle_1 + x.angle_2)
+        m11, m22 = inertia.inertia_1 + inertia.inertia_2 + 2.0 * bent, inertia.inertia_2
+        m12, swing = self.coupling(x, p, lever, inertia.inertia_2 + bent)
+        outer = inertia.moment_2 * g * sin(x.angle_1 + x.angle_2)
         n1 = (
             torque_1
             + swing * (2.0 * x.velocity_1 * x.velocity_2 + x.velocity_2 * x.velocity_2)
-            - own.moment_1 * g * sin(x.angle_1)
+            - inertia.moment_1 * g * sin(x.angle_1)
             - outer
         )
         n2 = torque_2 - swing * x.velocity_1 * x.velocity_1 - outer

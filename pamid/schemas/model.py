@@ -112,7 +112,7 @@ Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"}
 # ---- containers --------------------------------------------------------------------------------
 
 
-def _one_by_one(value: Any, validated: Callable[[Any], Any]) -> Any:
+def _validated_items(value: Any, validated: Callable[[Any], Any]) -> Any:
     """Entry by entry: a file with a million wrong entries is refused at the first."""
     if not isinstance(value, dict):
         return validated(value)
@@ -139,7 +139,7 @@ class _FailFast(FailFast):
 
 
 ListOf = Annotated[tuple[T, ...], _FailFast()]
-MapOf = Annotated[dict[Text, T], WrapValidator(_one_by_one)]
+MapOf = Annotated[dict[Text, T], WrapValidator(_validated_items)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(_two)]
 #: of a file, texts and nulls among numbers are passed over
 NumbersOnly = BeforeValidator(_numbers_only)
@@ -195,8 +195,8 @@ class Model(BaseModel):
         """schema: name and number of a file or an output of its own, its key `schema`."""
         super().__init_subclass__(**config)
         if schema:
-            own = cls.__dict__.get("__annotations__", {})
-            cls.__annotations__ = {"schema_": Literal[schema], **own}
+            annotations = cls.__dict__.get("__annotations__", {})
+            cls.__annotations__ = {"schema_": Literal[schema], **annotations}
             cls.schema_ = Field(default=schema, alias="schema")  # type: ignore[attr-defined]
 
     def as_json(self) -> dict[str, Any]:

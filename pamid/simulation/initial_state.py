@@ -108,14 +108,24 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
         """The least squares of a window. memory is left untouched. weight: 1/sigma per channel.
         jump: by what each state may depart from the carried value (standard deviation; None or
         infinite where nothing is known of it: a weak pull remains)."""
-        own = Runner(
+        start_runner = Runner(
             runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
         ).keeping()
         y, seen = runner.track.y[window.start : window.stop], runner.track.seen
         if not seen.all():
             weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-        known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-        return cls(own, own.widened(memory), window, p, y, weight, carried, known, carried)
+        known = np.zeros(start_runner.start_states) if jump is None else 1.0 / jump**2
+        return cls(
+            start_runner,
+            start_runner.widened(memory),
+            window,
+            p,
+            y,
+            weight,
+            carried,
+            known,
+            carried,
+        )
 
     def estimate(self, steps: int = 11) -> tuple[Array, bool]:
         """Rig state at the start of the window from its data, by Gauss-Newton with a pull to the

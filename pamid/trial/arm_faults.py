@@ -60,7 +60,7 @@ _PORT = {
     "pressure-sensor-gain": "pressure_sensor",
 }
 # at all alike they are no fault
-_ONE_ONLY = ("force-asymmetry", "length-asymmetry", "flow-mismatch")
+_SINGLE_MUSCLE = ("force-asymmetry", "length-asymmetry", "flow-mismatch")
 _SHARED = {"supply-sag": "valve", "clock-skew": "sensor"}  # one for the whole arm
 _TWICE = ("force_difference", "length_difference", "flow_mismatch", "wear")
 #: factors of sizes at joint 1
@@ -109,7 +109,7 @@ def draw_site(name: str, random: np.random.Generator) -> str:
     kin = _kin(name)
     places = KIN[kin]
     # sensors fail one by one
-    alike = places == MUSCLES and name not in _ONE_ONLY and kin != "pressure_sensor"
+    alike = places == MUSCLES and name not in _SINGLE_MUSCLE and kin != "pressure_sensor"
     if alike and random.random() < EVERYWHERE:
         return f"{name}@{kin}"
     return f"{name}@{kin}_{places[int(random.integers(len(places)))]}"

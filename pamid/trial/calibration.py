@@ -122,7 +122,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
 def learnt_text(lessons: Sequence[Lesson]) -> str:
     """The number of examples, and the calibration error on every machine by weights that were
     learnt from the others."""
-    examples, errors = _examples(lessons), leave_one_machine_out(lessons)
+    examples, errors = _examples(lessons), leave_machines_out(lessons)
     machines = dict.fromkeys(k.machine for k in lessons)
     return "\n".join(
         [
@@ -134,7 +134,7 @@ def learnt_text(lessons: Sequence[Lesson]) -> str:
     )
 
 
-def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
+def leave_machines_out(lessons: Sequence[Lesson]) -> dict[str, float]:
     """Expected calibration error on every machine, by weights that were learnt from the others;
     machines whose answers are all the same, or whose others are, are left out."""
     errors = {}

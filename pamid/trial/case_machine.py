@@ -96,8 +96,8 @@ class CaseMachine:
         }
         if c.loop == "closed":
             meta["controller"] = dict(machine.controller)
-        if case.own is not None and isinstance(c, StarterConditions):
-            meta = case.own.meta(c)
+        if case.given_machine is not None and isinstance(c, StarterConditions):
+            meta = case.given_machine.meta(c)
         visible = {k: v for k, v in columns.items() if k != TIME and not self._hidden(k)}
         write_recording(path, columns[TIME], visible, meta)
         return read_recording(path)

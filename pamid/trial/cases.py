@@ -76,7 +76,7 @@ class Case:
     removed: tuple[str, ...]
     conditions: Conditions
     rig: str = ONE_DOF
-    own: OwnMachine | None = field(default=None, compare=False, repr=False)
+    given_machine: OwnMachine | None = field(default=None, compare=False, repr=False)
     bare: bool = False
     world: str = CLOSED
     further: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -84,13 +84,13 @@ class Case:
 
     @property
     def machine(self) -> Machine:
-        return self.own or machine_named(self.rig)
+        return self.given_machine or machine_named(self.rig)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def plain_data(self) -> dict[str, Any]:
         """The case as plain data."""
-        fields = asdict(replace(self, own=None))
-        del fields["own"]
+        fields = asdict(replace(self, given_machine=None))
+        del fields["given_machine"]
         if not self.bare:
             del fields["bare"]
         if self.world == CLOSED:
@@ -101,7 +101,7 @@ class Case:
     @property
     def tools_rig(self) -> Rig:
         """Rig of the machine as the tool receives it."""
-        rig = self.own.rig if self.own else catalogue_rig(self.rig)
+        rig = self.given_machine.rig if self.given_machine else catalogue_rig(self.rig)
         if self.bare:
             rig = copy(rig)  # a machine made of the rig keeps its own
             rig.background = {}  # type: ignore[misc]
@@ -109,17 +109,17 @@ class Case:
 
     @property
     def sha256(self) -> str:
-        fields = self.told
+        fields = self.plain_data
         if self.rig in (ONE_DOF, TWO_LINK):  # their conditions tell them apart
             del fields["rig"]
-        if self.own is not None:
-            fields["own"] = self.own.sha256
+        if self.given_machine is not None:
+            fields["own"] = self.given_machine.sha256
         return hashlib.sha256(json_text(fields).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
         """The case as plain data, with the right answers to each fault."""
         truth = [self.machine.truth(site) for site in self.planted]
-        return {**self.told, "sha256": self.sha256, "truth": truth}
+        return {**self.plain_data, "sha256": self.sha256, "truth": truth}
 
 
 def draw_cases(

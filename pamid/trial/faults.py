@@ -190,7 +190,7 @@ def fixed(value: float) -> Draw:
     return lambda random: value
 
 
-def one_of(*values: float) -> Draw:
+def drawn_from(*values: float) -> Draw:
     return lambda random: float(random.choice(values))
 
 
@@ -409,13 +409,17 @@ _ALL = (
     nameless_fault(
         "eccentric-wheel",
         "structure",
-        {"wheel": around(0.06), "wheel_waves": one_of(1.0, 3.0), "wheel_rad": between(0.0, 6.28)},
+        {
+            "wheel": around(0.06),
+            "wheel_waves": drawn_from(1.0, 3.0),
+            "wheel_rad": between(0.0, 6.28),
+        },
     ),
     nameless_fault("bent-damping", "joint", {"bent_damping": around(1.5)}),
     nameless_fault("bulge", "pressure", {"bulge": around(0.15)}),
     nameless_fault("one-sided-drag", "muscle", {"stretch_drag": around(4000.0)}),
     nameless_fault(
-        "detent", "joint", {"detent_nm": around(0.5), "detents": one_of(12.0, 18.0, 24.0)}
+        "detent", "joint", {"detent_nm": around(0.5), "detents": drawn_from(12.0, 18.0, 24.0)}
     ),
     nameless_fault(
         "hot-valves", "valve", {"wear": around(0.12, 0.5, 2.5), "wear_s": between(4.0, 15.0)}

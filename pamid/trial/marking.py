@@ -81,13 +81,13 @@ class Marked:
         return float(self.result["visibility_each"] or 0.0) >= LEAST_VISIBILITY
 
     @property
-    def found(self) -> dict[str, Any]:
+    def diagnosis(self) -> dict[str, Any]:
         diagnosis: dict[str, Any] = self.result["diagnosis"]
         return diagnosis
 
     @property
     def verdict(self) -> str:
-        return str(self.found["verdict"])
+        return str(self.diagnosis["verdict"])
 
     @property
     def names(self) -> bool:
@@ -105,7 +105,7 @@ class Marked:
     def leaves_nameless(self) -> bool:
         """Whether the answer blames nothing and reports a material remainder, whatever its verdict.
         A cause next to a remainder above half may be a lesser effect."""
-        rest = self.found.get("remainder") or {}
+        rest = self.diagnosis.get("remainder") or {}
         if self.names:
             return float(rest.get("share") or 0.0) > 0.5
         return self.abstains or bool(rest.get("real"))
@@ -128,7 +128,7 @@ class Marked:
     @property
     def remainder_reported(self) -> bool:
         """Whether the answer states the size of the remainder and, if it is material, its place."""
-        rest = self.found.get("remainder") or {}
+        rest = self.diagnosis.get("remainder") or {}
         share = rest.get("share")
         return share is not None and (share < MATERIAL_REMAINDER or bool(rest.get("port")))
 
@@ -147,7 +147,7 @@ class Marked:
     @property
     def causes(self) -> list[dict[str, Any]]:
         """Effects that the verdict names, the strongest first."""
-        causes: list[dict[str, Any]] = self.found["causes"]
+        causes: list[dict[str, Any]] = self.diagnosis["causes"]
         return causes
 
     def is_right(self, table: dict[str, Any]) -> bool:
@@ -168,7 +168,7 @@ class Marked:
     @cached_property
     def ranking(self) -> list[dict[str, Any]]:
         """Candidates that were refitted, best first."""
-        return [r for r in self.found["ranking"] if r["family"]]
+        return [r for r in self.diagnosis["ranking"] if r["family"]]
 
     @cached_property
     def families(self) -> list[str]:
@@ -192,7 +192,7 @@ class Marked:
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
-        tied = {m["effect"] for step in self.found["comparison"][:1] for m in step["tied"]}
+        tied = {m["effect"] for step in self.diagnosis["comparison"][:1] for m in step["tied"]}
         return bool(exact & {_bare(name) for name in (tied if top in tied else {top})})
 
     @cached_property
@@ -200,7 +200,7 @@ class Marked:
         """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact
         equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
         """
-        where, truth = self.found["where"], self.lead
+        where, truth = self.diagnosis["where"], self.lead
         if not self.alarms:
             return False
         same = {

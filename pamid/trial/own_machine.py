@@ -285,7 +285,7 @@ class RigSpecimen:
             self._set_sizes(assembly, p, there[name], sizes)
         return assembly, p
 
-    def told(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
+    def shown_values(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
         """Parameters of the planted effects, by name with unit."""
         assembly, p = self._model({name: {**sizes, TIMES_TYPICAL: self.settled(name, sizes)}})
         label = _label(name)

@@ -30,7 +30,7 @@ from pamid.verdict.verdict_words import joined
 FEW_WINDOWS = 12  # held-out windows; a note warns about fewer
 # tolerances by which an effect must relieve a strained parameter, and number of effects to list
 EASED, EASING_MOST = 0.5, 3
-ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
+PERIOD_TOLERANCE = 0.05  # sampling periods by which a delay of one may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
 UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
 UNUSED_LISTED, UNUSED_TRIED = 6, 24  # recorded columns without a place in the rig
@@ -255,7 +255,7 @@ def _row_order(d: Diagnosis) -> list[str]:
         "column by one row (`rows` in the mapping of `pamid ingest`) and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
         if b.key.endswith((":delay", ":start"))
-        and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE
+        and abs(abs(late) / period_s - 1.0) < PERIOD_TOLERANCE
         and not (orders and ports.get(b.owner) in readings)
     ]
 

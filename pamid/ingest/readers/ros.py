@@ -132,9 +132,9 @@ def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None
     shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
     for path, numbers in topic.values.items():
         places = np.frombuffer(topic.places[path], dtype=np.int64)
-        own = shared.setdefault(places.tobytes(), stamps[places])
-        partly.setdefault(own.size, []).append(path)
-        builder.add(path, np.array(numbers), own, robot=topic.robot.get(path))
+        used_stamps = shared.setdefault(places.tobytes(), stamps[places])
+        partly.setdefault(used_stamps.size, []).append(path)
+        builder.add(path, np.array(numbers), used_stamps, robot=topic.robot.get(path))
     for count, paths in partly.items():
         if count < stamps.size:
             builder.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
@@ -159,13 +159,13 @@ class _Flat:
             parts.pop("header", None)
             for word in _NAMES:
                 if isinstance(parts.get(word), list):
-                    names = self._told_apart(parts.pop(word), path)
+                    names = self._distinct_names(parts.pop(word), path)
             for word, inside in parts.items():
                 self._field(inside, path, word, names)
         else:
             self.builder.leave_out(path, "text")
 
-    def _told_apart(self, names: list[Any], path: str) -> list[str] | None:
+    def _distinct_names(self, names: list[Any], path: str) -> list[str] | None:
         if not all(isinstance(name, str) for name in names):
             return None
         if len(set(names)) < len(names):

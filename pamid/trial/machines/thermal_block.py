@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, known_fault, nameless_fault, one_of
+from pamid.trial.faults import around, between, drawn_from, known_fault, nameless_fault
 from pamid.trial.starter_faults import NEVER, SignalSizes
 from pamid.trial.starter_kernel import rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
@@ -109,7 +109,7 @@ MACHINE = StarterMachine(
             "pwm-quantisation",
             "valve-dead-band",
             "heater",
-            {"pulse_s": between(60.0, 150.0), "ticks": one_of(6.0, 8.0, 12.0)},
+            {"pulse_s": between(60.0, 150.0), "ticks": drawn_from(6.0, 8.0, 12.0)},
         ),
         known_fault("growing-loss", "leak", "block", {"glow": around(0.2)}),
         known_fault(
