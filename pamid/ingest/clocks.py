@@ -205,7 +205,7 @@ def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> F
 def _clock(
     group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str
 ) -> Clock:
-    """Diagnose one clock and determine the sampling instants of its rows."""
+    """Diagnose a clock and determine the sampling instants of its rows."""
     place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
     if (
         not group.of_rows
@@ -252,7 +252,7 @@ def _regular(stamps: FloatArray) -> bool:
 
 
 def _events(group: Group, place: str) -> Clock:
-    """Clock of events: each value holds until the next one, so any spacing is valid."""
+    """Clock of events: each value holds until the next value, so any spacing is valid."""
     stamps = group.stamps
     keep = np.flatnonzero(np.isfinite(stamps))
     keep = keep[np.argsort(stamps[keep], kind="stable")]
@@ -310,7 +310,8 @@ def _choose(
 
 
 def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: str) -> None:
-    """Raise FileError if the unit of the stamps gives a sampling period far from the usual one."""
+    """Raise FileError if the unit of the stamps gives a sampling period far from the usual
+    period."""
     usual = mapping.time.period_s or (rig.period_s if rig else None)
     if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return

@@ -1,4 +1,4 @@
-"""Mapping from the channels of a raw log to the columns of a recording: one TOML file, checked key
+"""Mapping from the channels of a raw log to the columns of a recording: a TOML file, checked key
 by key.
 
 Every error names the file, the path of the key ("map.toml: signals.pressure_1_kpa.pressure is
@@ -54,10 +54,10 @@ class TimeMap(_Table):
 
 
 class SignalMap(_Table):
-    """One column: value = sign * (source in the column's unit, or scale * source) + offset
+    """A column: value = sign * (source in the column's unit, or scale * source) + offset
     (column's unit).
 
-    rows: delay of the log in rows; -1 if a row has the value of the next one.
+    rows: delay of the log in rows; -1 if a row has the value of the next row.
     """
 
     source: str
@@ -91,11 +91,11 @@ class Mapping(_Table):
 
 @dataclass(frozen=True)
 class MappedSignal:
-    """One column of the recording, with all settings of its channel.
+    """A column of the recording, with all settings of its channel.
 
     unit       of the channel; None if `scale` replaces it
     absolute   whether it is an absolute pressure
-    hold       whether a value holds until the next one, as for commands and references
+    hold       whether a value holds until the next value, as for commands and references
     rows       delay of its values in rows
     events     whether the mapping states the hold, so that a hold of any length is not a gap
     """
@@ -126,7 +126,10 @@ def load_mapping(
         siblings = (
             [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
         )
-        return nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
+        return (
+            nearest(path.name, siblings)
+            or "`pamid ingest --guess` writes a first mapping of a log."
+        )
 
     tables = read_toml(path, nearby)
     if pressures is not None:
@@ -149,7 +152,7 @@ def _answer(signals: Any, pressures: str, where: str) -> None:
             raise FileError(
                 f"{where}: signals.{column}.pressure is {_shown(stated)}, but --pressures is "
                 f'"{pressures}".',
-                "Leave one of the two out.",
+                "Remove either of the two.",
                 code="mapping",
             )
         if stated == UNANSWERED and not _names_kind(table.get("unit")):
@@ -251,7 +254,7 @@ def named_by_units(mapping: Mapping, rig: Rig | None) -> Mapping:
 
 
 def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
-    """One sentence per column that the rig does not have; such columns are kept."""
+    """A sentence per column that the rig does not have; such columns are kept."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     columns, known = list(columns), {split_column(name)[0] for name in wanted}
     stems = {split_column(name)[0] for name in columns}
@@ -297,7 +300,7 @@ def _resolved_signal(
         raise FileError(
             f"{place}.pressure is {signal_map.pressure!r}, but the unit {source.text!r} "
             f"means {implied} pressure.",
-            "Correct one of the two.",
+            "Correct either of the two.",
             code="mapping",
         )
     if pressure and not (implied or signal_map.pressure):
@@ -320,8 +323,8 @@ def _resolved_signal(
 
 
 _GAUGE = (
-    "A log does not show it: a gauge sensor reads 0 with the air off, an absolute one about 1 bar "
-    "(101 kPa, 14.7 psi)."
+    "A log does not show it: a gauge sensor reads 0 with the air off, an absolute sensor about 1 "
+    "bar (101 kPa, 14.7 psi)."
 )
 _EXAMPLES = {
     "pressure": '"bar", "kPa", "psi"',
@@ -333,7 +336,7 @@ _EXAMPLES = {
 
 
 def _require_agreement(source: SourceUnit, logged: str, symbol: str, place: str) -> None:
-    """Refuse a unit of another quantity than the one that the log states."""
+    """Refuse a unit of another quantity than the unit that the log states."""
     if logged.strip() in ("", "1", "-") or not is_readable(logged):
         return
     if read_unit(logged).dimension != source.dimension:
@@ -397,7 +400,7 @@ def _check_column(column: str, where: str) -> None:
         )
     tail = column.rpartition("_")[2]
     if split_column(column)[1] == NONE and tail != column and is_foreign_unit(tail):
-        # the column would be read as one without a unit
+        # the column would be read as a column without a unit
         raise FileError(
             f"{where}: signals.{column}: {tail!r} is not a unit of pamid's columns.",
             "Use another unit in the name of the column, such as _kpa, _deg, _n, _nm. The source "
@@ -407,7 +410,7 @@ def _check_column(column: str, where: str) -> None:
 
 
 def _explain(error: ValidationError, where: str) -> FileError:
-    """First validation error as one sentence with the path of the key."""
+    """First validation error as a sentence with the path of the key."""
     first = error.errors(include_url=False)[0]
     path, kind = [str(part) for part in first["loc"]], first["type"]
     place, given = ".".join(path), first["input"]
@@ -438,7 +441,7 @@ def _explain(error: ValidationError, where: str) -> FileError:
         "finite_number": "a finite number",
         "greater_than": "a number above 0",
         "string_type": "text in quotes",
-        "too_short": "at least one [signals.NAME]",
+        "too_short": "a [signals.NAME] or more",
     }
     need = wanted.get(kind, "a table" if "type" in kind else first["msg"])
     return FileError(f"{where}: {place} is {shown}; {need} is needed.", code="mapping")

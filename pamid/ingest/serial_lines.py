@@ -96,6 +96,6 @@ def _labels(line: str) -> tuple[str, ...]:
 
 
 def _most(checks: Iterable[object]) -> bool:
-    """Whether nearly all checks are true, and there is at least one."""
+    """Whether nearly all checks are true, and there are any."""
     results = [bool(check) for check in checks]
     return bool(results) and sum(results) >= SHARE_OF_ROWS * len(results)

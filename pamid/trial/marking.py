@@ -1,4 +1,4 @@
-"""Scores of one case of the trial: its label and the answer of the diagnosis.
+"""Scores of a case of the trial: its label and the answer of the diagnosis.
 
 A case names a cause where its verdict has causes; a ranking below an abstention names nothing.
 """
@@ -20,7 +20,7 @@ OPEN_ANSWERS = ("leader", "lesser", "wrong", "left-open")
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """One case: its label, its result, and their comparison."""
+    """A case: its label, its result, and their comparison."""
 
     label: dict[str, Any]
     result: dict[str, Any]
@@ -46,7 +46,7 @@ class Marked:
 
     @property
     def present(self) -> list[dict[str, Any]]:
-        """Effects that act and that the tool's catalogue has; the one that removes most first."""
+        """Effects that act and that the tool's catalogue has; largest share first."""
         if self.opened:
             return [a for a in self.result["acting"] if a["family"]]
         return self.truth if self.stratum in ("single", "double") else []
@@ -114,7 +114,7 @@ class Marked:
     def open_answer(self) -> str:
         """Kind of answer to the effect that removes most, in an open case.
 
-        "leader": named first, or in a set; a set of more than two families is named as one group
+        "leader": named first, or in a set; a set of more than two families is named as a group
         that predicts the same. "lesser": only effects of other families that act were named.
         "wrong": none that is named acts. "left-open": nothing is named."""
         if not self.names or not self.causes:
@@ -151,8 +151,9 @@ class Marked:
         return causes
 
     def is_right(self, table: dict[str, Any]) -> bool:
-        """Does an effect (with its family and port) act, or one of the same family at the same
-        port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
+        """Does an effect (with its family and port) act, or an effect of the same family at the
+        same port? An exact equivalent may act elsewhere, unless the fault has a place
+        (fault@place)."""
         return any(
             (table["family"] == t["family"] and table["port"] == t["port"]) or _is_exact(table, t)
             for t in self.present
@@ -177,7 +178,7 @@ class Marked:
 
     @property
     def answer(self) -> str:
-        """The family named first, or how naming one was avoided."""
+        """The family named first, or how naming a family was avoided."""
         if self.names:
             return str(self.causes[0]["family"])
         if self.verdict == "cannot-tell":
@@ -186,8 +187,8 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Whether the first of the ranking is the fault itself, or one that these recordings cannot
-        separate from it."""
+        """Whether the first of the ranking is the fault itself, or an effect that these recordings
+        cannot separate from it."""
         exact = set(self.lead["exact"])
         if not self.ranking:
             return False
@@ -197,8 +198,9 @@ class Marked:
 
     @cached_property
     def port_right(self) -> bool:
-        """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact
-        equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
+        """Is the gap placed at the fault's port, at a port indistinguishable from it, or at an
+        exact equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is
+        wrong.
         """
         where, truth = self.diagnosis["where"], self.lead
         if not self.alarms:
@@ -228,7 +230,7 @@ def _is_exact(named: dict[str, Any], truth: dict[str, Any]) -> bool:
 
 
 def _is_of(named: dict[str, Any], truth: dict[str, Any]) -> bool:
-    """Is a named effect of the family of one that acts, or its exact equivalent?"""
+    """Is a named effect of the family of an acting effect, or its exact equivalent?"""
     return named["family"] == truth["family"] or _is_exact(named, truth)
 
 

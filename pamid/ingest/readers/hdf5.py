@@ -21,7 +21,7 @@ UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 
 def read_hdf5(path: Path) -> Log:
     """Every dataset of numbers as a channel without stamps, named by its groups; fields of
-    compounds one by one."""
+    compounds separately."""
     import h5py
 
     builder = ChannelBuilder(path)

@@ -1,8 +1,8 @@
-"""LeRobot data sets: a folder with meta/info.json and Parquet files, or one of these files.
+"""LeRobot data sets: a folder with meta/info.json and Parquet files, or any of these files.
 
 Vectors (`observation.state`, `action`) become a channel per joint, named as meta/info.json names
 them. Every episode has the stamps of its frames, and a pause between itself and the next, longer
-than any gap that is bridged, so that it becomes a recording of its own. Videos are not opened.
+than any gap that is bridged, so that it becomes a separate recording. Videos are not opened.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def read_lerobot(path: Path) -> Log:
 
 
 def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:
-    """Columns of one file by name."""
+    """Columns of a file by name."""
     open_data(file, LOG).close()  # a regular file of a size that can be read
     return {name: values for name, values, _ in columns_of(builder, file)}
 

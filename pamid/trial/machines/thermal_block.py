@@ -44,7 +44,7 @@ class BlockSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """The temperature of the block above the room's usual one."""
+    """The temperature of the block above the room's usual temperature."""
     block = f[0]
     warm = deep = 0.0
     for k in range(u.shape[0]):
@@ -95,7 +95,7 @@ MACHINE = StarterMachine(
     inside=("block",),
     commands=("heater",),
     clock="sensor",
-    # A zero of the heater and one of the sensor are one and the same. Heat has no play.
+    # A zero of the heater and a zero of the sensor have the same effect. Heat has no play.
     leave_out={
         "heater": ("gain-error", "offset", "play"),
         "sensor": ("gain-error", "offset", "play"),
