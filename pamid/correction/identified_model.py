@@ -1,13 +1,13 @@
 """The model that a run found, rebuilt from its folder: rig, effects and their values, with a
-network where one was trained. What leaves the laboratory starts from it, and `simulate_identified`
-says what it has to give.
+network where it was trained. What leaves the laboratory starts from it, and `simulate_identified`
+lists the inputs that it needs.
 
 A run folder is data: nothing in it is executed. A rig or effect file is code: it is run only where
 the caller names it again, and only if it still is what the run was made with.
 
-The whole model is one set of equations. A network at the output is added to its channel behind
-them. One at a port is given what the uncorrected model puts out, which runs beside the corrected
-one under names that begin with "uncorrected."; its value is held over a sample.
+The whole model is a single set of equations. A network at the output is added to its channel behind
+them. A network at a port receives the outputs of the uncorrected model, which runs in parallel
+under names that begin with "uncorrected."; its value is held over a sample.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
 NETWORK_LEFT_OUT = (
     "the network of the run was trained on the residual of the refitted model and is left out of "
     "the model with the causes; --which network takes it with the refitted model, train-residual "
-    "--on causes trains one for this model"
+    "--on causes trains a network for this model"
 )
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
 
@@ -67,7 +67,7 @@ class ModelNetwork:
     """A trained network and its place: behind `channel`, or at a port's entry. sources: what each
     of its inputs is, an input or output of the model by name.
 
-    in_loop: it corrects a model in its own control loop, whose motion it is given with derivatives
+    in_loop: it corrects a model in a control loop, whose motion it is given with derivatives
     that look ahead; then it has no sources, and only a finished run can be corrected.
     """
 
@@ -78,7 +78,7 @@ class ModelNetwork:
     in_loop: bool = False
 
     def value(self, known: Mapping[str, Expr]) -> tuple[Expr, tuple[Cell, ...]]:
-        """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a
+        """Its value in its unit, from inputs and outputs of a model by name (SI), held over a
         sample; its cells.
 
         Scaled inputs lead with GIVEN_PREFIX, what it remembers with MEMORY; the scaled output
@@ -99,7 +99,7 @@ class ModelNetwork:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A rig with its effects and the values that a run found for them; beside it perhaps a network
+    """A rig with its effects and the values that a run found for them; perhaps with a network
     for what is left.
 
     assembly     what the values belong to, the input for a network at a port included
@@ -111,9 +111,9 @@ class Identified:
     sha256       of the run's fit.json
     folder       of the run
     notes        on what the run holds and the model lacks
-    rivals       effects that the run's recordings cannot tell apart, the one of the model among
+    rivals       effects that the run's recordings cannot tell apart, that of the model among
                  them, with their probabilities
-    chosen       the one of them that was asked for, "" for none
+    chosen       the rival that was chosen, "" for none
     """
 
     name: str
@@ -197,7 +197,7 @@ class Identified:
         return self.program_with({})
 
     def program_with(self, extra: Mapping[str, Expr]) -> Executable:
-        """Compiled, with further outputs behind the model's own."""
+        """Compiled, with further outputs behind the model's."""
         e, names = self.equations, (*self.outputs, *extra)
         known = {**e.outputs, **extra}
         outputs = {name: known[name] for name in names}
@@ -229,9 +229,9 @@ def simulate_identified(
     its network needs the loop."""
     if model.network is not None and model.network.in_loop and not model.assembly.controller:
         raise UsageError(
-            "This network corrects the model in its own control loop, not on given commands.",
-            "Leave it out with --which refitted, give references instead of commands, or train one "
-            "at a port with train-residual --port PORT.",
+            "This network corrects the model in its control loop, not on given commands.",
+            "Leave it out with --which refitted, give references instead of commands, or train a "
+            "network at a port with train-residual --port PORT.",
         )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
@@ -257,7 +257,7 @@ def record_identified(
     excitation states.
 
     References run it in its control loop: the excitation's controller, else that of the run's
-    recordings, else the rig's. Columns in their own units.
+    recordings, else the rig's. Columns in their units.
     """
     rig, n = model.assembly.rig, len(excitation)
     if abs(excitation.sampling_period_s - model.period_s) > PERIODS_AGREE * model.period_s:
@@ -313,16 +313,16 @@ def load_identified(
     named here, UsageError for an effect to choose that is none of the run's rivals.
 
     which          "cause" (of a diagnosis), "network" (the model that the run's network was trained
-                   on, with it: the refitted one, or the one with the causes), "refitted", or
+                   on, with it: refitted, or with the causes), "refitted", or
                    "best": with causes and network where the network was trained on the model with
                    the causes, else the first of these that the run has
     rig, effects   paths of the rig file and the effect files that the run was made with, which are
     run; or the rig and the effects themselves
-    choose         of the effects that the run could not tell apart the one to take, by its label;
+    choose         of the effects that the run could not separate, the label of the effect to take;
     default: the most probable
     """
     if which not in WHICH:
-        raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
+        raise UsageError(f"--which {which!r}: choose from {', '.join(WHICH)}.")
     record, path = Run.open(run_folder).record, run_folder / FIT_FILE
     fit = need_result(path, FitFile, also=("model", "cause", "rivals", "controller"))
     if fit.model is None:
@@ -399,7 +399,7 @@ def channel_network(
     models: Mapping[str, Identified], folder: Path, channels: Sequence[str]
 ) -> Identified:
     """The model that another network of a run was trained on, with that network, of the folder of
-    its channel; FileError as `load_identified`. models: "refitted" and, where there is one,
+    its channel; FileError as `load_identified`. models: "refitted" and, where it exists,
     "with_cause"; channels: that the run was fitted to."""
     with _sound(folder / NETWORK_FILE):
         base = models["with_cause" if _trained_on(folder) == CAUSES else "refitted"]

@@ -1,5 +1,5 @@
 """A network for what a fitted model leaves over: trained on the fitted part, judged on the held-out
-one.
+part.
 
 The correction is added to the model's output in the channel's unit (the first paper calls it a
 torque, but trains on a difference of angles). Errors are mean absolute errors, eq. 11 of that
@@ -56,7 +56,7 @@ STARTUP_S = 1.0
 
 @dataclass(frozen=True)
 class NetworkChoice:
-    """The kind of network that is asked for; sizes that are not (or None) follow from its inputs.
+    """The kind of network that is wanted; sizes that are not (or None) follow from its inputs.
 
     UsageError for an unknown kind, or a size of another kind.
     """
@@ -69,10 +69,10 @@ class NetworkChoice:
         if self.kind not in kinds:
             raise UsageError(
                 f"--network {self.kind!r}: there is no such network.",
-                nearest(self.kind, kinds) or f"Give one of {', '.join(kinds)}.",
+                nearest(self.kind, kinds) or f"Choose from {', '.join(kinds)}.",
                 code="unknown-network",
             )
-        for name in self._asked:
+        for name in self._stated_sizes:
             owners = [kind for kind, candidate in kinds.items() if name in candidate.size_options]
             if self.kind not in owners:
                 raise UsageError(
@@ -80,13 +80,13 @@ class NetworkChoice:
                 )
 
     @property
-    def _asked(self) -> dict[str, int]:
+    def _stated_sizes(self) -> dict[str, int]:
         return {name: size for name, size in self.sizes.items() if size is not None}
 
     def network(self, inputs: int, period_s: float, samples: int | None = None) -> Network:
         """The network for this many inputs, sampled every `period_s`, to be trained on this many
         samples."""
-        return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._asked)
+        return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._stated_sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ def write_network(
     corrected: dict[str, Array],
 ) -> dict[str, Any]:
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
-    residual.csv; returns network.json. An earlier network of another channel is kept beside it."""
+    residual.csv; returns network.json. An earlier network of another channel is kept next to it."""
     others = keep_others(run, about, trained.output_name)
     stale = set(channel_networks(run.folder)) - others
     weights, network, trace, residual = run.claim(
@@ -236,8 +236,8 @@ def write_network(
 
 
 def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
-    """Copy the run's network beside the one that is to be written, for `channel`, and return the
-    channels whose networks stay: those at the output. One inside the equations moves every
+    """Copy the run's network before the network of `channel` is written, and return the
+    channels whose networks stay: those at the output. A network inside the equations moves every
     channel, and stays alone; what cannot be read is not kept."""
     try:
         if not (run.folder / NETWORK_FILE).exists():

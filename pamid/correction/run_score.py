@@ -3,7 +3,7 @@ the causes, with the network.
 
 Replayed by the rules of a fit, in windows on the recorded command, each from a state estimated on
 its beginning; and where a controller ran, once more under that controller, from the beginning to
-the end. A network that was trained on the one comparison is judged in that one alone.
+the end. A network that was trained on either comparison is judged by that alone.
 """
 
 from __future__ import annotations
@@ -59,8 +59,9 @@ class RunScore:
 
 @dataclass(frozen=True, eq=False)
 class _Models:
-    """The models of a run, those that it has, by name; channels: that it was fitted to; beside:
-    the model that a channel's network was trained on with it, where the run has several."""
+    """The models of a run, those that it has, by name; channels: that it was fitted to;
+    channel_networks: the model that a channel's network was trained on with it, where the run has
+    several."""
 
     refitted: Identified
     named: dict[str, Identified]
@@ -68,7 +69,7 @@ class _Models:
     channel_networks: dict[str, Identified]
 
     def of(self, channel: str) -> dict[str, Identified]:
-        """By name, with the channel's own network where it has one."""
+        """By name, with the channel's network where it has any."""
         of_channel = (
             {"with_network": self.channel_networks[channel]}
             if channel in self.channel_networks
@@ -78,7 +79,7 @@ class _Models:
 
     @property
     def every(self) -> list[tuple[str, Identified]]:
-        """Each model once, with its name; of the networks beside, their channel's."""
+        """Each model once, with its name; networks of other channels with their channel."""
         others = [(f"with network of {channel}", m) for channel, m in self.channel_networks.items()]
         return [*self.named.items(), *others]
 
@@ -93,7 +94,7 @@ def score_run(
     """Errors of every model that a run has on these recordings; rig, effects: as in
     `load_identified`.
 
-    DataError where a recording is one of the run's, holds samples of one, or is sampled otherwise;
+    DataError where a recording is one of the run's, holds its samples, or is sampled otherwise;
     FileError where it lacks a column that the rig needs, or holds no channel of the run.
     """
     fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))
@@ -161,13 +162,13 @@ def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingU
             f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a model is not "
             "judged by what it was made with.",
             f"Give recordings that the run has not seen; `pamid report {folder}` has the errors on "
-            "its own held-out part.",
+            "its held-out part.",
             code="overlap",
         )
 
 
 def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
-    """The run's recordings, where they still lie there as they were: one of them under another
+    """The run's recordings, where they still lie there as they were: also under another
     name, or a part of it, is known by its samples."""
     repeated = []
     for name in used:
@@ -186,7 +187,7 @@ def _require_alike(recording: Recording, model: Identified) -> None:
         raise DataError(
             f"{recording.path} is sampled every {period:g} s, the model's sample is "
             f"{model.period_s:g} s.",
-            "Record with the model's period, or fit a model with this one.",
+            "Record with the model's period, or fit a model with this period.",
             code="period",
         )
 
@@ -296,7 +297,7 @@ class _Replayed:
         return replay_track(measured, p, track, self.model.stepping, noise)
 
     def _value(self, done: Replay) -> Array:
-        """The network over every window from a zero state, in its own unit (samples,)."""
+        """The network over every window from a zero state, in its unit (samples,)."""
         network, inputs = self.model.network, self.model.assembly.traced.inputs
         assert network is not None
         columns = []

@@ -25,12 +25,12 @@ from pamid.symbolic.vocabulary import (
     rate_of,
 )
 
-#: (port, place) -> the effects that act there, with the owner of each one's parameters, in order
+#: (port, place) -> the effects that act there, with the owner of each effect's parameters, in order
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
 
 
 def _with_functions(hint: str) -> str:
-    """A hint; one that sends to `pamid.equations` with the functions that there are."""
+    """A hint; if it refers to `pamid.equations` with the functions that there are."""
     return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
 
 
@@ -197,7 +197,8 @@ class _Tracer:
             ]:
                 raise EquationError(
                     f"two different values pass through port {name!r} {place}".rstrip(),
-                    "a value passes through its port exactly once; give the other one its own port",
+                    "a value passes through its port exactly once; give the other value a separate "
+                    "port",
                 )
             return before.result
         result = value
@@ -255,7 +256,7 @@ class _Tracer:
 
     def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
         """PD with filtered derivative on the measured reading, as section [controller] of a
-        recording says."""
+        recording states."""
         c = self.controller
         unit = f"{loop.reading.rsplit('_', 1)[-1]}"
         noise = f"noise_{loop.reading}"
@@ -306,7 +307,7 @@ def trace(
     return _Tracer(rig, effects_at, controller, upper_bounds or {}).run()
 
 
-# ---- several models as one ---------------------------------------------------------------------
+# ---- several models combined ---------------------------------------------------------------------
 
 
 def signals_of(traced: Traced) -> dict[str, Expr]:
@@ -320,7 +321,7 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
 
 def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
     """A model's equations with prefixed states and parameters, driven by the inputs of another
-    one."""
+    model."""
     driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
     new = {
         symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
@@ -337,7 +338,7 @@ def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
 def with_input_replaced(
     driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]
 ) -> Traced:
-    """Both models as one: the outputs of the first, with this value in the place of one of its
+    """Both models combined: the outputs of the first, with this value in the place of one of its
     inputs."""
     put = {symbol("input", name): value}
     rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))
