@@ -120,7 +120,7 @@ class PortCorrection:
     residual.csv).
 
     parameters: those of the corrected model that were fitted, by name in its unit; outputs:
-    corrected channels in their units; `at_output`: the same network at the output, None where it
+    corrected channels in their units; at_output: the same network at the output, None where it
     was interrupted; mae: by channel, refitted, with_network, and with_output_network where that
     acts.
     """

@@ -29,11 +29,11 @@ from pamid.symbolic.vocabulary import Expr, Number, delay
 
 # sampling periods: computing and buses keep pace with the log
 LONGEST_BUS_DELAY = 20.0
-# of the longest recording: transport takes its own time, however fast the log is sampled. A longer
+# of the longest recording: transport takes as long, however fast the log is sampled. A longer
 # delay leaves too little of the recording that has been through it
 LONGEST_DELAY_SHARE = 0.1
 # the squares of evenly spaced numbers: the misfit is narrow where a delay is short against the
-# motion, and a long one is still met to within a fiftieth
+# motion, and a long delay is still met to within a fiftieth
 SCANNED_DELAYS = (-0.01, 100, 2.0)
 
 

@@ -28,7 +28,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute
 
 
 class FullWaveRectification(Effect):
-    """The negative side is folded onto the positive one."""
+    """The negative side is folded onto the positive side."""
 
     family = "saturation"
     general_kinds = ("reading",)

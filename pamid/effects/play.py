@@ -2,7 +2,7 @@
 
 What it is
     A gear, a coupling or a linkage with clearance. The drive moves through the gap first, then it
-    takes along what stays where it was left, by its own friction: the load with the sensor on it,
+    takes along what stays where it was left, by friction: the load with the sensor on it,
     or the spool behind a lever.
 What it looks like
     After every reversal the reading rests for the width of the gap although the drive moves;

@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic as _intrinsic
 
-# numba's own annotation keeps the typing context that a call leaves out
+# numba's annotation keeps the typing context that a call leaves out
 intrinsic: Any = _intrinsic
 
 

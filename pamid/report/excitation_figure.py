@@ -18,7 +18,7 @@ from pamid.report.style import Drawing, Picture, colour, finish, label, line, re
 
 Array = NDArray[np.float64]
 
-MOST_CHANGES = 60  # changes that can be distinguished in one panel
+MOST_CHANGES = 60  # changes that can be distinguished in a panel
 MOST_TICKS = 5
 DEEPEST_DB = -60.0
 DASHED = (0, (4, 2))
@@ -128,7 +128,7 @@ def _power(axes: Axes, shown: ExcitedColumn) -> None:
     _frequencies(axes, float(frequency[0]), float(frequency[-1]))
     axes.set_title(shown.reach, loc="left")
     if shown.band_hz:
-        _name_dashed_line(axes, "band asked")
+        _name_dashed_line(axes, "requested band")
     finish(axes, "frequency [Hz]", "power [dB]")
 
 
@@ -164,7 +164,7 @@ def _changes(axes: Axes, shown: ExcitedColumn) -> None:
 
 
 def _name_dashed_line(axes: Axes, words: str) -> None:
-    """The name of a dashed line: what was asked for."""
+    """The name of a dashed line: the request."""
     axes.set_title(words, loc="right", fontsize=8.0, color=colour("with_cause"))
 
 

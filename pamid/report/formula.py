@@ -40,7 +40,7 @@ def formula_text(text: str) -> str:
     shown = re.sub(r"(?<=[^\s=]) -(?=[\d.])", " − ", shown)
     shown = re.sub(r"(?<=[^\s=]) \+(?=[\d.])", " + ", shown)
     shown = re.sub(r"\^(\d+)", lambda found: found[1].translate(_POWERS), shown)
-    unit, bracket, formula = shown.rpartition("]")  # a unit may hold a sign of its own
+    unit, bracket, formula = shown.rpartition("]")  # a unit may hold a sign, too
     return unit + bracket + formula.replace("-", "−")
 
 
@@ -74,7 +74,7 @@ class _Reader:
         return self._tokens[self._at] if self._at < len(self._tokens) else ("end", "")
 
     def _take(self, *signs: str) -> str:
-        """The next token if it is one of these signs, else ""."""
+        """The next token if it is any of these signs, else ""."""
         kind, text = self._peek()
         if kind != "sign" or text not in signs:
             return ""

@@ -39,7 +39,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class RunData:
-    """Content of a run; None for missing parts. network: the last trained one; beside: those of
+    """Content of a run; None for missing parts. network: the last trained; other_networks: those of
     other channels."""
 
     steps: tuple[Step, ...]
@@ -86,14 +86,14 @@ class RunData:
 
 
 def load_run(folder: Path) -> RunData:
-    """Read a run folder; FileError if it is not one, has no result, or has a damaged file."""
+    """Read a run folder; FileError if it is no run folder, has no result, or has a damaged file."""
     Run.open(folder)
     fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
         raise FileError(
             f"{folder} has no result yet: neither fit.json nor diagnosis.json.",
-            "`pamid fit` or `pamid diagnose` with --output writes one.",
+            "`pamid fit` or `pamid diagnose` with --output writes a result.",
             code="no-result",
         )
     network = read_result(folder / "network.json", NetworkFile, any_schema=True)
@@ -162,7 +162,7 @@ def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
     if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
-        needed = f"a list with at least one effect, as the verdict is {diagnosis.verdict!r}"
+        needed = f"a list with an effect or more, as the verdict is {diagnosis.verdict!r}"
         raise damaged(path, "causes", needed, "empty")
     return diagnosis
 

@@ -74,7 +74,7 @@ def steps_picture(
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """The joint on the steps at one inertia: name of the case, and by legend entry the angle
+    """The joint on the steps at an inertia: name of the case, and by legend entry the angle
     (samples,), deg, of the reference, the measurement and the models."""
 
     case: str
@@ -222,7 +222,7 @@ class Panel:
 
 
 def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
-    """One panel per variable against time, two in a row; the simulated lines lie over the broad
+    """A panel per variable against time, two in a row; the simulated lines lie over the broad
     measured one."""
 
     def draw(figure: Figure, narrow: bool) -> None:

@@ -34,7 +34,7 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
         "the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
-        "one more sensor takes apart Force 1 and force 2 muscle and joint",
+        "additional sensor takes apart Force 1 and force 2 muscle and joint",
         "These sensors allow 3 independent checks.",
     ):
         assert told in text, told
@@ -167,7 +167,7 @@ def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
 
 
 def test_a_control_loop_is_shown_where_one_was_closed(tmp_path: Path) -> None:
-    heading = "In its own control loop"
+    heading = "In its control loop"
     assert heading in text_of(make_run(tmp_path / "CLOSED"))
     open_loop = make_run(tmp_path / "OPEN", fit=fit_json() | {"closed_loop": {}})
     assert heading not in text_of(open_loop)
