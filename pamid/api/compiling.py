@@ -4,7 +4,7 @@ shipped rigs' equations.
     python -m pamid.api.compiling
 
 `make` does it when it installs. Without it the first command takes so many seconds longer, once;
-nothing else changes. What is compiled lies beside the package or in the user's cache
+nothing else changes. Compiled code lies next to the package or in the user's cache
 (`pamid.engine.numba_cache`, `pamid.engine.jit_cache`); what has been compiled before is left.
 """
 
@@ -59,7 +59,8 @@ def _compile(assembly: Assembly) -> None:
 
 
 def _run_once(assembly: Assembly) -> None:
-    """A sample, by which everything that steps a model is compiled; every way to step is in one."""
+    """A sample, by which everything that steps a model is compiled; a sample has every way to
+    step."""
     program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
     memory = program.memory(assembly.start(p), period_s=period)
     u = np.zeros((1, len(program.inputs)))

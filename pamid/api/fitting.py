@@ -59,7 +59,7 @@ def fit(arguments: FitArguments) -> FitResult:
     ):
         raise UsageError(
             f"{output} cannot be both --from and --output.",
-            "Give every stage a run folder of its own.",
+            "Give every stage a separate run folder.",
         )
     posterior = read_posterior(before) if before else None
 

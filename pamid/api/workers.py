@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class RunHome:
-    """The folder of a run: the one that the user named, or a temporary one that goes with the last
+    """The folder of a run: named by the user, or a temporary folder that goes with the last
     result that refers to it."""
 
     def __init__(self, folder: Path | None) -> None:

@@ -1,5 +1,5 @@
-"""Long work says how far it is: a callback that takes one line of text; and where a person looks, a
-line that updates itself, in a terminal and in a notebook."""
+"""Long work reports how far it is: a callback that takes a line of text; and where a person looks,
+a line that updates itself, in a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def tell(text: str) -> None:
 
 @contextmanager
 def listening(progress: Progress) -> Iterator[None]:
-    """`progress` hears what is told within."""
+    """`progress` receives the reports within."""
     before = _LISTENER.set(progress)
     try:
         yield
@@ -47,7 +47,7 @@ class Settled(str):
 
 @runtime_checkable
 class CountedProgress(Protocol):
-    """Takes how many steps are done, beside the text: it may say how long the rest will take."""
+    """Takes how many steps are done, next to the text: it may state how long the rest will take."""
 
     def update(self, done: int, text: str) -> object: ...
 
@@ -68,7 +68,8 @@ _COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-frictio
 def progress_steps(
     wanted: ShowProgress, label: str, total: int | None = None
 ) -> Iterator[tuple[Progress, Callable[[int, str], object]]]:
-    """A callback for lines of text, and one for steps: (how many of the total are done, text)."""
+    """A callback for lines of text, and a callback for steps: (how many of the total are done,
+    text)."""
     if isinstance(wanted, CountedProgress):
         counted = wanted
 
@@ -91,10 +92,10 @@ class ProgressLine:
 
     On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
     log files and pipes get a line after 3 s, then every 15 s, where `in_logs`, else nothing. Quick
-    work says nothing. Work whose stages are known (by default those of the label in
-    `WORK_STAGES`) lists them once, and says how much of the whole is done and about how long the
+    work reports nothing. Work whose stages are known (by default those of the label in
+    `WORK_STAGES`) lists them once, and reports how much of the whole is done and about how long the
     rest takes; other stages that count (`screening 15/33: ...`) the same of themselves. A `Settled`
-    text stays on a line of its own.
+    text stays on a separate line.
     """
 
     def __init__(
@@ -114,7 +115,11 @@ class ProgressLine:
         self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
-        self._stage = ("", 0, self._begun)  # its name, what was done, and when it was first told
+        self._stage = (
+            "",
+            0,
+            self._begun,
+        )  # its name, what was done, and when it was first reported
         self._stages = WORK_STAGES.get(label, ()) if stages is None else stages
         self._listed = False
         self._settled: list[str] = []

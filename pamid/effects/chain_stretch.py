@@ -2,7 +2,7 @@
 
 What it is
     Chain, cord or belt in series with the muscle give under load: the muscle is shorter than the
-    angle says and pulls less. Solved with a single secant step for the pull at which muscle and
+    angle implies and pulls less. Solved with a single secant step for the pull at which muscle and
     chain agree. The muscle's damping then sits behind a spring: the pull comes late.
 What it looks like
     A joint softer than the muscles alone would make it, by 2-10 %, the more so at high pressure

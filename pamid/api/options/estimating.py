@@ -114,8 +114,8 @@ class FitArguments(RunArguments, FittedModel):
     do not depend on it). Parameters that only a combination determines are listed with that
     combination.
 
-    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
-    to the next one with --from.
+    Experiments can be fitted in stages, each on other recordings: give the run folder of each fit
+    to the next with --from.
     """
 
     jobs: int = jobs_option("Processes for the bootstrap.", 1)
@@ -137,7 +137,7 @@ class SearchedEffects(RecordingArguments):
     without: Sequence[EffectName] = option((), "Effect of the catalogue to leave out.")
     horizon: str | float | None = option(
         None,
-        "Time to predict from one estimated state, rounded to whole windows; whole: over whole "
+        "Time to predict from an estimated state, rounded to whole windows; whole: over whole "
         "recordings. [default: as long as the noise of that state allows]",
         metavar="SECONDS|whole",
     )

@@ -55,7 +55,7 @@ class CheckArguments:
     )
     rig: RigLike | None = option(
         None,
-        "Rig of the recording, by name or file. [default: the one that its TOML names]",
+        "Rig of the recording, by name or file. [default: as its TOML names it]",
     )
 
 
@@ -88,7 +88,7 @@ class NewRigArguments:
     _: KW_ONLY
     like: RigName | None = option(
         None,
-        "Rig to start from. [default: the one whose columns fit best]",
+        "Rig to start from. [default: whose columns fit best]",
         "--like",
         "--rig",
     )

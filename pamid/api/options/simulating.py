@@ -125,7 +125,7 @@ class ScoreArguments:
     recordings: RecordingLike | Sequence[RecordingLike] = argument("Recordings to score on.")
     _: KW_ONLY
     rig: RigLike | None = option(
-        None, "Path of the run's rig file, if it has one (it is run if it is unchanged)."
+        None, "Path of the run's rig file, if any (it is run if it is unchanged)."
     )
     effects: EffectLike | Iterable[EffectLike] = option(
         (), "Path of an effect file of the run (it is run if it is unchanged).", "--effect"

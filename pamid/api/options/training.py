@@ -112,7 +112,7 @@ class TrainingArguments(NetworkSizes):
     )
     at: str = option(
         "output",
-        "Place of the correction. output: added to one output of the model; PORT: added to the "
+        "Place of the correction. output: added to an output of the model; PORT: added to the "
         "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them), which "
         "needs the recordings.",
         "--port",
