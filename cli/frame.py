@@ -1,4 +1,4 @@
-"""Frame around every command: one JSON object or a text on stdout, errors on stderr, exit codes.
+"""Frame around every command: a JSON object or a text on stdout, errors on stderr, exit codes.
 
 Nothing heavy is imported here, so that `pamid --help` responds at once.
 """
@@ -121,7 +121,7 @@ def _standard_flags() -> list[click.Parameter]:
     return [
         click.Option([word], is_flag=True, expose_value=False, help=text)
         for word, text in (
-            ("--json", "Print exactly one JSON object."),
+            ("--json", "Print a single JSON object."),
             ("--debug", "Show the traceback of an error."),
         )
     ]
@@ -298,12 +298,12 @@ def blank_context(name: str) -> click.Context:
 
 
 def group() -> click.Group:
-    """All of pamid as one click command."""
+    """All of pamid as a single click command."""
     return _GROUP
 
 
 class _LazyGroup(click.Group):
-    """Finds commands in the table and imports the module of the one that is called."""
+    """Finds commands in the table and imports the module of the called command."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)

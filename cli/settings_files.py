@@ -1,6 +1,6 @@
 """Settings from `pamid.toml`: values of a project in place of pamid's defaults.
 
-The nearest `pamid.toml` in the working folder or above it has one table per command, and
+The nearest `pamid.toml` in the working folder or above it has a table per command, and
 `[defaults]` for every command that has the option. The command line takes precedence over the
 environment (PAMID_DIAGNOSE_JOBS), the environment over this file, and the file over the default.
 `pamid config` shows the source of every value.
@@ -9,9 +9,9 @@ A downloaded folder must not decide what pamid does, so a file is trusted only b
 place:
 
 - A file that somebody else may have written is ignored. That is so where it or its folder belongs
-  to a user other than this one or root, or where others may write to it, its folder or a folder
+  to a user other than this user or root, or where others may write to it, its folder or a folder
   above. A group of the user alone does not count. A file in a sticky folder such as /tmp is
-  ignored, one in a private subfolder of it is not.
+  ignored, a file in a private subfolder of it is not.
 - Outside the user's home only the file of the working folder counts.
 - Three kinds of entries are read only from a file that the user owns, in the user's home: code to
   run (the path of a rig or effect file), an address (`cluster`), and permission to replace files
@@ -59,7 +59,7 @@ def settings_file(folder: Path | None = None) -> Path | None:
 
 
 def ignored_files(folder: Path | None = None) -> dict[Path, str]:
-    """Files nearer than the one that applies, which are not trusted, with the reason."""
+    """Files nearer than the file that applies, which are not trusted, with the reason."""
     reasons = {}
     for path, why in _candidate_files(folder):
         if not why:
@@ -165,7 +165,7 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
 
 
 def ignored_entries(context: click.Context) -> list[str]:
-    """One sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
+    """A sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
     return [
         f"{e.path}: [{e.table}] {e.key} is ignored, because {e.ignored}. Give --{e.key} on the "
         "command line."

@@ -86,7 +86,7 @@ def inspect(
     path
         File, rig or effect.
     rig
-        Rig of a recording; by default the one that its TOML names.
+        Rig of a recording; by default as its TOML names it.
 
     Raises
     ------
@@ -248,8 +248,8 @@ def _against_rig(
 ) -> tuple[Recording, Rig | None, list[CheckOutcome]]:
     """Recording with the rig's columns, rig, and findings on columns that are not part of it.
 
-    A rig file only runs if the user names it. One that a recording's TOML names is reported, not
-    run.
+    A rig file only runs if the user names it. A rig file that a recording's TOML names is reported,
+    not run.
     """
     try:
         rig = (
@@ -393,7 +393,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
 
 
 def _time_column(path: Path) -> FloatArray:
-    """Readable stamps, one per row."""
+    """Readable stamps, a stamp per row."""
     stamps = []
     for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:
@@ -449,7 +449,7 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
         ]
     findings: list[CheckOutcome] = []
     if len(rigs) > 1:
-        findings.append(fault("file", f"it holds {len(rigs)} rigs; keep one rig in one file"))
+        findings.append(fault("file", f"it holds {len(rigs)} rigs; keep a single rig in each file"))
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]

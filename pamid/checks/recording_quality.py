@@ -81,7 +81,7 @@ def examine(
     recording
         Recording to check.
     rig
-        Its rig; without one, issues that need a model are left out.
+        Its rig; without a rig, issues that need a model are left out.
     signals
         Result of `signals_of`, if it has been computed already.
     """
@@ -280,7 +280,7 @@ def _held_and_clipped(
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     """Rows in which every measured channel repeats the row before, although it should not.
 
-    The motion of one of them then continues with a leap, or the noise of two stops and returns.
+    The motion of either then continues with a leap, or the noise of two stops and returns.
     """
     together = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(together)
@@ -303,7 +303,7 @@ def _motion_lost(s: CheckedSignal, starts: Places, stops: Places) -> Mask:
     resolution = max(s.step, s.grain, MOVES * s.noise if s.white else 0.0, 1e-4 * s.span)
     inside = (starts > PACE) & (stops < s.values.size - PACE)
     first, behind = np.where(inside, starts, PACE + 1), np.where(inside, stops, PACE + 1)
-    # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first one
+    # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first
     # behind it
     before = np.stack([d[first - 2 - k] for k in range(PACE)])
     after = np.stack([d[behind + k] for k in range(PACE)])
@@ -330,7 +330,7 @@ def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIss
             "dropped",
             columns,
             f"{int(held.sum())} samples were lost and filled by repeating the last "
-            f"one in {which}, {share_words(float(held.mean()))}",
+            f"every {which}, {share_words(float(held.mean()))}",
             "Check the logger's load and the bus; ingest the raw log without filling, or leave "
             "these stretches out.",
             {
@@ -397,7 +397,7 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 
 def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
-    """Floor at one atmosphere to which the pressure returns repeatedly."""
+    """Floor at 1 atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
     if not VENTED_PA[0] < floor < VENTED_PA[1]:
@@ -424,7 +424,7 @@ def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
-    """Findings on too little excitation, or on too short a one."""
+    """Findings on too little excitation, or on an excitation that is too short."""
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
     issues = []
@@ -446,7 +446,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
                     name,
                     f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time",
                     "Lower the gains or ask for less: a command at its "
-                    "limit says little about the rig.",
+                    "limit has little information about the rig.",
                     {"share": float(at.mean())},
                     windows_of(recording.time, *runs_of(at)),
                 )

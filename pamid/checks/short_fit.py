@@ -12,7 +12,7 @@ The start states are eliminated window by window (variable projection by block e
 Pereyra 2003, Inverse Problems 19, R1-R26).
 
 If an input differs from that of a fit, the outputs change by d at the fitted parameters, which
-takes one run. After parameters and start states have adapted, the error is to first order
+takes a single run. After parameters and start states have adapted, the error is to first order
 (`first_order_errors`)
 
     min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
@@ -352,7 +352,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         slopes: Array,
         derivatives: bool = True,
     ) -> tuple[Array, Array, Array] | None:
-        """Weighted derivatives of one window by parameters and by its start, and weighted
+        """Weighted derivatives of a window by parameters and by its start, and weighted
         residuals.
 
         The derivatives may be left out (empty). None if the model diverges.
@@ -384,7 +384,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
         """Root mean square errors after parameters and start states have adapted to first order.
 
-        There is one error per alternative of `program`'s inputs. inputs: those of the track with
+        There is an error per alternative of `program`'s inputs. inputs: those of the track with
         their rises; the first as in this fit.
         """
         runner, t = self.runner, self.trial.track

@@ -1,8 +1,8 @@
 """Signals to send: shapes of time for the experiments of the menu, and excitations with settings,
 for several columns.
 
-An excitation keeps within a rate limit: one of steps is slowed down to it, a smooth one that would
-be bent is refused. Columns with random signals are sent together, each with a seed of its own; with
+An excitation keeps within a rate limit: steps are slowed down to it, a smooth signal that would be
+bent is refused. Columns with random signals are sent together, each with a separate seed; with
 the others they take turns, the rest of them waiting at the offset, so that what answers is known.
 """
 
@@ -61,7 +61,7 @@ def through(t: Array, *knots: tuple[float, float]) -> Array:
 
 
 def odd_multisine(t: Array, seed: int = 11) -> Array:
-    """Odd harmonics with random phases, one period in half the length, highest value 0.75."""
+    """Odd harmonics with random phases, a period in half the length, highest value 0.75."""
     n = len(t) // 2
     top = min(FASTEST_HZ, 0.1 / (t[1] - t[0])) * n * (t[1] - t[0])
     lines = np.unique(2 * (np.geomspace(1.0, max(top, 3.0), 40).astype(int) // 2) + 1)
@@ -71,7 +71,7 @@ def odd_multisine(t: Array, seed: int = 11) -> Array:
 
 
 def slow_reversals(t: Array) -> Array:
-    """Triangles nested in one another, with stops."""
+    """Triangles nested in each other, with stops."""
     return through(
         t,
         (1.5, 1.0),
@@ -104,7 +104,7 @@ def amplitude_sweep(t: Array) -> Array:
 
 
 def pulses(t: Array, every: float, each: list[tuple[float, float]]) -> Array:
-    """(length s, height) after one another, one every so many seconds."""
+    """(length s, height) in sequence, a pulse every so many seconds."""
     out = np.zeros(len(t))
     for k, (length, height) in enumerate(each):
         begin = every * (k + 0.25)
@@ -113,12 +113,12 @@ def pulses(t: Array, every: float, each: list[tuple[float, float]]) -> Array:
 
 
 def paired_pulses(t: Array) -> Array:
-    """There and back for 30 to 500 ms each, one every 1.5 s, over 15 s."""
+    """There and back for 30 to 500 ms each, a pulse every 1.5 s, over 15 s."""
     return pulses(t, GAP_S, [(length, height) for length in PULSES_S for height in (1.0, -1.0)])
 
 
 def nested_loops(t: Array) -> Array:
-    """Up and down within 14 s: a loop of 3/8, then one of 1 with a smaller one inside."""
+    """Up and down within 14 s: a loop of 3/8, then a loop of 1 with a smaller loop inside."""
     return through(
         t,
         (1.0, 0.375),
@@ -156,7 +156,7 @@ class Plan:
     """A signal and its settings, as the functions below take them; `plan_for` gives those not named
     their usual values.
 
-    duration_s  of all columns, those that take turns share it; 0: as long as one pass takes
+    duration_s  of all columns, those that take turns share it; 0: as long as a pass takes
     rate_limit  largest slope in units of a column per second (None: jumps)
     """
 
@@ -183,8 +183,8 @@ def prbs(plan: Plan, amplitude: float, seed: int, part: float = 0.0) -> Array:
     """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
 
     The ratio of longest to shortest hold, rounded, is the order n of the shift register, whose
-    sequence of 2^n - 1 shortest holds is repeated. `part` of that sequence by which this one begins
-    later: parts of one sequence that are sent together are as good as independent, if they lie
+    sequence of 2^n - 1 shortest holds is repeated. `part` of that sequence by which this column
+    begins later: parts of a sequence that are sent together are as good as independent, if they lie
     further apart than the rig remembers. The two levels are offset +- amplitude; it starts and
     stays at `rest` for the shortest hold, as `aprbs` does.
     """
@@ -255,7 +255,7 @@ def chirp(plan: Plan, amplitude: float) -> Array:
     cycles = length * ((high - low) / math.log(high / low) if log else 0.5 * (low + high))
     if cycles < 1.0:
         raise UsageError(
-            f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz."
+            f"{length:g} s have no room for a cycle of a sweep from {low:g} to {high:g} Hz."
         )
     whole = math.floor(cycles * (1.0 + 1e-12)) / cycles
     method, time = "logarithmic" if log else "linear", plan.period_s * np.arange(count)
@@ -326,7 +326,7 @@ def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """A column: samples (n,), the samples in which it is excited, the seed of its own or the part
+    """A column: samples (n,), the samples in which it is excited, its seed or the part
     of the sequence."""
 
     samples: Array
@@ -360,7 +360,7 @@ def plan_for(
                 or "no signal"
             )
             raise UsageError(
-                f"{name} says nothing to the signal {signal}.", f"It belongs to {takers}."
+                f"{name} does not apply to the signal {signal}.", f"It belongs to {takers}."
             )
     if not (math.isfinite(period_s) and period_s > 0.0):
         raise UsageError(f"The period is {period_s:g}; it must be positive.")
@@ -385,8 +385,8 @@ def draw(
     ramped: Collection[str] = (),
     rests: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Sent]:
-    """The columns, each with its amplitude and its offset (else the plan's), all of one length; the
-    first one of random signals is what it is alone. ramped: columns that go from level to level in
+    """The columns, each with its amplitude and its offset (else the plan's), all of equal length;
+    the first of random signals is what it is alone. ramped: columns that go from level to level in
     ramps; rests: where random steps begin (else at 0)."""
     turns = len(amplitudes) if plan.signal in IN_TURN else 1
     duration = plan.duration_s / turns
@@ -412,7 +412,7 @@ def draw(
 
 
 def ramps(samples: Array) -> Array:
-    """Steps (n,) as ramps: each level is reached where the next one would begin, so that the speed
+    """Steps (n,) as ramps: each level is reached where the next would begin, so that the speed
     is another from ramp to ramp."""
     begins = np.flatnonzero(np.diff(samples)) + 1
     knots = np.concatenate([[0], begins, [len(samples) - 1]])

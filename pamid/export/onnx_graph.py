@@ -1,7 +1,7 @@
 """ONNX graphs node by node: names, constants, subgraphs, and equations as nodes.
 
 Everything is float64. A number is a tensor of shape (1,), so that numbers split from a vector, or
-joined to one, need no reshaping. Subgraphs see the names around them. Each constant is in the
+joined to a vector, need no reshaping. Subgraphs see the names around them. Each constant is in the
 outermost graph, once.
 """
 
@@ -40,7 +40,7 @@ class Graph:
         return f"{stem}_{self.count[0]}"
 
     def add(self, op: str, *inputs: str, **attributes: Any) -> str:
-        """Add a node with one output and return its name."""
+        """Add a node with a single output and return its name."""
         (output,) = self.several(op, 1, *inputs, **attributes)
         return output
 
@@ -78,7 +78,7 @@ class Graph:
     # ---- vectors --------------------------------------------------------------------------------
 
     def joined(self, parts: Iterable[str]) -> str:
-        """Numbers and vectors as one vector."""
+        """Numbers and vectors as a single vector."""
         names = list(parts)
         return names[0] if len(names) == 1 else self.add("Concat", *names, axis=0)
 

@@ -1,13 +1,13 @@
 """Jobs on a Dask cluster: workers on other machines that a scheduler hands them to.
 
 What a job needs, recordings and fitted models, goes to the scheduler once and from there to every
-worker that asks for it; a worker that dies is replaced by another one, and only the jobs it held
+worker that requests it; a worker that dies is replaced by another, and only the jobs it held
 are done again. A job that ends its workers `distributed.scheduler.allowed-failures` + 1 times
 (four, unless the scheduler is configured otherwise) is given up.
 
 Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results
 are pickles, which run code where they are unpacked, on the workers and here. At a tls:// address
-only who has a certificate is let in; which ones are used stands in Dask's own configuration
+only who has a certificate is let in; which are used stands in Dask's configuration
 (`distributed.comm.tls`).
 """
 
@@ -58,7 +58,7 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
     """The cluster whose scheduler listens at an address such as tcp://host:8786.
 
     FileError where distributed is not installed, nobody answers in time, there is no worker, or the
-    workers run another pamid than this one.
+    workers run another pamid than here.
     """
     patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
@@ -79,8 +79,8 @@ def _connected(address: str, patience_s: float) -> Client:
             code="missing-package",
         ) from None
     try:
-        # asked first: a port on which something else listens keeps a client waiting whatever its
-        # own limit
+        # checked first: a port on which something else listens keeps a client waiting whatever its
+        # limit
         asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
         return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
     # the first: time limits, certificates
@@ -93,7 +93,7 @@ def _connected(address: str, patience_s: float) -> Client:
             )
         raise FileError(
             f"no scheduler answers at {address} within {patience_s:g} s{why}",
-            "Start one with `dask scheduler` and give the address it prints, such as "
+            "Start a scheduler with `dask scheduler` and give the address it prints, such as "
             "tcp://host:8786.",
             code="cluster",
         ) from error
@@ -194,7 +194,7 @@ class Cluster:
                 executor.shutdown(wait=False)
 
     def _part(self, value: Any) -> DaskFuture:
-        """Something that many jobs need, as a task of its own: where every worker that held it has
+        """Something that many jobs need, as a separate task: where every worker that held it has
         died, the scheduler still knows it."""
         key = f"part-{digest(value)}"
         if key not in self.sent:

@@ -13,14 +13,14 @@ refitted model from the noise floor by the factor
 
     v_ec = sqrt(1 + |P D_e|_c^2 / n)
 
-its visibility, which has to exceed the margin that a diagnosis calls no gap. Beside another effect
+its visibility, which has to exceed the margin that a diagnosis calls no gap. Next to another effect
 f, which may take any size and the derivatives T_f of its parameters,
 
     z_(e|f) = min over a, b of |P (D_e - a D_f - T_f b)|
 
 and f is confused with e where little of z_e is left. Silvey (1980), Optimal Design, for information
-about some parameters beside others; Atkinson and Fedorov (1975), Biometrika 62:57, for that about
-models.
+about some parameters in addition to others; Atkinson and Fedorov (1975), Biometrika 62:57, for that
+about models.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SIZES = (0.1, 0.3, 1.0, 3.0)
 USUAL = SIZES.index(1.0)
 # visibility from which an effect shows: a diagnosis calls a smaller error no gap
 SEEN = 1.0 + DEFAULT.floor_margin
-# standard errors below which nothing is said of an effect, nor two told apart
+# standard errors below which an effect is not reported, nor two separated
 SURE = 3.0
 ROWS = 6000  # residuals at most, thinned evenly
 FINER = 3  # times that the steps are halved where an effect is too stiff
@@ -159,7 +159,7 @@ def visibility(changed: Array, samples: float) -> float:
 
 
 def linearised(base: Fit, problem: Problem, p: Array, *, derivatives: bool = True) -> LinearRows:
-    """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
+    """The rows of a model at p, next to a fit; with finer steps where an effect is too stiff for
     those of the rig."""
     at = replace(base, problem=problem, p=p)
     for _ in range(FINER):
@@ -173,7 +173,8 @@ def linearised(base: Fit, problem: Problem, p: Array, *, derivatives: bool = Tru
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """Change of the rows by an effect, a column per size, then one per parameter of its own."""
+    """Change of the rows by an effect, a column per size, then a column per parameter of the
+    effect."""
 
     columns: Array
     amount: UsualAmount | None
@@ -192,7 +193,7 @@ class _Responding(Work[Attachment, _Change]):
     def __call__(self, item: Attachment) -> _Change:
         assembly = model_with(self.evidence, (item,), self.sizes)
         effect_parameters = [b for b in assembly.parameters if b.owner == item.label]
-        # derivatives by the effect's own parameters are all that is asked of it, those by the rig's
+        # derivatives by the effect's parameters are enough for it, those by the rig's
         # are the ground's: of an arm, or of a simulation that is stepped, they cost most by far
         fitted = frozenset(b.key for b in effect_parameters if b.fitted)
         assembly = replace(assembly, sensitive=fitted)
@@ -215,7 +216,7 @@ class _Responding(Work[Attachment, _Change]):
             if size == 1.0:
                 tangents[:common] = rows.by_parameters[:common]
         amount = None
-        # the first of its parameters at whose null the effect vanishes says how large it is
+        # the first of its parameters at whose null the effect vanishes states how large it is
         if first := next((b for b in effect_parameters if b.null is not None), None):
             usual = first.value / first.factor
             amount = UsualAmount(parameter=first.name, unit=first.unit, usual=usual, least=None)
@@ -244,7 +245,7 @@ class _Projected:
 
 def _inner(projected: _Projected, responses: dict[str, Array]) -> dict[str, tuple[Array, Array]]:
     """Of every effect that stays finite: its response at the usual size, projected, and an
-    orthonormal base of it with the derivatives by its own parameters."""
+    orthonormal base of it with the derivatives by its parameters."""
     spans = {}
     for label, columns in responses.items():
         with np.errstate(over="ignore", invalid="ignore"):  # slopes of what runs away may be large
@@ -262,7 +263,7 @@ def _confused(
     inner: dict[str, tuple[Array, Array]],
     a: Attachment,
 ) -> tuple[str, ...]:
-    """Effects of other families that leave little of this one, the least first."""
+    """Effects of other families that leave little of this effect, the least first."""
     response = inner[a.label][0]
     whole = float(np.linalg.norm(response))
     if whole < SURE:

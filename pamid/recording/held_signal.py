@@ -18,7 +18,7 @@ WIDE_STEP = 0.05  # of its range: what moves in steps goes so far
 
 def held_by_jumps(values: NDArray[np.float64]) -> bool:
     """Do the values (n,) jump from one standstill to the next, after times that differ, and by more
-    than one step of a converter? (After equal times: a sensor that is sampled more slowly.)"""
+    than a step of a converter? (After equal times: a sensor that is sampled more slowly.)"""
     values = values / max(float(np.abs(values).max()), TINY)  # the largest numbers have no sums
     steps = np.abs(np.diff(values))
     moved = np.flatnonzero(steps > 0.0)
@@ -42,7 +42,7 @@ def stands(values: NDArray[np.float64]) -> bool:
 
 def moves_in_steps(values: NDArray[np.float64]) -> bool:
     """Does a signal mostly stay, and go far where it goes? What was sent does; a slow sensor of few
-    bits stays as well, and goes by one bit. values (n,) without NaN."""
+    bits stays as well, and goes by a bit. values (n,) without NaN."""
     if not stands(values):
         return False
     moves = np.abs(np.diff(values))

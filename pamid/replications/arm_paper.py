@@ -4,7 +4,7 @@
 Gravity tests first, for inertias and friction of the joints, with viscous friction alone and with
 the dry friction that the twin has; then pulses on the valves, begun from what those have left
 known, with the analytic force law of the rig and with an ANFIS trained on a measured force map.
-Last, what pulses on one joint do to the other (arm_coupling.py).
+Last, what pulses on a joint do to the other (arm_coupling.py).
 
 Source of the procedure: Dynamic characterization and simulation of two-link soft robot arm with
 pneumatic muscles, Mechanism and Machine Theory (2016).
@@ -84,20 +84,20 @@ QUICK_ARM_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
-    "their figures are not set beside these. What the twin hides was chosen; its equations are the "
+    "their figures are not compared. What the twin hides was chosen; its equations are the "
     "model's but for the force law and the dry friction of its joints.",
     "Dry friction is not in the rig: it is added as coulomb-friction at both joints, to every "
-    "fit but the one without dry friction. The data sheet has none.",
+    "fit but the fit without dry friction. The data sheet has none.",
     "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that "
     "is clamped is not "
     "scored, nor are its muscles. The noise floor is the error of the twin itself.",
     "With corrections: force maps (3 %) and valves (5 %) of every muscle may depart smoothly from "
     "the law, as in every "
     "fit of pamid. They can take up what the analytic law lacks; the law alone has none.",
-    "A swing tells inertias, first moments and friction up to one common factor. The test with a "
-    "known payload sets it, as a known torque would. Masses, centres and inertias one by one are "
+    "A swing tells inertias, first moments and friction up to a common factor. The test with a "
+    "known payload sets it, as a known torque would. Masses, centres and inertias separately are "
     "not seen by the motion.",
-    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has learnt "
+    "scale multiplies a force law: the truth given is that of the twin's law. The ANFIS has learnt "
     "it with the map, so that 1 is right there. Where a muscle is slack, the ANFIS was taught the "
     "catalogue's law nearest to the map.",
 )
@@ -121,7 +121,7 @@ class ArmPlan:
 
 
 class LawAlone(TwoLink):
-    """The arm without room for tolerances: its muscles pull as the law says, up to `scale`."""
+    """The arm without room for tolerances: its muscles pull by the law, up to `scale`."""
 
     name = ARM_RIG
     background = {}
@@ -170,7 +170,7 @@ class ArmModel:
 def fit_stages(
     run: Run, records: ArmRecords, plan: ArmPlan, progress: Progress
 ) -> tuple[dict[str, FitStage], dict[str, Any]]:
-    """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
+    """All fits, each in a separate run folder as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
     def stage(

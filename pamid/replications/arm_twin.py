@@ -56,7 +56,7 @@ class ArmTwin:
     over the data sheet, and dry friction of the joints, which the data sheet lacks.
 
     Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws
-    leave them; the rest by about as much as its prior says. scale is that of the twin's own law.
+    leave them; the rest by about as much as its prior states. scale is that of the twin's law.
     """
 
     law: str = "braid-and-rubber"
@@ -92,7 +92,7 @@ class ArmTwin:
         }
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
-        """columns (samples,) in their own units and the meta of a recording; no load cells."""
+        """columns (samples,) in their units and the meta of a recording; no load cells."""
         specs = tuple(f"{name}={value}" for name, value in self.friction.items())
         simulated = simulate_virtual_rig(
             f"{ARM_RIG}:{self.law}",
@@ -115,7 +115,7 @@ class ArmTwin:
         }
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
-        """A static test of one muscle at every contraction and pressure of the grid, with a noisy
+        """A static test of a muscle at every contraction and pressure of the grid, with a noisy
         load cell, as CSV."""
         contraction, pressure = (
             x.ravel() for x in np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij")
@@ -130,7 +130,7 @@ class ArmTwin:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """One recording to be made. columns: what is sent (samples,); known: what the arm is set to."""
+    """A recording to be made. columns: what is sent (samples,); known: what the arm is set to."""
 
     name: str
     kind: str
@@ -245,7 +245,7 @@ class ArmRecords:
         return [t for t in self.taken if (t.session.kind, t.session.held_out) == (kind, held_out)]
 
     def evidence(self, rig: Rig, kind: str, without: str = "") -> DataSplit:
-        """The recordings of a kind as a fit wants them; one of them may be left out by name."""
+        """The recordings of a kind as a fit wants them; any of them may be left out by name."""
         return split_recordings(
             rig,
             [r for r in self.of(kind, held_out=False) if r.name != without],

@@ -61,7 +61,7 @@ def responses_png(
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:
-    """Of the analytic model in its own loop, beside what was measured."""
+    """Of the analytic model in its loop, next to the measured motion."""
     cases: dict[str, dict[str, tuple[Array, Array]]] = {}
     for case, r in steps.items():
         model = analytic_run(r)
@@ -78,7 +78,7 @@ def pressures_png(steps: Mapping[str, Recording]) -> bytes:
 
 
 def excitation_png(training: Recording, model: Array) -> bytes:
-    """model: angle of the analytic model in its own loop on the same reference (samples,), deg."""
+    """model: angle of the analytic model in its loop on the same reference (samples,), deg."""
     reference = training.signal(REFERENCE_COLUMN)
     error = training.signal(ANGLE_COLUMN) - model
     time = clock(reference)

@@ -100,8 +100,8 @@ PUBLISHED_TRAINING: dict[str, Any] = {
 }
 JOINT_NOTES = (
     "A calibrated twin, not the authors' rig: their recordings and parameters are not published. "
-    "The effects hidden in it were sized so that the analytic model's error is the published one; "
-    "other twins would fit as well.",
+    "The effects hidden in it were sized so that the analytic model's error equals the published "
+    "error; other twins would fit as well.",
     "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 "
     "%. That divides a "
     "squared error by the range; the root of it is 0.0387, or 1.94 % of the range.",
@@ -123,7 +123,7 @@ class JointPlan:
 
 @dataclass(frozen=True)
 class ModelRow:
-    """One model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up;
+    """A model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up;
     None: unstable."""
 
     model: str
@@ -144,14 +144,14 @@ class ModelRow:
 
 @dataclass(frozen=True, eq=False)
 class JointRecords:
-    """The recordings of the twin: one to train on, one of the steps for each inertia."""
+    """The recordings of the twin: a recording to train on, and the steps for each inertia."""
 
     training: Recording
     steps: dict[str, Recording]
 
     @cached_property
     def analytic(self) -> dict[str, dict[str, Array]]:
-        """The analytic model in its own loop on every reference, by name of the recording in
+        """The analytic model in its loop on every reference, by name of the recording in
         `FILES`."""
         return {
             name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()
@@ -174,7 +174,7 @@ class JointRecords:
         return ModelRow(model, errors(0), errors(skip), seconds, angles)
 
     def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> ModelRow:
-        """Score a fitted model in its own loop."""
+        """Score a fitted model in its loop."""
         runs = {
             case: loop_run(grey, data_of(grey.evidence.rig, r), p) for case, r in self.steps.items()
         }
@@ -294,7 +294,7 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
 def named_rows(
     records: JointRecords, grey: GreyBox, cause: CandidateModel, seconds: float
 ) -> list[ModelRow]:
-    """The model with the named causes in its own loop; once more, where it has a load behind a
+    """The model with the named causes in its loop; once more, where it has a load behind a
     spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)
     row = records.row_of(NAMED, model, cause.fit.p, seconds)
@@ -415,7 +415,7 @@ def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
 
 
 def table_row(row: ModelRow, analytic: ModelRow) -> result.PaperRow:
-    """A row with the published errors beside it, in deg; improvement as a share of the analytic
+    """A row with the published errors next to it, in deg; improvement as a share of the analytic
     model's error."""
     return result.PaperRow(
         model=row.model,
@@ -427,6 +427,6 @@ def table_row(row: ModelRow, analytic: ModelRow) -> result.PaperRow:
 
 
 def training_figures(training: dict[str, Any]) -> result.PaperTraining:
-    """How a training went, its error as a share of the range, which is two, beside the scaled
+    """How a training went, its error as a share of the range, which is two, next to the scaled
     mse."""
     return result.PaperTraining(**training, rmse_of_range=math.sqrt(training["mse"]) / 2.0)

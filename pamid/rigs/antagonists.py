@@ -5,10 +5,10 @@ Equations
     muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute
     pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi)
     flow         ISO 6358 through opened valves
-    compensator  where the muscles have one: dP/dt -= opening smooth_step((F - limit)/blend) vent,
+    compensator  where the muscles have it: dP/dt -= opening smooth_step((F - limit)/blend) vent,
                  the maker's valve against too large a force (the effect `force-compensator`)
-    valves       one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then
-                 vents 2; u < 0 mirrored
+    valves       the first muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0,
+                 then vents 2; u < 0 mirrored
 
 A rig's parameters bear the names used here (`PARAMETERS`), and its ports those of `port`: valve,
 pressure, relief, muscle, chain.
@@ -161,7 +161,7 @@ def flow_tolerance(name: str = "flow") -> SplitGain:
 
 @dataclass(frozen=True)
 class Muscle:
-    """One muscle as the equations see it: its place at the ports, its side of the joint (+1 pulls
+    """A muscle in the equations: its place at the ports, its side of the joint (+1 pulls
     forwards), its contraction (1) and contraction rate (1/s), its absolute pressure (Pa)."""
 
     place: str
@@ -204,7 +204,7 @@ def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
 
 @dataclass(frozen=True)
 class Valves:
-    """The valves of one muscle: flow in (m3/s at atmospheric conditions, negative out), whether the
+    """The valves of a muscle: flow in (m3/s at atmospheric conditions, negative out), whether the
     muscle is being filled, how far its fill valve is open, downstream over upstream pressure."""
 
     flow: Expr
@@ -252,7 +252,7 @@ def pressure_rate(
     compensator: bool = False,
 ) -> Expr:
     """dP/dt of a muscle, Pa/s. drawn: flow taken from the supply by all valves that share it;
-    compensator: the muscle has one, and p holds COMPENSATOR."""
+    compensator: the muscle has it, and p holds COMPENSATOR."""
     supply, (inwards, outwards) = p.supply_pressure + ATMOSPHERE_PA, conductances(p)
 
     def fill(at_supply: Expr) -> Expr:

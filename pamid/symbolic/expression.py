@@ -131,7 +131,7 @@ def _bit_of(name: tuple[str, str]) -> int:
 
 
 def _united(nodes: Iterable[Expr]) -> int:
-    """The symbols below any of these nodes; the same object where one has all of them, which
+    """The symbols below any of these nodes; the same object where any node has all of them, which
     saves most of the memory."""
     reach = 0
     for node in nodes:
@@ -315,7 +315,7 @@ def walk(
     """
     seen: set[Expr] = set()
     order: list[Expr] = []
-    # a stack of its own, for graphs that are deeper than Python's recursion may go; None stands
+    # a separate stack, for graphs that are deeper than Python's recursion may go; None stands
     # above a node whose arguments have been looked at
     stack: list[Expr | None] = []
     for root in roots:
@@ -396,7 +396,7 @@ def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
 
 
 def text(node: Expr) -> str:
-    """The expression as plain text, as one would type it."""
+    """The expression as plain text, as a user would type it."""
     return _text(node)[0]
 
 

@@ -110,7 +110,7 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
 
 
 def _coupling(each: list[dict[str, Any]]) -> list[str]:
-    """Motion of one joint under pulses on the other."""
+    """Motion of a joint under pulses on the other."""
     head = ("joint", "moves by", "data sheet", "uncoupled", "fitted", "noise")
     names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
     return [
