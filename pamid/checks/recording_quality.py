@@ -330,7 +330,7 @@ def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIss
             "dropped",
             columns,
             f"{int(held.sum())} samples were lost and filled by repeating the last "
-            f"every {which}, {share_words(float(held.mean()))}",
+            f"sample in {which}, {share_words(float(held.mean()))}",
             "Check the logger's load and the bus; ingest the raw log without filling, or leave "
             "these stretches out.",
             {

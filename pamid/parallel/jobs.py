@@ -313,7 +313,7 @@ def _workers(
 
 
 def _end_of(processes: list[BaseProcess]) -> str:
-    """How the first process ended that was not asked to."""
+    """How the first process ended that was not stopped here."""
     codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
     code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
     return f"signal {-code}" if code < 0 else f"exit code {code}"
@@ -323,7 +323,7 @@ _given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if i
 
 
 def _begin(work: Work[T, Any], items: Sequence[T]) -> None:
-    # Ctrl-C reaches every process of a terminal; the first one decides
+    # Ctrl-C reaches every process of a terminal; the first decides
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)

@@ -1,4 +1,4 @@
-"""A function of pamid in a process of its own, with limits on its time and its memory.
+"""A function of pamid in a separate process, with limits on its time and its memory.
 
 Foreign code that reads a file can crash, hang, or take all memory, and native code hears no signal.
 Here it runs in another process, which ends at its limits, with its parent, or on Ctrl-C. Arguments
@@ -159,7 +159,7 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
 
 
 def serve() -> None:
-    """Answer the one request on stdin; the entry point of the child process."""
+    """Answer the request on stdin; the entry point of the child process."""
     request = json.load(sys.stdin)
     _end_with(request["parent"])
     folder = Path(request["folder"])
@@ -207,5 +207,5 @@ def _limit(seconds: float, memory: int) -> None:
         data = int(statm.read_text().split()[5]) * resource.getpagesize()
         wanted["RLIMIT_DATA"] = (data + memory, data + memory)
     for name, limits in wanted.items():
-        with contextlib.suppress(OSError, ValueError):  # a stricter one holds already
+        with contextlib.suppress(OSError, ValueError):  # a stricter limit holds already
             resource.setrlimit(getattr(resource, name), limits)

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 # standard deviations would say it
 TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
-MISSED = 3.0  # residual over noise at which a flat reading is followed by other slopes than those of the reading
+MISSED = 3.0  # residual over noise at which a flat reading gets other slopes
 READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
 CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
