@@ -50,7 +50,7 @@ class Arguments:
     the diagnosis were calibrated on the calibration parts.
 
     --world open draws cases like real machines. Up to two further effects of other families each
-    change the readings by 10 to 60 % as much as the planted one. Map errors exceed the rig's
+    change the readings by 10 to 60 % as much as the planted effect. Map errors exceed the rig's
     tolerance, noise is coloured, the clock jitters, a coarse gauge has a calibration curve, and a
     recording starts in motion. A second recording is held out. An answer is right if it names the
     effect that removes most, reports what remains and where, and claims no more than it removes.

@@ -120,7 +120,7 @@ def evidence_of(
     model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
     if not fitted:
-        raise UsageError("There is no recording to fit.", "Give a recording or more.")
+        raise UsageError("There is no recording to fit.", "Give a recording.")
     resolved = [_taken(item, k) for k, item in enumerate((*fitted, *judged))]
     read = [recording for recording, _ in resolved]
     unnamed = not named and not any(recording.rig for recording in read)

@@ -64,7 +64,7 @@ class OpenedRun:
 
     def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
         """Measured and modelled over the held-out window in which the refitted model errs most;
-        channel [default: the one that tells most]."""
+        channel [default: the most informative]."""
         from pamid.api.plots import worst_window_figure
 
         return worst_window_figure(self.data, channel)

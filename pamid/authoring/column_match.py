@@ -280,7 +280,7 @@ def best_match(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
-    """Return the rig that matches best, or the stated one, and the other matching rigs, best first.
+    """Return the rig that matches best, or the stated rig, and the other matching rigs, best first.
 
     A match by units alone is reported, but not used. Two quantities of the same kind do not
     identify a machine.

@@ -61,7 +61,7 @@ def issue(
     figures: dict[str, float] | None = None,
     windows: Windows = (),
 ) -> QualityIssue:
-    """Finding about a column or several; figures: the numbers behind it, with their units in the
+    """Finding about one or more columns; figures: the numbers behind it, with their units in the
     names."""
     return QualityIssue(
         kind=kind,

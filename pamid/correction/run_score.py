@@ -94,7 +94,7 @@ def score_run(
     """Errors of every model that a run has on these recordings; rig, effects: as in
     `load_identified`.
 
-    DataError where a recording is one of the run's, holds its samples, or is sampled otherwise;
+    DataError where a recording belongs to the run, holds its samples, or is sampled otherwise;
     FileError where it lacks a column that the rig needs, or holds no channel of the run.
     """
     fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))

@@ -216,8 +216,7 @@ def best_subsets(
         # set.
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
-    # first effect removes nearly all of these, an effect that halves the rest gains a fraction of
-    # one
+    # first effect removes nearly all of these, an effect that halves the rest gains only a fraction
     least = settings.pair_share * max((gain - fewer for gain, _ in leading), default=0.0)
     return [
         Subset(tuple(responses.screened[i] for i in m), gain)

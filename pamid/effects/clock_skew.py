@@ -1,8 +1,9 @@
 """The readings carry the time of another clock.
 
 What it is
-    Commands and readings were stamped by two clocks: one started later (`start`), or runs faster
-    (`skew_ppm`, parts per million). All readings are then late, or early, by start + skew * time.
+    Commands and readings were stamped by two clocks: the second started later (`start`), or runs
+    faster (`skew_ppm`, parts per million). All readings are then late, or early, by start + skew *
+    time.
 What it looks like
     Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative
     of the signal. With a skew the shift grows along the recording, so that its end fits worse than
@@ -53,7 +54,7 @@ class ClockSkew(Effect):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         late = p.start + p.skew_ppm * 1e-6 * at.time
         after = delay(value, maximum(late, 0.0), LONGEST_LATE * at.rig_period_s)
-        # the past is remembered, the future is not: a reading that is early is led by its own
+        # the past is remembered, the future is not: a reading that is early is led by its
         # slope, that of the rig or that from the sample before
         slope = at.rate if at.offers("rate") else rate_of(value)
         early = value - slope * late

@@ -61,6 +61,6 @@ class Cogging(Effect):
         return value + p.sine * sin(turn) + p.cosine * cos(turn)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """A start per line of the gap's spectrum over the position: a period off by more than one
+        """A start per line of the gap's spectrum over the position: a period off by more than a
         part in the periods travelled never finds its way."""
         return [{"period": period} for period in hints.periods[:TRIED_LINES]]

@@ -1,7 +1,7 @@
 """Two muscles of unequal length.
 
 What it is
-    Clamping and chain leave one muscle longer than the other when the joint stands in the middle:
+    Clamping and chain leave a muscle longer than the other when the joint stands in the middle:
     its contraction is larger by half the difference, that of the other smaller.
 What it looks like
     An angle away from the middle at equal pressures, the same at every pressure.

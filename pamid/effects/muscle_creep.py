@@ -5,8 +5,9 @@ What it is
     change. A positive share is creep (the force arrives late), a negative share relaxation (the
     force fades after a change).
 What it looks like
-    After a change the force of a held muscle, or the length of a loaded one, drifts on for seconds
-    to minutes while the pressure stays; the first cycles after a rest differ from the later ones.
+    After a change the force of a held muscle, or the length of a loaded muscle, drifts on for
+    seconds to minutes while the pressure stays; the first cycles after a rest differ from the later
+    ones.
     Two equal muscles that pull against each other without a load creep alike: the forces show it,
     the angle hardly.
 Looks like it

@@ -6,7 +6,7 @@ What it is
     or the spool behind a lever.
 What it looks like
     After every reversal the reading rests for the width of the gap although the drive moves;
-    beyond that it follows one to one, behind by half of the gap on either side.
+    beyond that it follows at gain 1, behind by half of the gap on either side.
 Looks like it
     Dry friction (there the drive stands as well); a dead zone, which lies about zero and not where
     the motion turned; a delay, whose gap grows with the speed; play in which the load swings freely

@@ -125,7 +125,7 @@ def _write(path: Path, code: bytes) -> None:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(code).digest() + code)
             # In a single step, so that another process reads either the old file or the whole new
-            # one.
+            # file.
             os.replace(name, path)
         except OSError:
             with suppress(OSError):

@@ -453,7 +453,7 @@ class Smoother:
         time_s = self.times_s[0]
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, SMOOTHER_STEPS, moving=False)
-        # a single linearisation along the replay serves all sizes; only around the most likely one
+        # a single linearisation along the replay serves all sizes; only around the most likely size
         # are the trajectories improved
         smallest, *larger = LATENT_SIZES
         start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)

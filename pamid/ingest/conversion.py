@@ -159,7 +159,7 @@ def _lead(clocks: Sequence[Clock]) -> Clock:
     if not sampled:
         raise FileError(
             "No measured signal is mapped, so there is nothing to record.",
-            "Map a measured signal or more.",
+            "Map a measured signal.",
             code="mapping",
         )
     return max(

@@ -257,8 +257,8 @@ def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
     raise FileError(
         f"{path}, line {guess.first + 1}: {line!r} does not show which commas are "
         "decimal marks and which are delimiters.",
-        "Write decimal points, separate the numbers by semicolons, or add a row of names, one for "
-        "each number.",
+        "Write decimal points, separate the numbers by semicolons, or add a row of names, a name "
+        "for each number.",
         code="two-commas",
     )
 

@@ -153,7 +153,7 @@ def ingest(
     several = [logs] if isinstance(logs, str | os.PathLike) else logs
     paths = [Path(item) for item in several]
     if not paths:
-        raise UsageError("There is no log to read.", "Give a log or more.")
+        raise UsageError("There is no log to read.", "Give a log.")
     if repair is not None and repair not in CURES:
         raise UsageError(f"repair={repair!r} is not among {', '.join(CURES)}.")
     file, target = Path(mapping), None if output is None else Path(output)

@@ -441,7 +441,7 @@ def _explain(error: ValidationError, where: str) -> FileError:
         "finite_number": "a finite number",
         "greater_than": "a number above 0",
         "string_type": "text in quotes",
-        "too_short": "a [signals.NAME] or more",
+        "too_short": "a [signals.NAME]",
     }
     need = wanted.get(kind, "a table" if "type" in kind else first["msg"])
     return FileError(f"{where}: {place} is {shown}; {need} is needed.", code="mapping")

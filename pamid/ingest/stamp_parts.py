@@ -25,7 +25,7 @@ def join_stamp_parts(log: Log) -> Log:
     """Replace the parts of each clock of a log by a single channel.
 
     The names of the parts differ only in a unit of time. Columns without names must be adjacent,
-    with seconds since 1970 first. The finer part is always below a unit of the coarser one, and
+    with seconds since 1970 first. The finer part is always below a unit of the coarser part, and
     falls only where that advances.
     """
     rows = [c for c in log.channels if c.stamps is None]

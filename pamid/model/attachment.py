@@ -13,7 +13,7 @@ from pamid.model.rig import Port, Rig
 
 @dataclass(frozen=True)
 class Attachment:
-    """An effect at a port or several of a rig. `label` is how it is reported: the name, or
+    """An effect at ports of a rig. `label` is how it is reported: the name, or
     name@port."""
 
     effect: Effect

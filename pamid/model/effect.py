@@ -112,7 +112,7 @@ class Effect:
     mean_slope_at: ClassVar[tuple[str, ...]] = ()
     everywhere: ClassVar[bool] = False  # a single copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    # signals that make a port its home: without them the port is one of general_kinds
+    # signals that make a port its home: without them the port belongs to general_kinds
     home_signals: ClassVar[tuple[str, ...]] = ()
     # the same names with the sizes and bounds that hold at ports of general_kinds
     general_parameters: ClassVar[tuple[Parameter, ...]] = ()

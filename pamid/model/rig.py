@@ -216,8 +216,8 @@ class Rig:
     vector_sizes: ClassVar[dict[str, int]] = {}
     # the method that a user has written in the place of another
     written_as: ClassVar[dict[str, str]] = {}
-    # forms in which it can be run, None if there is only one; that which recordings have decided,
-    # by its name in a run; and why, as a sentence
+    # forms in which it can be run, None if there is a single form; that which recordings have
+    # decided, by its name in a run; and why, as a sentence
     forms: ClassVar[RigForms | None] = None
     form: ClassVar[str] = ""
     form_note: ClassVar[str] = ""

@@ -338,7 +338,7 @@ def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
 def with_input_replaced(
     driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]
 ) -> Traced:
-    """Both models combined: the outputs of the first, with this value in the place of one of its
+    """Both models combined: the outputs of the first, with this value in the place of any of its
     inputs."""
     put = {symbol("input", name): value}
     rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))

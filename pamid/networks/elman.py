@@ -273,7 +273,7 @@ class Elman(Network):
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
         # Two copies, the state before and after: the recursion reads all units while it writes
-        # one.
+        # half.
         sensitivity = aligned(2, h, _multiple_of_lanes(carried))
         size = min(CHUNK, max(len(u), 1))
         # Two buffers in turn, so that a second thread can add up a chunk while the next is

@@ -1,4 +1,4 @@
-"""Networks of several channels in one run: `network.json` is the network that was trained last,
+"""Networks of several channels in a run: `network.json` is the network that was trained last,
 those of other channels lie in `networks/CHANNEL/` with the same files.
 
 The name of a folder comes from data: only plain words of a channel's form are taken for a channel.

@@ -633,7 +633,7 @@ def next_answer(run: RunData) -> Answer:
     local_files = [name for name in experiment.files if name == Path(name).name]
     if local_files:
         single = len(local_files) == 1
-        verb = "Its excitation is" if single else "Its excitations, for each run its file, are"
+        verb = "Its excitation is" if single else "Its excitations (a file per run) are"
         files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [

@@ -162,7 +162,7 @@ def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
     if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
-        needed = f"a list with an effect or more, as the verdict is {diagnosis.verdict!r}"
+        needed = f"a list of effects, not an empty list, as the verdict is {diagnosis.verdict!r}"
         raise damaged(path, "causes", needed, "empty")
     return diagnosis
 

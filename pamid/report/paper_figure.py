@@ -223,7 +223,7 @@ class Panel:
 
 def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
     """A panel per variable against time, two in a row; the simulated lines lie over the broad
-    measured one."""
+    measured line."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
@@ -252,7 +252,7 @@ class JointSwing:
 
 
 def coupling_picture(title: str, swings: Sequence[JointSwing]) -> Picture:
-    """One panel per joint that is swung by pulses on the other one."""
+    """A panel per joint that is swung by pulses on the other."""
     name = "fitted, coupling terms left out"
 
     def draw(figure: Figure, narrow: bool) -> None:

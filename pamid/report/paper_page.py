@@ -62,7 +62,7 @@ _ARM_MODELS = {
 _COUPLING = "coupling"
 _STAR = "*: the interval does not hold the truth."
 _UNSEEN = "Mean absolute error on recordings that no fit has seen."
-#: the first paper's own figures: heading, picture, what it shows
+#: the first paper's figures: heading, picture, what it shows
 _JOINT_FIGURES = (
     (
         "Responses to the steps",

@@ -1,7 +1,7 @@
 """A DC motor that turns a load through a gearbox.
 
 What it is
-    A brushed motor (or a brushless one with built-in commutation), a rigid gearbox, and a load on
+    A brushed motor (or a brushless motor with built-in commutation), a rigid gearbox, and a load on
     its output shaft: a drive axis, a conveyor, a robot's joint. The amplifier sets a voltage and
     measures the current, the encoder sits on the output shaft. A gear that gives, with inertias on
     both sides of it, is `geared-motor`.

@@ -98,7 +98,7 @@ class PaperDiagnosis(Model):
 
 def _some(rows: Any) -> Any:
     if not isinstance(rows, list | tuple) or not rows:
-        raise expected("a list with a model or more")
+        raise expected("a list of models")
     return rows
 
 

@@ -1,5 +1,5 @@
-"""Expressions: the graph beneath every equation, hash-consed so that building one twice gives the
-same object.
+"""Expressions: the graph beneath every equation, hash-consed so that building an expression twice
+gives the same object.
 
 `pamid.symbolic.vocabulary` is the vocabulary that rigs and effects are written in; this is what it
 builds.
@@ -152,7 +152,7 @@ def const(value: float) -> Expr:
 
 
 def symbol(space: str, name: str) -> Expr:
-    """A leaf: `space` is one of state, cell, past, input, parameter, tick; `name` is unique inside
+    """A leaf: `space` is any of state, cell, past, input, parameter, tick; `name` is unique inside
     it."""
     return Expr("symbol", (), (space, name))
 

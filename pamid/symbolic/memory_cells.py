@@ -14,7 +14,7 @@ of the step before, and h its length:
     lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
              lag with x linear over the step (first-order hold)
     delay    ring buffer of the integrator, linear between steps. A held x that comes a share q of
-             a step late is its last but one value for this share, then the last one: what a rate
+             a step late is its last but one value for this share, then the last: what a rate
              makes of it counts by its mean over the step, (1 - q) f(near) + q f(far), not by f of
              their mean, which a valve that opens either way would take for hardly any command
              (as the modified z-transform splits a sample; Franklin, Powell and Workman 1998)

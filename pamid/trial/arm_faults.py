@@ -1,6 +1,6 @@
 """Faults that can be planted in the trial's arm, and their places.
 
-A planted fault is called fault@place, the place being a port of the rig: either a single one of
+A planted fault is called fault@place, the place being a port of the rig: either a single port of
 several alike ("joint_2", "pressure_21"), or what they all are ("pressure": all four muscles alike).
 Sizes are those of the joint, but for:
 

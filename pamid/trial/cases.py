@@ -158,7 +158,7 @@ def draw_case(part: str, number: int, seed: int, rig: str, *, world: str = CLOSE
 
 
 def cases_sha256(cases: Sequence[Case]) -> str:
-    """One digest over all cases, labels and all: two trials with the same digest posed the same
+    """A digest over all cases, labels and all: two trials with the same digest posed the same
     questions."""
     return hashlib.sha256("".join(c.sha256 for c in cases).encode()).hexdigest()
 

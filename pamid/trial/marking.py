@@ -53,7 +53,7 @@ class Marked:
 
     @property
     def lead(self) -> dict[str, Any]:
-        """Effect to be named first: the planted effect or, in an open case, the one that removes
+        """Effect to be named first: the planted effect or, in an open case, the effect that removes
         most. IndexError where nothing acts."""
         lead: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
         return lead
@@ -161,7 +161,7 @@ class Marked:
 
     @cached_property
     def wrong_beside_right(self) -> bool:
-        """Whether the answer has a wrong probable cause in addition to a right one."""
+        """Whether the answer has a wrong probable cause in addition to a right cause."""
         right = [self.is_right(c) for c in self.causes]
         likely = [float(c["probability"]) > 0.5 for c in self.causes]
         return any(right) and any(p and not r for r, p in zip(right, likely, strict=True))

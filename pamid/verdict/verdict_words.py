@@ -87,7 +87,7 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     )
 
 
-#: causes with the same effect, at a port or several
+#: causes with the same effect, at any number of ports
 Finding: TypeAlias = tuple[Cause, ...]
 
 
