@@ -41,7 +41,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _HELP = """Find where a grey-box model departs from its rig, which effect causes it, and how far the
 gap shrinks.
 
-To begin, run `pamid demo`, which needs no files. With your own recording, run
+To begin, run `pamid demo`, which needs no files. With your recording, run
 `pamid check REC.csv`, then `pamid diagnose REC.csv --rig RIG`."""
 _EPILOG = (
     "Options can also be set in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "

@@ -51,7 +51,7 @@ class Arguments:
     rig: RigName | None = option(
         None,
         "Rig by name, or the path of a rig file (it is run). [default: the rig that the mapping "
-        "names; with --guess none, and every channel keeps its name]",
+        "names. --guess without a rig: every channel keeps its name]",
     )
     pressures: Literal["gauge", "absolute"] | None = option(
         None, "Kind of all pressures of the log. Required if the mapping does not state it."

@@ -480,7 +480,10 @@ def _rig(
         return [fault("declarations", str(error))], []
     except Exception as error:  # a rig's __init__ may raise anything
         return [
-            fault("declarations", f"{kind.__name__}() failed: {type(error).__name__}: {error}")
+            fault(
+                "declarations",
+                f"{kind.__name__}() failed: {type(error).__name__}: {error}. Correct its __init__.",
+            )
         ], []
     findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):

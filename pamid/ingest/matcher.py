@@ -99,7 +99,7 @@ def match_channels(
     """Column of the rig -> channel and its fit, best fits first, in the rig's order.
 
     Raises FileError (code "ambiguous") if the name of a joint fits two channels equally well, as
-    with two robots in one log.
+    with two robots in a log.
     """
     fits = channel_fits(channels, rig)
     for column in dict.fromkeys(column for column, _ in fits):

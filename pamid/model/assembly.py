@@ -171,7 +171,7 @@ class Assembly:
         names = [b.full_name for b in self.parameters]
         raise FileError(
             f"rig {self.rig.name!r} has no parameter {name!r}",
-            nearest(name, names) or f"parameters: {', '.join(names)}",
+            nearest(name, names) or f"Name a parameter that it has: {', '.join(names)}.",
         )
 
     def knows(self, name: str) -> bool:

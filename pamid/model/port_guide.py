@@ -203,7 +203,7 @@ def tolerance_words(rig: Rig) -> list[str]:
         ]
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
-        "passes for a missing effect, or hides one. A map allows for it, but within its tolerance "
+        "passes for a missing effect, or hides it. A map allows for it, but within its tolerance "
         f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
         f"{stated_roughness(rig, *mapped)}"
     ]

@@ -119,7 +119,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
             "Take nouns from `pamid` and functions from `pamid.equations` "
             f"({', '.join(FUNCTIONS)}); what lies inside may move."
             if inner
-            else ""
+            else "Correct that line."
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module

@@ -166,12 +166,12 @@ class StepRig(Rig):
         frames = traceback.extract_tb(error.__traceback__)
         line = f", line {frames[-1].lineno} of {frames[-1].filename}" if len(frames) > 1 else ""
         states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
-        hint = "it must return numbers for any states that a fit may try, NaN where there are none"
+        hint = "Return numbers for any states that a fit may try, NaN where there are none."
         if isinstance(error, AttributeError) and error.name:
             known = [
                 n for value in given if isinstance(value, SimpleNamespace) for n in vars(value)
             ]
-            hint = nearest(error.name, known) or f"there are {', '.join(known)}"
+            hint = nearest(error.name, known) or f"Use a name that exists: {', '.join(known)}."
         return FileError(
             f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
             hint,

@@ -34,6 +34,13 @@ def _with_functions(hint: str) -> str:
     return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
 
 
+def _cure(error: Exception) -> str:
+    """Hint for an error that a user's equations raised."""
+    if isinstance(error, ZeroDivisionError):
+        return "Correct that line: it divides by a number that is 0."
+    return f"Correct that line. {FUNCTIONS_HINT}"
+
+
 class Names:
     """Attribute access to symbols with an error that offers the nearest name."""
 
@@ -146,7 +153,7 @@ class _Tracer:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, line {line}: {type(error).__name__}: {error}",
-                FUNCTIONS_HINT,
+                _cure(error),
             ) from error
         if not isinstance(values, dict):
             raise FileError(
@@ -243,7 +250,7 @@ class _Tracer:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
-                FUNCTIONS_HINT,
+                _cure(error),
             ) from error
         after, rates = result if isinstance(result, tuple) else (result, {})
         if set(rates) != {s.name for s in effect.states}:

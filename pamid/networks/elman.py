@@ -267,8 +267,8 @@ class Elman(Network):
             return np.concatenate([gradient.ravel(), bend @ states])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
-        but one chunk."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten two chunks
+        later."""
         layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)

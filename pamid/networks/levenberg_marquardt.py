@@ -11,7 +11,7 @@ F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
   * a bounded context: a step after which a small disturbance of the context would grow by more than
     `GROWTH` along a recording (`_bounded`) is not taken, however far it lowers F.
-`TrainingOptions.plain` leaves out all but the third, a `Damping.decrease` that last. Trial steps
+`TrainingOptions.plain` keeps only the third, and `Damping.decrease` omits that as well. Trial steps
 cost simulations, accepted steps a pass with derivatives, and a second pass where J'J does not hold
 enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises
 a fixed cost: here F itself changes with alpha and beta after every step, the trial steps of a

@@ -208,8 +208,8 @@ class Narx(Network):
         return output, g.joined([*past_inputs, output, *older])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
-        but one chunk."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten two chunks
+        later."""
         layers, u, reach = self.layers(weights), self.table(inputs), self._reach
         rows = reach + min(CHUNK, len(u))
         buffers = [(np.zeros(rows), np.zeros((rows, self.n_weights))) for _ in range(2)]

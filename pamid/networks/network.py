@@ -150,7 +150,7 @@ class Network(ABC):
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact.
 
-        Arrays may be overwritten by the next but one chunk.
+        Arrays may be overwritten two chunks later.
         """
 
     def require_sizes(self, **least: int) -> None:

@@ -17,7 +17,7 @@ WIDE_STEP = 0.05  # of its range: what moves in steps goes so far
 
 
 def held_by_jumps(values: NDArray[np.float64]) -> bool:
-    """Do the values (n,) jump from one standstill to the next, after times that differ, and by more
+    """Do the values (n,) jump between standstills, after times that differ, and by more
     than a step of a converter? (After equal times: a sensor that is sampled more slowly.)"""
     values = values / max(float(np.abs(values).max()), TINY)  # the largest numbers have no sums
     steps = np.abs(np.diff(values))

@@ -262,7 +262,7 @@ def _overlapping(
     table: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[list[tuple[str, Array, Array]], int, int]:
     """Values of both in every signal that both have where they overlap, its first sample (of
-    `one`), and its length."""
+    `table`), and its length."""
     names = [n for n in table if n in other]
     stop = min(len(table[names[0]].values), len(other[names[0]].values) + shift)
     start = max(0, shift)
@@ -276,7 +276,7 @@ def _overlapping(
 def _shared(
     table: dict[str, _Signal], other: dict[str, _Signal], shift: int
 ) -> tuple[int, int] | None:
-    """First sample (of `one`) and length of the stretch with most information among those alike in
+    """First sample (of `table`) and length of the stretch with most information of those alike in
     every signal that both have; None where it tells too little."""
     pairs, start, size = _overlapping(table, other, shift)
     same, moves = np.ones(size, bool), np.zeros(size, bool)

@@ -408,7 +408,7 @@ def toml_string(value: str) -> str:
 
 def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
     """All numbers below the header, shape (rows, columns). The fast reader only reports that a cell
-    is wrong; the slow one then names it."""
+    is wrong; the slow reader then names it."""
     import warnings
 
     import pandas

@@ -42,7 +42,10 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
     range and supply."""
     sheet = {p.outside_name: p for p in rig.parameters}
     if INITIAL_PRESSURE not in sheet:
-        raise UsageError(f"rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.")
+        raise UsageError(
+            f"Rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.",
+            "Choose a rig with muscles: `pamid rigs` lists them.",
+        )
     held, supply = sheet[INITIAL_PRESSURE], sheet.get("supply_pressure_kpa")
     high = min(held.high, math.inf if supply is None else supply.value)
     if not held.low <= pressure_kpa <= high:
@@ -113,7 +116,10 @@ def gravity_test(
     sheet = {p.outside_name: p for p in rig.parameters}
     for name, value in known.items():
         if name not in sheet:
-            raise UsageError(f"rig {rig.name!r} has no parameter {name!r}.", nearest(name, sheet))
+            raise UsageError(
+                f"Rig {rig.name!r} has no parameter {name!r}.",
+                nearest(name, sheet) or f"Name a parameter that it has: {', '.join(sheet)}.",
+            )
         if not sheet[name].low <= value <= sheet[name].high:
             raise UsageError(
                 f"{name} = {value:g} lies outside {sheet[name].low:g} .. {sheet[name].high:g}."

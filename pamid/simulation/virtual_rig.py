@@ -151,7 +151,8 @@ def simulate_virtual_rig(
             if name not in bounds:
                 raise FileError(
                     f"effect {a.label!r} has no parameter {name!r}",
-                    nearest(name, list(bounds)) or f"parameters: {', '.join(bounds)}",
+                    nearest(name, list(bounds))
+                    or f"Name a parameter that it has: {', '.join(bounds)}.",
                 )
             p[assembly.index_of(f"{a.label}:{name}")] = value * bounds[name].factor
         given = ",".join(

@@ -1,7 +1,7 @@
 """The cases of the blind trial: what is planted, under which conditions it is recorded, what the
 tool may not know.
 
-In a closed case an effect or two are the whole gap. In an open one further effects of other
+In a closed case an effect or two are the whole gap. In an open case further effects of other
 families act as well, each a share of the planted effect, the maps are rougher than the rig states,
 and the logger is poor (`pamid.trial.logger`), as on real machines.
 

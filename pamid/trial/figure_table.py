@@ -43,7 +43,7 @@ JOINT_ROWS = (
     FigureRow("rates", "extra_causes", "an effect explained by two and more"),
     FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible"),
     FigureRow("rates", "both_seen", "... each of them visible in addition to the other", 65.0),
-    FigureRow("rates", "one_of_two", "one or both of two effects found", 95.0),
+    FigureRow("rates", "one_of_two", "either or both of two effects found", 95.0),
     FigureRow(
         "rates",
         "wrong_beside_right",

@@ -161,7 +161,7 @@ def advance_air(
 
 @njit(cache=True)
 def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: float) -> float:
-    """Pressures of both muscles after one step: the first is filled up to p0, then the other
+    """Pressures of both muscles after a step: the first is filled up to p0, then the other
     vented. Returns the p V flow from the supply; f_1, f_2: faults of each muscle."""
     share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
     share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)

@@ -1,7 +1,7 @@
 """A machine of the trial for any rig: the rig itself, made unlike every model that the tool has.
 
 Its parameters are drawn from their priors, its ports have an ordinary roughness, what is planted
-acts in another form than the catalogue's (`own_forms`), it is integrated in finer steps than a fit
+acts in another form than the catalogue's, it is integrated in finer steps than a fit
 takes, and its readings have noise and the steps of a converter.
 
 The tool has the same equations: a trial on it shows how well effects are

@@ -245,7 +245,7 @@ def _followed(
     recorded: Mapping[str, str],
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
-    they were (`own`), and the time since the last reversal."""
+    they were (`recorded`), and the time since the last reversal."""
     outputs = run_windows(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
     )

@@ -53,7 +53,7 @@ class FreeFriction(FreeFormEffect):
         return {"half": max(abs(low), abs(high))}
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        """Shapes for a motion that has long gone one way."""
+        """Shapes for a motion that has long kept its direction."""
         return self._with_bend(sign(x), x, p)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
