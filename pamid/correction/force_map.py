@@ -356,7 +356,7 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
     if len(points) < needed:
         raise DataError(
             f"{points.path}: {len(points)} points are too few for {sets} x {sets} sets: {weights} "
-            f"weights need {needed}, as every {every}th is held out.",
+            f"weights need {needed}, as a share of 1/{every} is held out.",
             "Measure more points, or take fewer --sets (2 is the least).",
             code="too-short",
         )

@@ -27,9 +27,7 @@ Array = NDArray[np.float64]
 CUTTING_ROUNDS = 60
 MOST_ADDED = 400  # broken inequalities that are added in a round, the worst of them
 BROKEN_BELOW = 1e-9  # of the range of forces: what rounding leaves of an inequality
-LEAST_RIDGE = (
-    1e-9  # least weight of a consequent's square relative to the mean square of its features
-)
+LEAST_RIDGE = 1e-9  # least weight of a consequent's square, of the mean square of its features
 
 
 def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> TrainedNetwork | None:

@@ -47,9 +47,7 @@ EIGHTHS = tuple(k / 8.0 for k in range(8))
 # steps tried: a twentieth of a step more per pulse each time, down to 2 %
 SCANNED_TICKS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
-WHOLE_STEP = (
-    1e-6  # of a step: a pulse that begins with a step is not taken for a pulse of the step before
-)
+WHOLE_STEP = 1e-6  # of a step: a pulse that begins with a step belongs to that step
 
 
 def rounding_error(x: Expr) -> Expr:

@@ -346,8 +346,7 @@ def fit_clock(
     """
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
-    # a common slope for all pieces, each about its mean; a pass gives the latest twentieth for the
-    # next
+    # a common slope for all pieces, each about its mean; a pass gives the next latest twentieth
     for _ in range(3):
         above = below = 0.0
         for piece in pieces:

@@ -66,9 +66,7 @@ def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
 
 def _known_size(port: Port, name: str, signal: str, sizes: Sizes) -> float | None:
     size = sizes.get(("", signal)) or sizes.get((name, signal)) or port.size.get(signal)
-    if (
-        not size and signal == TRAVEL
-    ):  # stated of the position, for a port that moves about its zero
+    if not size and signal == TRAVEL:  # stated of the position, for motion about its zero
         return _known_size(port, name, TRAVELLED, sizes)
     return size
 

@@ -158,9 +158,7 @@ class _Race:
             return
         count, problem = len(open_starts), self.problem
         threads = max(problem.options.threads, 1)
-        if (
-            self.engine
-        ):  # a single batch serves all: every start has to be there to request its pass
+        if self.engine:  # a batch serves all starts: each has to be there to request its pass
             queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, count)
             problem, threads = replace(problem, batch_queue=queue_of_all), count
         problem = replace(problem, threads=max(1, threads // count))

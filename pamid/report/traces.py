@@ -60,8 +60,8 @@ _IN_LOOP = {"loop": "refitted, closed loop", "loop_network": "with network, clos
 _MOVING = (
     "Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see "
     "all of it again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on "
-    "a screen to touch, two fingers enlarge and a finger moves. A bar on top: held out; grey: not "
-    "scored, while a window finds its start."
+    "a screen to touch, two fingers enlarge, a single finger moves. A bar on top: held out; grey: "
+    "not scored, while a window finds its start."
 )
 # times the refitted error: a model that is off by more hides the others and is not drawn at first
 _HUGE = 4.0

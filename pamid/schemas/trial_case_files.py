@@ -124,7 +124,7 @@ class TrialLabelsFile(
 class TrialShare(
     Model, schema="pamid.trial-share/1", title="pamid trial --index: the share of an array task"
 ):
-    """Cases that a single of many machines has completed."""
+    """Cases that a machine of many has completed."""
 
     index: Count = Field(description="of the share, from 1")
     of: Count = Field(description="number of shares")
