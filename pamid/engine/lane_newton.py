@@ -1,5 +1,5 @@
 """Implicit steps of several hypotheses side by side: Newton's method of `pamid.engine.integrator`
-with a matrix, a damping and an end separately in each lane.
+with a separate matrix, damping and end in each lane.
 
 Systems of equations are those of `pamid.engine.lu`, M (n, n, LANES) with pivots (n, LANES): a lane
 exchanges its rows by itself, all lanes eliminate together.

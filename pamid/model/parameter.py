@@ -14,7 +14,7 @@ from pamid.base.units import unit as unit_of
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a model.
+    """A numeric parameter of a model.
 
     The common kinds have constructors: `level`, `share`, `slope`, `width`, `time` for effects,
     `positive` and `held` for rigs as well; `with_source` adds where the numbers come from. Further
@@ -109,7 +109,7 @@ class Parameter:
 
     def _settle_unit(self) -> None:
         """A rule for all names: the unit at the end of the name is that of the value, and another
-        in the argument is refused, as is a unit that is unknown or counts from another zero."""
+        in `unit` is refused, as is a unit that is unknown or counts from another zero."""
         named = split_column(self.name)[1]
         if self.size:
             if named != NONE:

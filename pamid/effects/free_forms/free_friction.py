@@ -45,7 +45,7 @@ class FreeFriction(FreeFormEffect):
     )
     look_alikes = ("coulomb-friction", "viscous-friction", "quadratic-drag")
     along = "velocity"
-    shown = "friction beyond the rig's"
+    shown = "friction beyond that of the rig"
     known_by = "a function of the velocity"
 
     @classmethod

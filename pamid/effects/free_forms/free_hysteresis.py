@@ -66,7 +66,7 @@ class FreeHysteresis(FreeFormEffect):
     parameters = (*(coefficient(name, 0.3, 0.5) for name in ELEMENT_NAMES), half_width("position"))
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     along = "position"
-    shown = "force beyond the rig's"
+    shown = "force beyond that of the rig"
     known_by = "a force that remembers where the motion turned"
 
     @classmethod

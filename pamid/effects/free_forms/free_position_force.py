@@ -34,5 +34,5 @@ class FreePositionForce(FreeCurve):
     parameters = (coefficient("offset", 0.3, 0.5), *rises(QUARTERS, 0.5, 0.5), *places("position"))
     look_alikes = ("linear-stiffness", "cubic-stiffness", "gravity", "end-stop", "cogging")
     along = "position"
-    shown = "force beyond the rig's"
+    shown = "force beyond that of the rig"
     known_by = "a function of the position"
