@@ -145,7 +145,7 @@ def command(arguments: Arguments) -> frame.Result:
         raise UsageError(
             f"--overwrite replaces the earlier trial, {'--resume' if a.resume else '--index'} "
             "continues it.",
-            "Give only either of them.",
+            "Give either of them, not both.",
         )
     trial = _Trial.of(a)
     with worker_pool(a.jobs, a.cluster) as pool:

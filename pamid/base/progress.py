@@ -115,11 +115,8 @@ class ProgressLine:
         self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
-        self._stage = (
-            "",
-            0,
-            self._begun,
-        )  # its name, what was done, and when it was first reported
+        # its name, what was done, and when it was first reported
+        self._stage = ("", 0, self._begun)
         self._stages = WORK_STAGES.get(label, ()) if stages is None else stages
         self._listed = False
         self._settled: list[str] = []

@@ -364,7 +364,7 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
 def has_noise_around(s: CheckedSignal, start: int, stop: int) -> bool:
     """True if the usual noise shows right before and right after an interval.
 
-    If the channel rests or turns, either side has less noise.
+    If the channel rests or turns, one side at least has less noise.
     """
     before, behind = s.values[max(0, start - AROUND) : start], s.values[stop : stop + AROUND]
     # second differences: their median in white noise of deviation sigma is 0.6745 sqrt(6) sigma

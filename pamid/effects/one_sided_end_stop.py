@@ -7,7 +7,7 @@ What it looks like
     Position clipped on one side, with a rebound, while the other side is swung through as in the
     model; the mean of a vibration moves away from the stop.
 Looks like it
-    An end stop at the same distance on both sides, where only either is reached; a spring that
+    An end stop at the same distance on both sides, where only one is reached; a spring that
     hardens; an asymmetric saturation of the reading, behind which the machine goes on.
 Equation
     d = max(0, position - upper), value -= stiffness d max(0, 1 + (dd/dt)/speed); likewise below

@@ -106,7 +106,7 @@ class EarlierPosterior:
         for k, i in places:
             if self.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
-                    f"{self.path}: the prior of {keys[k]!r} is logarithmic in only either of "
+                    f"{self.path}: the prior of {keys[k]!r} is logarithmic in only one of "
                     "that fit and the rig.",
                     FIT_ANEW,
                 )

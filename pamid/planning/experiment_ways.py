@@ -118,8 +118,7 @@ def _added_up(speed: Array, r: Recording) -> Array:
     return np.concatenate([[0.0], np.cumsum(speed) * r.sampling_period_s])
 
 
-# ---- what is sent in addition
-# ---------------------------------------------------------------------
+# ---- what is sent in addition --------------------------------------------------------------------
 
 
 def drifts(evidence: DataSplit, column: str) -> bool:

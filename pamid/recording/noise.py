@@ -295,9 +295,8 @@ def is_white(values: Array) -> bool:
         sizes = _part_medians(np.abs(d), 40) if d.size >= FEW_MOVING else np.zeros(1)
         usual = float(np.median(sizes))
         if 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
-            bounded = np.clip(
-                d, -6.0 * usual, 6.0 * usual
-            )  # a spike has no information on the colour
+            # a spike has no information on the colour
+            bounded = np.clip(d, -6.0 * usual, 6.0 * usual)
             # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
             alone = -order / (order + 1.0)
             if float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded):

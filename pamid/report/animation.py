@@ -77,9 +77,8 @@ def gif_of(
             "Show a shorter part (--from, --to) or a faster animation (--speed).",
             code="frames",
         )
-    with matplotlib.style.context(
-        ["default", DRAWING_SETTINGS]
-    ):  # independent of the user's matplotlibrc
+    # independent of the user's matplotlibrc
+    with matplotlib.style.context(["default", DRAWING_SETTINGS]):
         stage = _stage(motion, width_px)
         draw = _moving(motion, stage)
         stage.canvas.draw()

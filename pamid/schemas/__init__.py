@@ -31,7 +31,7 @@ def all_schemas() -> dict[str, dict[str, Any]]:
 
 def earlier_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of files that are still read, by name and number: "diagnosis/2". The `$comment` of a
-    key states its successor."""
+    key states its later form."""
     schemas = {}
     for item in sorted(files(__name__).iterdir(), key=lambda path: path.name):
         if item.name.endswith(".json"):

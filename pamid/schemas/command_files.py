@@ -142,7 +142,7 @@ class PlainSettings(Model):
 
 
 class PlainMujoco(PlainSettings):
-    """A written model file run in plain MuJoCo, with MuJoCo's step and integrator."""
+    """A written model file run in plain MuJoCo, with the step and integrator of the file."""
 
     channels: MapOf[PlainChannel] = Field(description="errors by channel")
     best: PlainSettings = Field(

@@ -1,5 +1,5 @@
 """How far every input moves the outputs of a model: the run with the recorded inputs against the
-run with either of them held at its mean. An input that moves no output has a dead term: another
+run with an input held at its mean. An input that moves no output has a dead term: another
 unit, a factor of many tens, a product with zero."""
 
 from __future__ import annotations

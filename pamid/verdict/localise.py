@@ -43,10 +43,8 @@ VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 REGIME_BINS, REGIME_GAIN, REGIME_BOUND, REGIME_ORDER = 12, 0.15, 0.01, 0.002
 # standard errors of its share of the gap by which a regime holds more of it than of the time
 REGIME_ERRORS = 2.0
-REGIMES_MOST, REGIME_OVERLAP = (
-    4,
-    0.5,
-)  # stated; share of the samples that makes two of them the same
+# stated; share of the samples that makes two of them the same
+REGIMES_MOST, REGIME_OVERLAP = 4, 0.5
 # correlation times: half of what measured signals are smoothed over, a segment of the spectrum
 SMOOTHED, SPECTRUM_SEGMENT = 0.025, 13.0
 STILL_SHARE = 0.02  # of the usual speed (95th percentile): a slower motion reverses nothing
