@@ -12,7 +12,7 @@ y' d; if only the stamp is late, by nothing. With R y = y minus its local polyno
 Golay 1964, Analytical Chemistry 36(8)), the roughness of the signal, the regression
     R y = c R(y' d) + noise,   c = sum(R y R(y' d)) / sum(R(y' d)^2)
 gives c = 1 for jittered sampling and c = 0 for late stamps. Its standard error is that of a
-delete-a-part jackknife (Tukey 1958) over JACKKNIFE_PARTS parts of the log, since the errors of
+delete-one-part jackknife (Tukey 1958) over JACKKNIFE_PARTS parts of the log, since the errors of
 neighbouring samples are not independent.
 """
 

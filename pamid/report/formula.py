@@ -21,7 +21,7 @@ _TOKEN = re.compile(
     r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))"
 )
 _DEEPEST_BRACKET = 20
-_ONE = ("number", "1")
+_UNITY = ("number", "1")
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -102,7 +102,7 @@ class _Reader:
     def _term(self) -> Markup:
         term = self._factor()
         # a constant is written as a number times 1
-        if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _ONE:
+        if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _UNITY:
             self._at += 1
         while True:
             if self._take("/"):
