@@ -1,4 +1,4 @@
-"""The command line of pamid (installed as the package `pamid_cli`): one file per command, loaded
+"""The command line of pamid (installed as the package `pamid_cli`): a file per command, loaded
 when it is called."""
 
 from .frame import main

@@ -70,7 +70,7 @@ def _follow(file: Path, rig: str, kind: str, content: dict[str, Any]) -> str:
         return f"pamid check {_recording_of(file)} {rig_words(file)}"
     if rig or content["rig"]:
         return f"pamid diagnose {path}{named}"
-    return f"pamid new-rig {path}   (writes a rig for it; use --rig for an existing one)"
+    return f"pamid new-rig {path}   (writes a rig for it; use --rig for an existing rig)"
 
 
 def _recording_of(rig: Path) -> str:
@@ -84,7 +84,7 @@ def _recording_of(rig: Path) -> str:
 
 
 def _stages(file: Path) -> tuple[WorkStage, ...]:
-    """Work stages for a file of this kind; () for an effect, which has one per port it fits."""
+    """Work stages for a file of this kind; () for an effect, which has a stage per port it fits."""
     from pamid.base.trust import MODEL_ENDINGS
     from pamid.base.work_stages import WORK_STAGES
 

@@ -26,12 +26,12 @@ class Arguments:
     """Show the options of all commands, or of these, with their values and sources.
 
     The command line takes precedence. The environment (PAMID_DIAGNOSE_JOBS=4) comes next, then the
-    nearest pamid.toml in this folder or above it, then the default. A pamid.toml has one table per
+    nearest pamid.toml in this folder or above it, then the default. A pamid.toml has a table per
     command, and [defaults] for all commands that have the option.
 
-    A pamid.toml that others may have written is ignored, and one in a folder above and outside your
-    home. Files to run, a cluster, and permission to replace files are read only from a pamid.toml
-    that you own and that lies in your home:
+    A pamid.toml that others may have written is ignored, and so is a file in a folder above and
+    outside your home. Files to run, a cluster, and permission to replace files are read only from a
+    pamid.toml that you own and that lies in your home:
 
     \b
         [defaults]

@@ -94,7 +94,7 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
     """Withheld effect and diagnosed cause, as text."""
     truth = result["withheld"]
     judged = {
-        "right": "Right: the family of the withheld effect is the one named.",
+        "right": "Right: the family of the withheld effect is named.",
         "among": "Partly right: the family of the withheld effect is among those named.",
         "missed": "Missed: the family of the withheld effect was not named.",
     }[result["hit"]]
@@ -123,7 +123,7 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
         lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
     for channel, errors in (result["network"] or {}).items():
         lines.append(
-            f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "
+            f"A network instead, on the model in its loop: {channel} {errors['refitted']:.4g} "
             f"-> {errors['with_network']:.4g}"
         )
     lines += [

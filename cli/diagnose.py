@@ -19,7 +19,9 @@ from .terminal import progress_line
 
 HELP_ORDER = 80
 _SETTLED = 0.95
-_HOLD_HINT = "(TOML next to the recording: [known] fixes a parameter, [free] releases a fixed one)"
+_HOLD_HINT = (
+    "(TOML next to the recording: [known] fixes a parameter, [free] releases a fixed parameter)"
+)
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """
@@ -112,7 +114,7 @@ def _where(where: dict[str, Any]) -> list[str]:
         f"{r['unit']}".rstrip()
         for r in where["regimes"][:2]
     ]
-    # a further sensor separates ports, which is pointless if one port has nearly all of the gap
+    # a further sensor separates ports, which is pointless if a port has nearly all of the gap
     if where.get("sensors") and max((p["share"] for p in where["ports"]), default=0.0) < _SETTLED:
         split = " or ".join(", ".join(g) for g in where["sensors"][0]["splits"][:2])
         lines.append(f"          measuring {where['sensors'][0]['sensor']} would separate {split}")
@@ -120,7 +122,7 @@ def _where(where: dict[str, Any]) -> list[str]:
 
 
 def _which(causes: list[dict[str, Any]]) -> list[str]:
-    """One line per cause with its parameters and the share of the gap that it removes."""
+    """A line per cause with its parameters and the share of the gap that it removes."""
     lines = []
     for i, c in enumerate(causes):
         values = parameter_values(c["parameters"])
@@ -233,7 +235,7 @@ def _scoring(diagnosis: dict[str, Any]) -> list[str]:
     from pamid.base.share_words import percent_text, percents_text, plain_number
 
     horizon = (
-        f"predicted over up to {plain_number(diagnosis['horizon_s'])} s from one estimated state"
+        f"predicted over up to {plain_number(diagnosis['horizon_s'])} s from an estimated state"
     )
     lines = [f"          {horizon}"]
     if diagnosis["causes"]:

@@ -1,4 +1,4 @@
-"""`pamid effects`: List the catalogue of effects, or explain one."""
+"""`pamid effects`: List the catalogue of effects, or explain an effect."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ pamid effects coulomb-friction --rig one-dof
 
 @dataclass(frozen=True)
 class Arguments:
-    """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
-    file. The name of a family, such as friction, lists its effects.
+    """List the effects by family and kind of port, or explain an effect: NAME, or the path of an
+    effect file. The name of a family, such as friction, lists its effects.
 
     An explanation has a description, the appearance in a recording, similar effects, the equation,
     references, parameters with ranges and sources, and the ports where the effect fits.

@@ -62,7 +62,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _interrupt_again(number: int, frame: FrameType | None) -> None:
-    """Handle SIGINT. Every Ctrl-C interrupts, also the clean-up after an earlier one."""
+    """Handle SIGINT. Every Ctrl-C interrupts, also the clean-up after an earlier Ctrl-C."""
     _STATE.came, _STATE.lost = True, False
     raise KeyboardInterrupt
 
@@ -89,7 +89,8 @@ def _watch(signals: int, last_words: Callable[[], None]) -> None:
 
 
 def _kill_children() -> None:
-    """Kill child processes of native code; they ignore the signal and would outlive this one."""
+    """Kill child processes of native code; they ignore the signal and would outlive this
+    process."""
     for task in Path("/proc/self/task").glob("*/children"):  # on Linux
         with contextlib.suppress(OSError):
             for child in task.read_text().split():

@@ -58,9 +58,10 @@ class Arguments:
     )
     which: str = option(
         "best",
-        "Model to export. cause: that with the causes of a diagnosis; network: the model that the "
-        "network was trained on, together with the network; refitted; best: causes and network if "
-        "they go together, else the first of these that the run has.",
+        "Model to export. cause: with the causes of the diagnosis. network: as the network was "
+        "trained, with the network. refitted: the fitted rig alone. best: causes and network if "
+        "the network was trained with the causes, else the first of cause, network and refitted "
+        "that the run has.",
     )
     known: Mapping[str, float] | None = known_option(
         "Parameter with another known value in that application."

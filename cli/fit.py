@@ -33,7 +33,7 @@ def command(arguments: FitArguments) -> frame.Result:
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:
     """Parameters, identifiable combinations and held-out errors as a table."""
-    from pamid.correction.residual_data import one_period
+    from pamid.correction.residual_data import equal_periods
     from pamid.estimation.identifiable_combinations import tied_text
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
@@ -68,7 +68,7 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
     lines += [f"Note      {note}" for note in fit.get("notes") or ()]
     lines += failed_text(fit)
     follow = ["pamid train-residual", "pamid report"][
-        not one_period(r["period_s"] for r in fit["recordings"]) :
+        not equal_periods(r["period_s"] for r in fit["recordings"]) :
     ]
     lines.append("Next: " + "   or   ".join(f"{command} {quoted(output)}" for command in follow))
     return "\n".join(lines)

@@ -33,7 +33,7 @@ class Arguments:
     laws on held-out points, and make it the force law of a rig.
 
     MAP is a CSV file with the columns contraction (share of the length at rest), pressure_kpa
-    (gauge) and force_n, one row per point. Other units of these are accepted, as pressure_bar. The
+    (gauge) and force_n, a row per point. Other units of these are accepted, as pressure_bar. The
     analytic laws are scored as published, and with their factor `scale` fitted to the other points.
     A slack muscle reads zero force, so the network learns the amount of slack from the nearest
     analytic law.
@@ -52,7 +52,7 @@ class Arguments:
     seed: int = seed_option("Same map and seed, same law.")
     every: int = option(
         3,
-        "Cross-validation in K folds: each holds out one point in K.",
+        "Cross-validation in K folds: each holds out every K-th point.",
         "--held-out",
         metavar="K",
         least=2,

@@ -1,4 +1,4 @@
-"""Frame around every command: one JSON object or a text on stdout, errors on stderr, exit codes.
+"""Frame around every command: a JSON object or a text on stdout, errors on stderr, exit codes.
 
 Nothing heavy is imported here, so that `pamid --help` responds at once.
 """
@@ -41,7 +41,7 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _HELP = """Find where a grey-box model departs from its rig, which effect causes it, and how far the
 gap shrinks.
 
-To begin, run `pamid demo`, which needs no files. With your own recording, run
+To begin, run `pamid demo`, which needs no files. With your recording, run
 `pamid check REC.csv`, then `pamid diagnose REC.csv --rig RIG`."""
 _EPILOG = (
     "Options can also be set in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
@@ -121,7 +121,7 @@ def _standard_flags() -> list[click.Parameter]:
     return [
         click.Option([word], is_flag=True, expose_value=False, help=text)
         for word, text in (
-            ("--json", "Print exactly one JSON object."),
+            ("--json", "Print a single JSON object."),
             ("--debug", "Show the traceback of an error."),
         )
     ]
@@ -298,12 +298,12 @@ def blank_context(name: str) -> click.Context:
 
 
 def group() -> click.Group:
-    """All of pamid as one click command."""
+    """All of pamid as a single click command."""
     return _GROUP
 
 
 class _LazyGroup(click.Group):
-    """Finds commands in the table and imports the module of the one that is called."""
+    """Finds commands in the table and imports the module of the called command."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)

@@ -32,7 +32,7 @@ def command(arguments: ExcitationArguments) -> frame.Result:
     experiment, signal = arguments.experiment, arguments.signal
     if experiment != "aprbs" and frame.was_given("signal"):
         raise UsageError(
-            f"--signal does not apply to --experiment {experiment}.", "Leave out one of the two."
+            f"--signal does not apply to --experiment {experiment}.", "Leave out either of the two."
         )
     frame.refuse_inapplicable(
         ExcitationArguments,

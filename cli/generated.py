@@ -117,7 +117,7 @@ def _parameter(item: Field[Any], about: About, hint: Any) -> click.Parameter:
 
 
 def _element(hint: Any) -> tuple[bool, Any]:
-    """Whether an annotation takes several values, and the annotation of one of them."""
+    """Whether an annotation takes several values, and the annotation of each."""
     members = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     members = tuple(member for member in members if member is not type(None))
     series = [member for member in members if get_origin(member) in _SERIES]

@@ -38,7 +38,7 @@ class Arguments:
     First write a mapping with `--guess`, and check it. With the mapping, each log becomes a CSV, a
     TOML next to it, and a record of all conversions (.ingest.json). Uneven stamps are diagnosed and
     repaired. If the data do not determine the repair, an error names the options. A long gap splits
-    the recording and is never bridged. If one log has several recordings, each becomes a separate
+    the recording and is never bridged. If a log has several recordings, each becomes a separate
     CSV; `*` in the mapping stands for its part. In a robot's log (ROS JointState, LeRobot, MuJoCo's
     vectors) `--guess` finds the joints and motors of a model by name or order.
     """
@@ -51,7 +51,7 @@ class Arguments:
     rig: RigName | None = option(
         None,
         "Rig by name, or the path of a rig file (it is run). [default: the rig that the mapping "
-        "names; with --guess none, and every channel keeps its name]",
+        "names. --guess without a rig: every channel keeps its name]",
     )
     pressures: Literal["gauge", "absolute"] | None = option(
         None, "Kind of all pressures of the log. Required if the mapping does not state it."
@@ -85,7 +85,7 @@ class Arguments:
     )
     memory_limit: float | None = option(
         None,
-        "Most memory for reading one log, in GiB. A log that declares more is refused before it is "
+        "Most memory for reading a log, in GiB. A log that declares more is refused before it is "
         "read. [default: 1]",
         metavar="GIB",
         above=0.0,
@@ -110,7 +110,7 @@ def command(arguments: Arguments) -> frame.Result:
     a, logs = arguments, [Path(log) for log in arguments.logs]
     if a.guess:
         if a.mapping is not None or len(logs) != 1:
-            raise UsageError("--guess takes one LOG and no --mapping.")
+            raise UsageError("--guess takes a single LOG and no --mapping.")
         return _guess(logs[0], a)
     if a.angles or a.only:
         raise UsageError(f"{'--angles' if a.angles else '--only'} belongs to --guess.")

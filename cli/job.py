@@ -28,7 +28,7 @@ def finished_result(
 
 
 def failed_text(content: dict[str, Any]) -> list[str]:
-    """One line per failed job."""
+    """A line per failed job."""
     return [f"Failed    {f['job']}: {f['why']}" for f in content.get("failed_jobs", ())]
 
 

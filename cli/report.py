@@ -1,4 +1,4 @@
-"""`pamid report`: Turn a run into tables, figures and one HTML page."""
+"""`pamid report`: Turn a run into tables, figures and an HTML page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NEXT_TO_PAGE = "-"  # --pdf without a file
 
 @dataclass(frozen=True)
 class Arguments:
-    """Write one self-contained HTML page and figures for the run folder RUN. A run of `pamid trial`
+    """Write a self-contained HTML page and figures for the run folder RUN. A run of `pamid trial`
     or `pamid reproduce-paper` gets a page as well.
 
     The page begins with three answers: where the gap lies, which effect causes it, and how far it
@@ -86,13 +86,14 @@ def command(arguments: Arguments) -> frame.Result:
         return _comparison(runs, arguments)
     if len(runs) > 1:
         raise UsageError(
-            f"A page shows one run, but {len(runs)} were given.", "Add --compare to compare them."
+            f"A page shows a single run, but {len(runs)} were given.",
+            "Add --compare to compare them.",
         )
     return _page(runs[0], arguments)
 
 
 def _page(run: Path, arguments: Arguments) -> frame.Result:
-    """Page of one run."""
+    """Page of a run."""
     from pamid.report.recording_errors import recording_errors_text
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report

@@ -1,4 +1,4 @@
-"""`pamid rigs`: List the rigs, or explain one."""
+"""`pamid rigs`: List the rigs, or explain a rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pamid rigs one-dof --figure joint.png
 
 @dataclass(frozen=True)
 class Arguments:
-    """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
+    """List the rigs, or explain a rig: NAME, NAME:VARIANT, or the path of a rig file.
 
     An explanation has inputs, outputs, states, ports with the effects that fit there, parameters
     with sources, tolerances, and the equations. A quantity at a port has the name of the port.
@@ -47,12 +47,14 @@ def command(arguments: Arguments) -> frame.Result:
 
     name, figure = arguments.name or arguments.named, arguments.figure
     if figure is not None and name is None:
-        raise UsageError("--figure draws one rig.", "Name it: pamid rigs one-dof --figure rig.png.")
+        raise UsageError(
+            "--figure draws a single rig.", "Name it: pamid rigs one-dof --figure rig.png."
+        )
     require_png(figure, arguments.overwrite)
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
         lines = [f"{row.name:<20} {row.title}" for row in rows]
-        lines += ["", f"Explain one, or a rig file: pamid rigs {rows[0].name}"]
+        lines += ["", f"Explain a rig, or a rig file: pamid rigs {rows[0].name}"]
         return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     rig = library.rig_named(name)
     story = catalogue.rig_story(rig, library.effects().values(), library.rigs())

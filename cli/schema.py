@@ -21,10 +21,10 @@ pamid schema diagnosis
 
 @dataclass(frozen=True)
 class Arguments:
-    """List the JSON schemas of results (--json) and of the files of a run, or print one schema.
+    """List the JSON schemas of results (--json) and of the files of a run, or print a schema.
 
     They follow JSON Schema, draft 2020-12, and serve editors and programs that read results. Later
-    versions may add keys. No key changes its meaning within one number (pamid.diagnosis/3).
+    versions may add keys. No key changes its meaning within a number (pamid.diagnosis/3).
     """
 
     name: str | None = argument(default=None)

@@ -1,6 +1,6 @@
 """Settings from `pamid.toml`: values of a project in place of pamid's defaults.
 
-The nearest `pamid.toml` in the working folder or above it has one table per command, and
+The nearest `pamid.toml` in the working folder or above it has a table per command, and
 `[defaults]` for every command that has the option. The command line takes precedence over the
 environment (PAMID_DIAGNOSE_JOBS), the environment over this file, and the file over the default.
 `pamid config` shows the source of every value.
@@ -9,9 +9,9 @@ A downloaded folder must not decide what pamid does, so a file is trusted only b
 place:
 
 - A file that somebody else may have written is ignored. That is so where it or its folder belongs
-  to a user other than this one or root, or where others may write to it, its folder or a folder
+  to a user other than this user or root, or where others may write to it, its folder or a folder
   above. A group of the user alone does not count. A file in a sticky folder such as /tmp is
-  ignored, one in a private subfolder of it is not.
+  ignored, a file in a private subfolder of it is not.
 - Outside the user's home only the file of the working folder counts.
 - Three kinds of entries are read only from a file that the user owns, in the user's home: code to
   run (the path of a rig or effect file), an address (`cluster`), and permission to replace files
@@ -34,7 +34,7 @@ import click
 from click.core import ParameterSource
 
 from pamid.base.errors import nearest
-from pamid.base.trust import is_code, is_own, why_shared, within_home
+from pamid.base.trust import is_code, is_users_file, why_shared, within_home
 
 from .generated import Catalogued
 from .table import COMMANDS, every_command
@@ -59,7 +59,7 @@ def settings_file(folder: Path | None = None) -> Path | None:
 
 
 def ignored_files(folder: Path | None = None) -> dict[Path, str]:
-    """Files nearer than the one that applies, which are not trusted, with the reason."""
+    """Files nearer than the file that applies, which are not trusted, with the reason."""
     reasons = {}
     for path, why in _candidate_files(folder):
         if not why:
@@ -87,7 +87,7 @@ def why_harmless_only(path: Path) -> str:
     """Reason to ignore code, addresses and permission to replace files in this file, or ""."""
     if not within_home(path):
         return "the file lies outside your home"
-    return "" if is_own(path) else "the file is not yours"
+    return "" if is_users_file(path) else "the file is not yours"
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:
@@ -139,7 +139,7 @@ def entries_for(command: click.Command) -> list[Entry]:
         return []
     tables, options, why = read_settings(path), options_of(command), why_harmless_only(path)
     shared = tables.get(SHARED_TABLE, {})
-    known = {name for one in every_command() for name in options_of(one)} if shared else set()
+    known = {name for other in every_command() for name in options_of(other)} if shared else set()
     for key in shared:
         if key not in known:
             raise SettingsError(
@@ -165,7 +165,7 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
 
 
 def ignored_entries(context: click.Context) -> list[str]:
-    """One sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
+    """A sentence per ignored entry of this command in pamid.toml that is not set elsewhere."""
     return [
         f"{e.path}: [{e.table}] {e.key} is ignored, because {e.ignored}. Give --{e.key} on the "
         "command line."

@@ -26,7 +26,7 @@ def _scanned(folder: Path) -> dict[str, str]:
     return {name: line for _, name, line in entries}
 
 
-#: name -> one line of help
+#: name -> a line of help
 COMMANDS: dict[str, str] = _scanned(Path(__file__).parent)
 
 #: second names of commands, after their purpose

@@ -51,8 +51,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         ends = ", ".join("diverged" if mse is None else f"{mse:.3g}" for mse in t["starts_mse"])
         lines.append(f"          MSE of every start: {ends}; number {t['start'] + 1} is kept")
     lines += [
-        f"weights   gamma {t['gamma']:.1f} of {n} are used, every one of {t['samples']} samples "
-        "counted",
+        f"weights   gamma {t['gamma']:.1f} of {n} are used, each of {t['samples']} samples counted",
         f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
         f"{t['effective_samples']:.0f} independent samples they are worth",
         "seed      reproduces this network on the same kind of processor; others round differently",
@@ -95,8 +94,8 @@ def errors_table(about: dict[str, Any]) -> list[str]:
         ]
     if at != "output":
         lines += [
-            f"A correction at {at} enters the equations and changes every channel; one at the "
-            "output changes only its channel.",
+            f"A correction at {at} enters the equations and changes every channel; a correction at "
+            "the output changes only its channel.",
             "Its model has the parameters that were estimated together with the missing input "
             "(network.json).",
         ]

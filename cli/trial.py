@@ -41,16 +41,16 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 
 @dataclass(frozen=True)
 class Arguments:
-    """Test the diagnosis on a virtual machine with other equations than the rig's. A case has one
-    effect, two, none, one that was removed from the catalogue, or one that never was in it. The
-    diagnosis reads recordings only, and the scorer alone reads the labels.
+    """Test the diagnosis on a virtual machine with other equations than the rig's. A case has a
+    single effect, two, none, an effect that was removed from the catalogue, or an effect that never
+    was in it. The diagnosis reads recordings only, and the scorer alone reads the labels.
 
-    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them. On
-    a starter rig the place is one of the rig's ports, and the loop is open. The probabilities of
+    On the arm a fault also has a place: either joint, any of four muscles, or all of them. On
+    a starter rig the place is a port of the rig, and the loop is open. The probabilities of
     the diagnosis were calibrated on the calibration parts.
 
-    --world open draws cases like real machines. One or two further effects of other families each
-    change the readings by 10 to 60 % as much as the planted one. Map errors exceed the rig's
+    --world open draws cases like real machines. Up to two further effects of other families each
+    change the readings by 10 to 60 % as much as the planted effect. Map errors exceed the rig's
     tolerance, noise is coloured, the clock jitters, a coarse gauge has a calibration curve, and a
     recording starts in motion. A second recording is held out. An answer is right if it names the
     effect that removes most, reports what remains and where, and claims no more than it removes.
@@ -61,7 +61,7 @@ class Arguments:
     catalogue. This measures how well effects can be separated on your rig, not the influence of
     wrong equations.
 
-    Writes labels.json, one result per case and trial.json. With --resume the same command on the
+    Writes labels.json, a result per case and trial.json. With --resume the same command on the
     same folder continues where it was interrupted, or draws more cases. Use a new folder after a
     change of pamid itself.
 
@@ -110,7 +110,7 @@ class Arguments:
     )
     world: Literal["closed", "open"] = option(
         "closed",
-        "closed: the planted effects are the whole gap. open: one or two further effects act, maps "
+        "closed: the planted effects are the whole gap. open: up to two further effects act, maps "
         "are rougher than the rig states, and the logger is poor.",
     )
     bare: bool = option(
@@ -145,7 +145,7 @@ def command(arguments: Arguments) -> frame.Result:
         raise UsageError(
             f"--overwrite replaces the earlier trial, {'--resume' if a.resume else '--index'} "
             "continues it.",
-            "Give only one of them.",
+            "Give either of them, not both.",
         )
     trial = _Trial.of(a)
     with worker_pool(a.jobs, a.cluster) as pool:
@@ -261,7 +261,7 @@ class _Trial:
             try:
                 self.created().finish("shared")
                 return
-            except FileError:  # another one may be about to write run.json
+            except FileError:  # another process may be about to write run.json
                 time.sleep(0.1)
         self.same()
 

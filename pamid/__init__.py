@@ -8,7 +8,7 @@ shrinks.
     found.verdict, found.causes, found.plot_worst_window()
 
 The face: verbs, their results, and the nouns that a rig file or an effect file needs. Each is
-loaded when it is first asked for, so that `import pamid` costs nothing. Nothing inside the package
+loaded when it is first used, so that `import pamid` costs nothing. Nothing inside the package
 imports the face.
 """
 

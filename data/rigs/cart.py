@@ -1,6 +1,6 @@
 """The smallest whole rig: a cart on a rail, pushed by a measured force.
 
-Copy it to begin a rig of your own.
+Copy it to begin your rig.
 """
 
 from pamid import Parameter, Port, Rig, State

@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(HERE))
 
-import reference  # noqa: E402  # beside this file
+import reference  # noqa: E402  # next to this file
 
 #: page of the repository -> page of the site
 INCLUDED = {
@@ -61,9 +61,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def _filled(entries: Any, made: dict[str, list[Any]]) -> Any:
     """The navigation with the lists of generated pages in their places."""
     if isinstance(entries, list):
-        return [_filled(one, made) for one in entries]
+        return [_filled(entry, made) for entry in entries]
     if isinstance(entries, dict):
-        return {title: _filled(one, made) for title, one in entries.items()}
+        return {title: _filled(entry, made) for title, entry in entries.items()}
     return made.get(entries, entries)
 
 

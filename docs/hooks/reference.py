@@ -58,10 +58,10 @@ def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
     finally:
         del sys.path[: len(folders)]
 
-    found: dict[str, bytes | str] = {}
+    with_pictures: dict[str, bytes | str] = {}
     for name, (picture, where) in signatures.pictures(sorted(effects())).items():
         place = f"{EFFECTS}{name}.md"
-        found[f"{EFFECTS}{name}.svg"] = picture
+        with_pictures[f"{EFFECTS}{name}.svg"] = picture
         shown = (
             f"![Signature of {name}: what enters and what leaves its port over time, and the "
             f"change over the signal that it follows]({name}.svg)\n\n"
@@ -69,9 +69,9 @@ def pictured(pages: dict[str, str]) -> dict[str, bytes | str]:
             f"(right), at {where}, at its typical size.*\n\n"
         )
         head, equation, rest = pages[place].partition("## What it is\n")
-        found[place] = head + shown + equation + rest
-    found[SYMPTOM_PAGE] = _with_pictures(pages[SYMPTOM_PAGE])
-    return found
+        with_pictures[place] = head + shown + equation + rest
+    with_pictures[SYMPTOM_PAGE] = _with_pictures(pages[SYMPTOM_PAGE])
+    return with_pictures
 
 
 def _with_pictures(page: str) -> str:
@@ -155,10 +155,11 @@ def _catalogue_page(stories: dict[str, EffectStory]) -> str:
     lines = [
         "# The catalogue of effects",
         "",
-        f"{len(stories)} effects in {len(families)} families. A **family** holds effects with one",
+        f"{len(stories)} effects in {len(families)} families. A **family** holds effects with the "
+        "same",
         "cause and like equations. Where an effect can act follows from the **kind** of a port; "
         "`pamid effects` prints the",
-        "same list, and `pamid effects --rig RIG` what fits one rig.",
+        "same list, and `pamid effects --rig RIG` what fits a rig.",
         "",
         "| kind of port | what passes through it |",
         "|---|---|",
@@ -166,51 +167,53 @@ def _catalogue_page(stories: dict[str, EffectStory]) -> str:
     ]
     for family, members in sorted(families.items()):
         lines += ["", f"## {family}", "", "| effect | acts on | |", "|---|---|---|"]
-        for one in members:
-            kinds = ", ".join(f"`{k}`" for k, f in one.families.items() if f == family)
-            lines.append(f"| [`{one.name}`]({one.name}.md) | {kinds} | {_cell(one.title)} |")
+        for effect in members:
+            kinds = ", ".join(f"`{k}`" for k, f in effect.families.items() if f == family)
+            lines.append(
+                f"| [`{effect.name}`]({effect.name}.md) | {kinds} | {_cell(effect.title)} |"
+            )
     return "\n".join(lines) + "\n"
 
 
-def _effect_page(said: EffectStory) -> str:
-    lines = [f"# {said.name}", "", f"**{said.title}**", ""]
-    needs = ", ".join(f"`{s}`" for s in said.signals)
+def _effect_page(story: EffectStory) -> str:
+    lines = [f"# {story.name}", "", f"**{story.title}**", ""]
+    needs = ", ".join(f"`{s}`" for s in story.signals)
     lines += [
-        f"Family: {', '.join(dict.fromkeys(said.families.values()))}. "
-        f"Acts on: {', '.join(f'`{k}`' for k in said.kinds)}"
-        + (f" in {said.unit}" if said.unit else "")
+        f"Family: {', '.join(dict.fromkeys(story.families.values()))}. "
+        f"Acts on: {', '.join(f'`{k}`' for k in story.kinds)}"
+        + (f" in {story.unit}" if story.unit else "")
         + (f", where the port offers {needs}" if needs else "")
         + ".",
         "",
     ]
-    for signal, names in said.stand_ins.items():
+    for signal, names in story.stand_ins.items():
         offered = ", ".join(f"`{n}`" for n in names)
         lines += [f"`{signal}` may be offered as {offered}.", ""]
     for title in ("What it is", "What it looks like", "Looks like it"):
-        if said.story.get(title):
-            lines += [f"## {title}", "", said.story[title], ""]
-    if said.look_alikes:
-        linked = ", ".join(f"[`{n}`]({n}.md)" for n in said.look_alikes)
+        if story.story.get(title):
+            lines += [f"## {title}", "", story.story[title], ""]
+    if story.look_alikes:
+        linked = ", ".join(f"[`{n}`]({n}.md)" for n in story.look_alikes)
         lines += [f"In the catalogue: {linked}.", ""]
-    lines += ["## Equation", "", "```text", said.story.get("Equation", ""), "```", ""]
-    lines += ["## Parameters", "", *_parameter_table(said.parameters), ""]
-    if said.general_parameters:
-        lines += ["At other ports of a rig of your own:", ""]
-        lines += [*_parameter_table(said.general_parameters), ""]
-    if said.absorbed_by:
-        names = ", ".join(f"`{n}`" for n in said.absorbed_by)
+    lines += ["## Equation", "", "```text", story.story.get("Equation", ""), "```", ""]
+    lines += ["## Parameters", "", *_parameter_table(story.parameters), ""]
+    if story.general_parameters:
+        lines += ["At other ports of your rig:", ""]
+        lines += [*_parameter_table(story.general_parameters), ""]
+    if story.absorbed_by:
+        names = ", ".join(f"`{n}`" for n in story.absorbed_by)
         lines += [f"Parameters of a rig that can stand in for it: {names}.", ""]
     lines += ["## Where it fits on the shipped rigs", ""]
-    if said.places:
+    if story.places:
         lines += ["| rig | written as | ports | parameters there |", "|---|---|---|---|"]
-        for one in said.places:
-            ports = ", ".join(f"`{p}`" for p in one.ports)
-            own = ", ".join(f"`{p.name}`" for p in one.parameters)
-            lines.append(f"| `{one.rig}` | `{one.effect}` | {ports} | {own} |")
+        for place in story.places:
+            ports = ", ".join(f"`{p}`" for p in place.ports)
+            parameters = ", ".join(f"`{p.name}`" for p in place.parameters)
+            lines.append(f"| `{place.rig}` | `{place.effect}` | {ports} | {parameters} |")
     else:
-        lines.append("At no port of them; it serves rigs of your own.")
-    if said.story.get("References"):
-        lines += ["", "## References", "", said.story["References"]]
+        lines.append("At no port of them; it serves your rigs.")
+    if story.story.get("References"):
+        lines += ["", "## References", "", story.story["References"]]
     return "\n".join(lines) + "\n"
 
 
@@ -231,9 +234,9 @@ def _parameter_table(rows: Iterable[ParameterRow]) -> list[str]:
 
 
 def _rig_page(name: str) -> str:
-    said = catalogue.rig_story(rig_named(name), effects().values(), rigs())
-    lines = [f"# {name}", "", said.title, "", f"What `pamid rigs {name}` prints.", ""]
-    return "\n".join([*lines, "```text", catalogue.rig_text(said), "```", ""])
+    story = catalogue.rig_story(rig_named(name), effects().values(), rigs())
+    lines = [f"# {name}", "", story.title, "", f"What `pamid rigs {name}` prints.", ""]
+    return "\n".join([*lines, "```text", catalogue.rig_text(story), "```", ""])
 
 
 # ---- commands ------------------------------------------------------------------------------------
@@ -243,7 +246,7 @@ def _commands_page() -> str:
     lines = [
         "# Every command",
         "",
-        "What `pamid --help` lists. All take `--json` (exactly one JSON object on standard output,",
+        "What `pamid --help` lists. All take `--json` (a single JSON object on standard output,",
         "also when they fail), `--debug` and `--help`.",
         "",
         "| command | |",
@@ -289,8 +292,8 @@ def _command_page(name: str) -> str:
         else:
             lines += [_prose(" ".join(paragraph.split())), ""]
     lines += ["## Options", "", "| option | |", "|---|---|"]
-    for one in command.get_params(context):
-        record = one.get_help_record(context)
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
         if record is not None:
             lines.append(f"| `{record[0].replace('|', ' or ')}` | {_cell(record[1])} |")
     example = getattr(command, "example", "")
@@ -335,19 +338,19 @@ def fates(schema: dict[str, Any]) -> dict[str, str]:
 
 def _commented(schema: dict[str, Any], root: dict[str, Any], place: str) -> dict[str, str]:
     """The comment on every key below a place; none below a key that is gone."""
-    found: dict[str, str] = {}
-    for one in schema.get("anyOf", [schema]):
-        one = root["$defs"][one["$ref"].rpartition("/")[2]] if "$ref" in one else one
-        if isinstance(one.get("items"), dict):
-            found |= _commented(one["items"], root, f"{place}[]")
-        if isinstance(one.get("additionalProperties"), dict):
-            found |= _commented(one["additionalProperties"], root, f"{place}.*")
-        for key, what in one.get("properties", {}).items():
+    comments: dict[str, str] = {}
+    for branch in schema.get("anyOf", [schema]):
+        branch = root["$defs"][branch["$ref"].rpartition("/")[2]] if "$ref" in branch else branch
+        if isinstance(branch.get("items"), dict):
+            comments |= _commented(branch["items"], root, f"{place}[]")
+        if isinstance(branch.get("additionalProperties"), dict):
+            comments |= _commented(branch["additionalProperties"], root, f"{place}.*")
+        for key, what in branch.get("properties", {}).items():
             path = f"{place}.{key}" if place else key
-            found[path] = what.get("$comment", "")
-            if not found[path].startswith("gone"):
-                found |= _commented(what, root, path)
-    return found
+            comments[path] = what.get("$comment", "")
+            if not comments[path].startswith("gone"):
+                comments |= _commented(what, root, path)
+    return comments
 
 
 _PARTS = {

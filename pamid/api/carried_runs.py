@@ -1,4 +1,4 @@
-"""Carrying out a run, and opening one."""
+"""Carrying out a run, and opening a run."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def carry_out(
     """
     if arguments.overwrite and arguments.resume:
         raise UsageError(
-            "--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them."
+            "--resume goes on with the earlier run, --overwrite replaces it.",
+            "Give either of them.",
         )
     output = arguments.output
     further = output if isinstance(output, Run) else None

@@ -57,8 +57,8 @@ class CheckResult:
         return dict(self._inspection.summary)
 
     def summary(self, *, everything: bool = True) -> str:
-        """Problems first, then notes and what is as it should be, as lines of text; a rig on one
-        screen, unless everything is wanted."""
+        """Problems first, then notes and what is as it should be, as lines of text; a rig on a
+        single screen, unless everything is wanted."""
         return inspection_text(self._inspection.summary, everything=everything)
 
     @property

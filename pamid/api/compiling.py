@@ -4,7 +4,7 @@ shipped rigs' equations.
     python -m pamid.api.compiling
 
 `make` does it when it installs. Without it the first command takes so many seconds longer, once;
-nothing else changes. What is compiled lies beside the package or in the user's cache
+nothing else changes. Compiled code lies next to the package or in the user's cache
 (`pamid.engine.numba_cache`, `pamid.engine.jit_cache`); what has been compiled before is left.
 """
 
@@ -32,8 +32,8 @@ def compile_ahead() -> None:
     shipped = {name: kind() for name, kind in sorted(rigs().items())}
     rig = shipped[_FIRST]
     models = {
-        f"{name}{' with background' if background else ''}": Assembly(one, background=background)
-        for name, one in shipped.items()
+        f"{name}{' with background' if background else ''}": Assembly(r, background=background)
+        for name, r in shipped.items()
         for background in (False, True)
     } | {
         f"{_FIRST} with {attachment.label}": Assembly(rig, (attachment,), background=True)
@@ -59,7 +59,8 @@ def _compile(assembly: Assembly) -> None:
 
 
 def _run_once(assembly: Assembly) -> None:
-    """A sample, by which everything that steps a model is compiled; every way to step is in one."""
+    """A sample, by which everything that steps a model is compiled; a sample has every way to
+    step."""
     program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
     memory = program.memory(assembly.start(p), period_s=period)
     u = np.zeros((1, len(program.inputs)))

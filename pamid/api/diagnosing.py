@@ -75,7 +75,7 @@ def catalogue_of(
     further: tuple[str | type[Effect], ...], without: Iterable[str]
 ) -> dict[str, type[Effect]]:
     """Every effect of the catalogue and further ones, by name, but for those left out; UsageError
-    where one of these is none."""
+    where any of these is none."""
     known, _ = effects_with(further)
     for name in without:
         if name not in known:

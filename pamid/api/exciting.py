@@ -74,7 +74,7 @@ def pulse_excitation(
     level: float = 1.0,
     period_s: float | None = None,
 ) -> Recording:
-    """Excitation that vents and fills one muscle after the other in pulses of 30 to 500 ms.
+    """Excitation that vents and fills the muscles in turn in pulses of 30 to 500 ms.
 
     Parameters
     ----------
@@ -111,8 +111,9 @@ def within_limits(
     model, or none of the columns is a command of it.
 
     columns: samples every period_s by column, in its unit; centres: what they swing about where
-    that is not 0; speed_limits: joint -> rad/s or m/s, beside those that a URDF states. DataError
-    (code "no-room") where nothing of it is left, UsageError for a joint that is not there.
+    that is not 0; speed_limits: joint -> rad/s or m/s, in addition to those that a URDF states.
+    DataError (code "no-room") where nothing of it is left, UsageError for a joint that is not
+    there.
     """
     bench_rig = _made(rig)
     if not isinstance(bench_rig, CompiledMechanism) or not set(columns) & set(bench_rig.inputs):
@@ -124,7 +125,7 @@ def within_limits(
 def _made(rig: RigLike) -> Rig:
     named = resolved_rig(rig)
     if named is None:
-        raise UsageError("There is no rig.", "Name the one that is to be excited.")
+        raise UsageError("There is no rig.", "Name the rig that is to be excited.")
     return rig_named(named)
 
 

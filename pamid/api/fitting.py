@@ -59,7 +59,7 @@ def fit(arguments: FitArguments) -> FitResult:
     ):
         raise UsageError(
             f"{output} cannot be both --from and --output.",
-            "Give every stage a run folder of its own.",
+            "Give every stage a separate run folder.",
         )
     posterior = read_posterior(before) if before else None
 
@@ -76,8 +76,8 @@ def fit(arguments: FitArguments) -> FitResult:
         a, e, fitted = model.assembly, model.evidence, model.fit
         with counted_warnings() as warned:
             free = {"free_run": free_runs(e, a, fitted.p, fitted.stepping)}
-        found = fit_json(model, arguments.seed, notes=warned.sentences(OVER_RECORDINGS))
-        write_json(run.path(FIT_FILE), found | {"failed_jobs": pool.failed_jobs})
+        written = fit_json(model, arguments.seed, notes=warned.sentences(OVER_RECORDINGS))
+        write_json(run.path(FIT_FILE), written | {"failed_jobs": pool.failed_jobs})
         write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
         write_atomically(run.path(FREE_RUN_FILE), free_run_csv(e, free))
 

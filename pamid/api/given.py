@@ -40,7 +40,7 @@ RecordingLike: TypeAlias = "Recording | PathLike | DataFrame"
 EffectLike: TypeAlias = PathLike | type[Effect]
 Warn: TypeAlias = Callable[[str], None]
 
-MOST_STRANGERS = 8  # columns that a rig does not know, each with a sentence of its own
+MOST_STRANGERS = 8  # columns that a rig does not know, each with a separate sentence
 RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that came to it in no file
 
 
@@ -53,7 +53,7 @@ def warn_in_python(text: str) -> None:
 class Given:
     """Recordings, read and divided for a rig.
 
-    rig: as it was named, or the one that the recordings name; inputs: files that were read; kept:
+    rig: as it was named, or as the recordings name it; inputs: files that were read; kept:
     files that a run folder has to hold, by name there, because what they hold came in no file.
     """
 
@@ -67,14 +67,14 @@ def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | typ
     """Words for `effects_with`, and effects themselves; UsageError for anything else."""
     single = isinstance(effects, str | os.PathLike | type)
     resolved: list[str | type[Effect]] = []
-    for one in [effects] if single else effects:  # type: ignore[list-item, union-attr]
-        if isinstance(one, str) or isinstance(one, type) and issubclass(one, Effect):
-            resolved.append(one)
-        elif isinstance(one, os.PathLike):
-            resolved.append(as_file(one))
+    for effect in [effects] if single else effects:  # type: ignore[list-item, union-attr]
+        if isinstance(effect, str) or isinstance(effect, type) and issubclass(effect, Effect):
+            resolved.append(effect)
+        elif isinstance(effect, os.PathLike):
+            resolved.append(as_file(effect))
         else:
             raise UsageError(
-                f"{one!r:.60} is no effect.",
+                f"{effect!r:.60} is no effect.",
                 "Give a name (see `pamid effects`), the path of an effect file, or a class "
                 "derived from pamid.Effect.",
             )
@@ -97,7 +97,7 @@ def recording_given(recording: RecordingLike, name: str = "recording") -> Record
 
 
 def recordings_given(given: RecordingLike | Sequence[RecordingLike]) -> list[RecordingLike]:
-    """One or several as a list."""
+    """A list, also of a single item."""
     return list(given) if isinstance(given, list | tuple) else [given]  # type: ignore[list-item]
 
 
@@ -109,8 +109,8 @@ def evidence_of(
     check: bool = True,
     warn: Warn | None = None,
 ) -> Given:
-    """Read the recordings, refuse those that are wrong for the rig (default: the one of the
-    catalogue that they name), and divide them for it. Errors as of `read_recording`,
+    """Read the recordings, refuse those that are wrong for the rig (default: the catalogue's rig
+    that they name), and divide them for it. Errors as of `read_recording`,
     `require_sound` and `split_recordings`.
 
     check: refuse recordings with which any fit is nonsense.
@@ -120,7 +120,7 @@ def evidence_of(
     model = rig_named(named) if named else None
     fitted, judged = recordings_given(recordings), recordings_given(held_out)
     if not fitted:
-        raise UsageError("There is no recording to fit.", "Give at least one.")
+        raise UsageError("There is no recording to fit.", "Give a recording.")
     resolved = [_taken(item, k) for k, item in enumerate((*fitted, *judged))]
     read = [recording for recording, _ in resolved]
     unnamed = not named and not any(recording.rig for recording in read)
@@ -140,7 +140,7 @@ def evidence_of(
     for recording in evidence.recordings:
         if check:
             doubts |= dict.fromkeys(require_sound(recording, model))
-            # inputs of which nobody says what they do between samples, and which are not held
+            # inputs whose hold between samples is not stated, and which are not held
             for hold in misstated_holds(recording, model):
                 warn(f"{recording.path}: {hold.text(recording)}.")
         if lacks := evidence.lacking(recording):
@@ -167,16 +167,17 @@ def evidence_of(
 
 
 def _require_its_columns(rig: Rig, recordings: Sequence[Recording]) -> None:
-    """Refuse recordings that neither name a rig nor suit the usual one, before anything is said of
-    its columns."""
+    """Refuse recordings that neither name a rig nor suit the usual rig, before its columns are
+    checked."""
     for recording in recordings:
         needed = [c for c in rig.inputs if c not in rig.optional]
         if any(recording.has(c) for c in rig.outputs) and all(recording.has(c) for c in needed):
             continue
         raise UsageError(
-            f"No rig is named, and {recording.path} does not suit {rig.name!r}, the usual one.",
-            "Name its rig with --rig (rig= in Python): one of `pamid rigs` or a file of yours. "
-            f"`pamid new-rig {quoted(recording.path)}` writes one for its columns.",
+            f"No rig is named, and {recording.path} does not suit {rig.name!r}, the usual rig.",
+            "Name its rig with --rig (rig= in Python): a name from `pamid rigs` or a file of "
+            "yours. "
+            f"`pamid new-rig {quoted(recording.path)}` writes a rig for its columns.",
         )
 
 
@@ -198,8 +199,8 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
 
 
 def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
-    """A sentence per known value outside the bounds of its parameter; FileError where one cannot
-    be, or is of no parameter."""
+    """A sentence per known value outside the bounds of its parameter; FileError where a value
+    cannot be, or is of no parameter."""
     plain = Assembly(rig)
     try:
         plain.values(recording.known)
@@ -233,8 +234,8 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
 
 
 def _is_its_file(recording: Recording) -> bool:
-    """Does the file that it names hold just this? A part of a recording, or one whose known values
-    were changed, still has the path of the whole."""
+    """Does the file that it names hold just this? A part of a recording, or a recording whose known
+    values were changed, still has the path of the whole."""
     try:
         if sha256_of(recording.path) != recording.sha256:
             return False

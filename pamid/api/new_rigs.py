@@ -24,7 +24,7 @@ _BY = {
     "name": "by its name",
     "word": "by a word of its name",
     "unit": "by its unit alone",
-    "you": "as you said",
+    "you": "as you stated",
 }
 
 

@@ -127,7 +127,7 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
                 "column": column,
                 "unit": unit,
                 "range": list(reach),
-                **item.own,
+                **item.settings,
                 "coverage": _coverage_entry(covers),
             }
         )
@@ -209,7 +209,7 @@ def _about_signals(
     columns: dict[str, NDArray[Any]],
     meta: dict[str, Any],
 ) -> dict[str, Any]:
-    """JSON entries of the signals: of one column at the top level, of several in a list."""
+    """JSON entries of the signals: of a single column at the top level, of several in a list."""
     alone = each[0] if len(each) == 1 else {}
     return {
         "signal": request.signal,

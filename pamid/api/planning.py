@@ -47,8 +47,8 @@ class PowerResult(PowerFile):
         confused = sum(bool(e.confused) for e in self.effects if e.effect in self.showing)
         return (
             f"This experiment of {self.seconds:.3g} s shows {len(self.showing)} of "
-            f"{len(self.effects)} effects at their usual size, {confused} of them not to be told "
-            "from another family"
+            f"{len(self.effects)} effects at their usual size, {confused} of them not to be "
+            "separated from another family"
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The figures of a run: those of its report, one by one."""
+"""The figures of a run: those of its report, each separately."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFig
 
 
 def added_variable_figure(run: RunData, effect: str | None = None) -> NotebookFigure:
-    """The plots of the leading candidates, or that of one; UsageError for an effect that the run
-    holds none of."""
+    """The plots of the leading candidates, or that of a named effect; UsageError for an effect that
+    the run holds none of."""
     plots = {usable_plot.effect: usable_plot for usable_plot in usable_plots(run)}
     at_ports = [name for name in plots if name.partition("@")[0] == effect]
     if effect not in plots and len(at_ports) == 1:

@@ -1,5 +1,5 @@
-"""Results of runs as typed objects. Every result is read from its run folder, so that one of today
-and one that is opened years later show the same."""
+"""Results of runs as typed objects. Every result is read from its run folder, so that a result of
+today and the same result opened years later are equal."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class IdentifiedCause:
 
     effect: name, with @port where the rig has several of its kind; parameters: in the model that
     has all causes; share: Shapley share of the shrinkage among the causes, 0 to 1; probability:
-    that it is really there, 0 to 1; removes: share of the gap, beside the other causes, with its
+    that it is really there, 0 to 1; removes: share of the gap, next to the other causes, with its
     95 % interval.
     """
 
@@ -133,13 +133,13 @@ class IdentifiedCause:
 
     def removes_text(self) -> str:
         """ "64 % (60 to 68 %)", of the gap."""
-        one = self.removes
-        if one is None:
+        removed = self.removes
+        if removed is None:
             return "–"
-        return f"{percent_text(one.share)} ({percents_text(one.low, one.high)})"
+        return f"{percent_text(removed.share)} ({percents_text(removed.low, removed.high)})"
 
     def parameter_text(self) -> str:
-        """Values with their intervals in one line."""
+        """Values with their intervals in a line."""
         return ", ".join(
             f"{p.name} {number(p.value)} ({interval(p.low, p.high)})"
             for p in self.parameters.values()
@@ -186,7 +186,7 @@ class FitResult(OpenedRun):
         noise: float = 0.0,
         seed: int = 0,
     ) -> Recording:
-        """Simulate the sensors of the run's model on an excitation, by its own integration steps.
+        """Simulate the sensors of the run's model on an excitation, by its integration steps.
 
         excitation: columns that are sent (references run the model in its control loop); which:
         "cause", "network" (with the model that it was trained on), "refitted", or "best": causes
@@ -252,14 +252,15 @@ class FitResult(OpenedRun):
 @dataclass(frozen=True, kw_only=True, repr=False)
 class DiagnosisResult(FitResult):
     """Where a model departs from its recordings, which effect causes it, how far the gap shrinks;
-    beside that all that a fit holds, of the refitted model (`refitted`: its parameters) and of the
-    one with its causes (`parameters`).
+    in addition all that a fit holds, of the refitted model (`refitted`: its parameters) and of the
+    model with its causes (`parameters`).
 
     verdict: "explained", "partly-explained", "ambiguous", "unknown-effect", "no-structural-gap" or
-    "cannot-tell"; sentence: the same in words; remark: why nothing can be said, where that is so;
+    "cannot-tell"; sentence: the same in words; remark: why the cause is undetermined, where that is
+    so;
     ports: share of the gap that enters at each, 0 to 1, largest first; causes: strongest first;
     remainder: what remains of the gap; ranking: every candidate that was refitted; tied: effects
-    that these recordings cannot separate from the first, one per family, itself among them;
+    that these recordings cannot separate from the first, an effect per family, itself among them;
     regimes: where in its range the gap shows; unknown: the term that no effect explains;
     next_experiment: what to measure next.
     """
@@ -383,12 +384,12 @@ def result_of(
     effects: tuple[str | type[Effect], ...] = (),
 ) -> FitResult:
     """The result in a run folder: a DiagnosisResult where it holds a diagnosis. FileError where it
-    holds none, or a damaged one; no code of the folder's is run."""
+    holds none, or a damaged file; no code of the folder's is run."""
     folder = home.folder
     fit = read_result(folder / "fit.json", FitFile)
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None:
-        load_run(folder)  # says what is wrong with it
+        load_run(folder)  # reports the damage
         raise FileError(
             f"{folder} holds a diagnosis without its fit.json.",
             "Make the run again.",
@@ -399,7 +400,7 @@ def result_of(
     common |= {
         "folder": folder,
         "combinations": _parameters(fit.combinations),
-        "failed_jobs": tuple((one.job, one.why) for one in failed or ()),
+        "failed_jobs": tuple((failure.job, failure.why) for failure in failed or ()),
         "code": (rig, effects),
         "_home": home,
     }
@@ -427,8 +428,10 @@ def result_of(
 
 def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
     table = []
-    for name, one in estimates.items():
-        stated = {field: getattr(one, field) for field in Estimate.model_fields}
-        stated["unit"] = one.unit or ("-" if "/" in name else split_column(name)[1])
-        table.append(ParameterEstimate(name=name, **{**stated, "at_bound": one.at_bound or ""}))
+    for name, estimate in estimates.items():
+        stated = {field: getattr(estimate, field) for field in Estimate.model_fields}
+        stated["unit"] = estimate.unit or ("-" if "/" in name else split_column(name)[1])
+        table.append(
+            ParameterEstimate(name=name, **{**stated, "at_bound": estimate.at_bound or ""})
+        )
     return ParameterTable(tuple(table))

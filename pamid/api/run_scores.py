@@ -46,7 +46,7 @@ def score(arguments: ScoreArguments) -> ScoreResult:
     """Score the models of a run on new recordings: data sheet, refitted, with causes, with network.
 
     Errors are mean absolute and root mean square, per recording and channel; in replay of the
-    recorded command, and under the controller where one ran.
+    recorded command, and under the controller where it ran.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def score(arguments: ScoreArguments) -> ScoreResult:
     """
     given = recordings_given(arguments.recordings)
     if not given:
-        raise UsageError("There is no recording to judge by.", "Give at least one.")
+        raise UsageError("There is no recording to judge by.", "Give a recording.")
     run = OpenedRun.of(arguments.run)
     rig = resolved_rig(arguments.rig) or run.code[0]
     effects = effects_given(arguments.effects) or run.code[1]

@@ -55,7 +55,7 @@ def simulate(arguments: SimulationArguments) -> Recording:
                 f"--effect {effect!r}: the model has the effects that the run found; with --model "
                 "only its effect files are named again."
             )
-    # networks and what they need take a second to load, and few runs have one
+    # networks and what they need take a second to load, and few runs have a network
     from pamid.correction.identified_model import load_identified, record_identified
 
     run = OpenedRun.of(a.model)
@@ -71,7 +71,7 @@ def simulate(arguments: SimulationArguments) -> Recording:
 def recorded(
     excitation: Recording, virtual: VirtualRecording, digits: int, output: Path | None = None
 ) -> Recording:
-    """A simulation as its file holds it, whether one is written or not.
+    """A simulation as its file holds it, whether a file is written or not.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""One case worked through: recorded, diagnosed blind, and held against what only the trial can
+"""A case worked through: recorded, diagnosed blind, and held against what only the trial can
 measure.
 
 The diagnosis sees a recording as a user would hand it in, and a catalogue. Apart from it are made:
-the same recording without the fault (does the fault show at all?) and a fresh one with it (does the
-shrinkage hold elsewhere?).
+the same recording without the fault (does the fault show at all?) and a fresh recording with it
+(does the shrinkage hold elsewhere?).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
-# of a diagnosis, against one with a single fault, about
+# of a diagnosis, against a case with a single fault, about
 COSTS = {"no-gap": 0.2, "double": 2.0}
 Done = Callable[[int, int], None]
 
@@ -51,7 +51,7 @@ Done = Callable[[int, int], None]
 @dataclass(frozen=True)
 class CaseSelection:
     """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
-    of one stratum, where one is named. rig: its name, or a machine that is made of it; bare:
+    of a stratum, where it is named. rig: its name, or a machine that is made of it; bare:
     without the tolerances that the rig states; world: "closed" or "open"."""
 
     part: str
@@ -128,7 +128,7 @@ def run_cases(
     done: Done = lambda finished, total: None,
 ) -> list[dict[str, Any]]:
     """Results in the order of the cases, each written as it comes; done(finished, total) counts
-    those that were there already, too. A case whose process is killed again and again is one that
+    those that were there already, too. A case whose process is killed again and again counts as
     failed."""
     make_folder(folder / "cases")
     results = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
@@ -164,7 +164,7 @@ class CaseWork(Work[Case, dict[str, Any]]):
                 return _result(item, **examine(item, Path(place)))
         except PamidError as error:
             return _result(item, failed=error.as_dict())
-        # the tool's own fault: it counts against it, and must not cost the other cases
+        # the tool's fault: it counts against it, and must not cost the other cases
         except Exception as error:
             return _result(item, failed=PamidError(fault_text(error), code="unexpected").as_dict())
 
@@ -186,7 +186,7 @@ def _path(case: Case, folder: Path) -> Path:
 
 def examine(case: Case, place: Path) -> dict[str, Any]:
     """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
-    faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
+    faults, that of the less visible in addition to the other, shrinkage predicted and achieved."""
     bench = CaseMachine.of(case)
     recorded = bench.recorded(place)
     begun = time.process_time()
@@ -209,8 +209,8 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     seen = None
     if planted:
         seen = max(shows.values()) if shows else visibility(*planted)
-    # of two faults each with the other one alone
-    each = [visibility(*(k for k in planted if k != one)) for one in planted if planted[1:]]
+    # of two faults each with the other alone
+    each = [visibility(*(k for k in planted if k != name)) for name in planted if planted[1:]]
     return {
         "diagnosis": run.to_dict(),
         "seconds": seconds,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class RunHome:
-    """The folder of a run: the one that the user named, or a temporary one that goes with the last
+    """The folder of a run: named by the user, or a temporary folder that goes with the last
     result that refers to it."""
 
     def __init__(self, folder: Path | None) -> None:
@@ -64,7 +64,7 @@ class OpenedRun:
 
     def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
         """Measured and modelled over the held-out window in which the refitted model errs most;
-        channel [default: the one that tells most]."""
+        channel [default: the most informative]."""
         from pamid.api.plots import worst_window_figure
 
         return worst_window_figure(self.data, channel)

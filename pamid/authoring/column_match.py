@@ -32,7 +32,7 @@ class Pair:
     """A column of a rig, with the recorded column that is assigned to it.
 
     by: "name", "word" or "unit"; "you" if the user assigned it. scaled: the quantities differ, so
-    that a gain converts one to the other.
+    that a gain converts between them.
     """
 
     wanted: str
@@ -129,7 +129,7 @@ def _is_rate(recorded: str, wanted: str) -> bool:
 def _integration_hint(symbol: str, wanted: str) -> str:
     """Hint on how to integrate a speed to a position."""
     return (
-        f"Add it up into a column of its own, the running sum of {symbol} times the sampling "
+        f"Add it up into a separate column, the running sum of {symbol} times the sampling "
         f"period, and say --column {wanted}=THAT; or in a copy of the rig make {symbol} the input "
         "and pass it as velocity."
     )
@@ -200,7 +200,7 @@ def match_columns(
             )
         if _is_rate(column, wanted):
             raise UsageError(
-                f"{column} is the rate of {wanted}: no gain makes one of the other.",
+                f"{column} is the rate of {wanted}: no gain converts between them.",
                 _integration_hint(column, wanted),
             )
     assigned = {}
@@ -247,10 +247,10 @@ def best_match(
     stated: Mapping[str, str] | None = None,
     held: Collection[str] = (),
 ) -> tuple[Match, list[Match]]:
-    """Return the rig that matches best, or the stated one, and the other matching rigs, best first.
+    """Return the rig that matches best, or the stated rig, and the other matching rigs, best first.
 
-    A match by units alone is reported, but not used. Two quantities of one kind do not identify a
-    machine.
+    A match by units alone is reported, but not used. Two quantities of the same kind do not
+    identify a machine.
 
     Raises FileError: no rig matches, or only by units. The message lists the gaps of each rig.
     Raises UsageError: a stated name does not exist.
@@ -311,7 +311,7 @@ def best_match(
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
             + (f" ({near})." if near else ": none has the columns that were named."),
-            "Name one with --like, and its columns with --column RIG_COLUMN=COLUMN.",
+            "Name a rig with --like, and its columns with --column RIG_COLUMN=COLUMN.",
             code="no-match",
         )
     return fitting[0], fitting[1:]

@@ -97,7 +97,7 @@ class SourceText:
         )
 
     def thin_tuple(self, node: ast.Tuple, stays: Callable[[str], bool]) -> None:
-        """Keep the calls whose first argument is one of these names."""
+        """Keep the calls whose first argument is among these names."""
         stays_here = [stays(_first_word(call)) for call in node.elts]
         if sum(stays_here) == 1:
             (only,) = (call for call, stay in zip(node.elts, stays_here, strict=True) if stay)
@@ -190,7 +190,7 @@ class _Equations(SourceText):
                 self.replace(value.args[2], f"{{{words}}}")
 
     def _background(self) -> None:
-        """Reduce the background: a map along a lost signal becomes one along the value itself.
+        """Reduce the background: a map along a lost signal becomes a map along the value itself.
 
         A map of a lost signal is removed.
         """

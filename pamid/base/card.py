@@ -10,7 +10,7 @@ from typing import TypeAlias
 #: header and rows of a table
 Cells: TypeAlias = tuple[Sequence[str], Sequence[Sequence[str]]]
 
-_LONGEST_TEXT = 300  # letters of one text
+_LONGEST_TEXT = 300  # letters of a text
 _STYLE = (
     "border:1px solid rgba(128,128,128,.4);border-radius:6px;padding:.6em .9em;"
     "display:inline-block;max-width:60em;text-align:left"

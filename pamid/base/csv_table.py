@@ -1,9 +1,9 @@
-"""Tables of numbers as CSV: the one writer of every CSV file.
+"""Tables of numbers as CSV: the only writer of every CSV file.
 
 A name of a column may come from a recording, a model file or a run of somebody else. A spreadsheet
 takes a cell that begins with = + - or @ for a formula, a terminal obeys control characters, and a
 comma or a quote shifts the columns. Such names are refused, not escaped: an escaped name would
-differ from the one that a rig, a mapping or `fit.json` gives the column.
+differ from the name that a rig, a mapping or `fit.json` gives the column.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def table_bytes(
 
     names    columns, as of `header_line`
     rows     (n, m) numbers
-    formats  one for each of the m columns, as "%.9g"
+    formats  a format for each of the m columns, as "%.9g"
     blank    leave the cell of a NaN empty
     """
     return b"".join(_pieces(names, rows, formats, blank))

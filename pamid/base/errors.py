@@ -1,7 +1,7 @@
 """Errors a user can act on: what is wrong, where, and how to mend it.
 
-Every error raised on purpose is a `PamidError`. The command line prints it as one line and a hint
-(or as one JSON object), and leaves with its exit code. Anything else that escapes is a fault of
+Every error raised on purpose is a `PamidError`. The command line prints it as a line and a hint
+(or as a JSON object), and leaves with its exit code. Anything else that escapes is a fault of
 pamid itself.
 """
 
@@ -17,7 +17,7 @@ ERROR_SCHEMA = "pamid.error/1"
 
 
 class PamidError(Exception):
-    """Something the user can mend. `message` says what and where, `hint` how; `code` is a stable
+    """Something the user can mend. `message` states what and where, `hint` how; `code` is a stable
     word for scripts."""
 
     default_code: ClassVar[str] = "error"
@@ -80,8 +80,8 @@ class ConvergenceError(PamidError):
 
 def quoted(word: str | os.PathLike[str]) -> str:
     """A path or a name as it stands in a command that is to be copied into a shell: whatever it
-    holds, it is one word, in one line, and no option. What cannot be seen is written out ($'...',
-    as bash, zsh and ksh read it)."""
+    holds, it is a single word, in a single line, and no option. What cannot be seen is written out
+    ($'...', as bash, zsh and ksh read it)."""
     text = os.fspath(word)
     text = f"./{text}" if text.startswith("-") else text
     if all(c == " " or c.isprintable() for c in text):
@@ -101,7 +101,7 @@ def quoted(word: str | os.PathLike[str]) -> str:
 def _rebuild(
     kind: type[PamidError], message: str, hint: str, code: str, exit_code: int
 ) -> PamidError:
-    error = kind.__new__(kind)  # a subclass may have an __init__ of its own
+    error = kind.__new__(kind)  # a subclass may have a separate __init__
     PamidError.__init__(error, message, hint, code=code, exit_code=exit_code)
     return error
 

@@ -1,4 +1,4 @@
-"""Files: what is read of somebody else's, and how pamid's own are written, whole or not at all.
+"""Files: what is read of somebody else's, and how pamid's are written, whole or not at all.
 
 Whatever holds data is opened here. It has to be a regular file (a pipe would block, a device never
 ends) and no larger than the limit of its kind, so that a folder from a stranger costs neither the
@@ -25,18 +25,18 @@ from pamid.base.errors import FileError
 PathLike: TypeAlias = str | os.PathLike[str]
 
 MIB, GIB = 1 << 20, 1 << 30
-#: bytes that are read at most of one file of a kind
+#: bytes that are read at most of a file of a kind
 JSON = 64 * MIB  # run.json, fit.json, diagnosis.json, labels of a trial ...
-TOML = 1 * MIB  # beside a recording, a mapping, pamid.toml
+TOML = 1 * MIB  # next to a recording, a mapping, pamid.toml
 TABLE = 1024 * MIB  # a recording, residual.csv, a raw log that is text
 LONGEST_LINE = 1 * MIB  # of such a table
 MAP = 64 * MIB  # a force map, a journal of jobs
 ARRAYS = 1024 * MIB  # npz: results of jobs, checkpoints
 WEIGHTS = 64 * MIB  # of a network
 PICTURE = 64 * MIB
-PAGE = 256 * MIB  # a report that a new one replaces
+PAGE = 256 * MIB  # a report that a new page replaces
 LOG = 4096 * MIB  # any raw log; also the most of which a digest is taken
-LOG_MEMORY = 1024 * MIB  # that reading one raw log may take, as `pamid ingest` reads it by default
+LOG_MEMORY = 1024 * MIB  # that reading a raw log may take, as `pamid ingest` reads it by default
 
 #: what a killed process leaves of `temporary_of`
 TEMPORARY_NAME = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
@@ -54,7 +54,7 @@ _WORDS = (
 
 def open_data(path: str | Path, most: int) -> io.BufferedReader:
     """Open a file of at most so many bytes to read. FileError if it is larger or no regular file (a
-    link to one is as good); OSError where it is missing or forbidden."""
+    link to a file is as good); OSError where it is missing or forbidden."""
     source = Path(path)
     _require_regular(source, os.stat(source))  # a device is not even opened
     handle = os.open(
@@ -124,7 +124,7 @@ def _require_regular(path: Path, status: os.stat_result) -> None:
 
 
 def _word(status: os.stat_result) -> str:
-    return next((word for is_one, word in _WORDS if is_one(status.st_mode)), "something else")
+    return next((word for is_kind, word in _WORDS if is_kind(status.st_mode)), "something else")
 
 
 def size_words(count: int) -> str:
@@ -188,7 +188,7 @@ def replace_together(made: Mapping[Path, Path]) -> None:
     backups: dict[Path, Path] = {}  # a second name of what stood there
     begun: list[Path] = []
     try:
-        # whether the last one takes its place decides: it needs no way back
+        # whether the last file takes its place decides: it needs no way back
         for target in list(made)[:-1]:
             if os.path.lexists(target):
                 backups[target] = temporary_of(target)
@@ -221,7 +221,7 @@ def make_folder(path: Path) -> None:
 
 
 def temporary_of(target: Path) -> Path:
-    """A name beside `target` that nobody has; its process number lets a later run tell a leftover
+    """A name next to `target` that nobody has; its process number lets a later run tell a leftover
     of a killed process from a write in progress."""
     return target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
 
@@ -240,7 +240,7 @@ def refuse_write(target: Path, error: OSError) -> NoReturn:
 
 
 def _require_replaceable(target: Path) -> None:
-    """A folder, a pipe or a device is not replaced by a file, nor is a link to one
+    """A folder, a pipe or a device is not replaced by a file, nor is a link to these
     (/dev/stdout)."""
     with contextlib.suppress(FileNotFoundError):
         status = os.stat(target)
@@ -280,7 +280,7 @@ def sweep(folder: Path) -> None:
 
 def sweep_stages(folder: Path, name: str) -> None:
     """Remove folders that killed processes made under `temporary_of(folder / name)`, with the files
-    that lie directly in them; one that holds anything else stays."""
+    that lie directly in them; a folder that holds anything else stays."""
     for stage in _abandoned(folder):
         if stage.name.startswith(f".{name}.") and stage.is_dir() and not stage.is_symlink():
             for item in stage.iterdir():

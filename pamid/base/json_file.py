@@ -58,9 +58,7 @@ def read_json(path: str | Path) -> Any:
         message = f"{source}, line {error.lineno}, column {error.colno}: not JSON: {error.msg}."
         raise FileError(message, code="json") from None
     except RecursionError:
-        raise FileError(
-            f"{source}: nested too deeply to be one of pamid's files.", code="json"
-        ) from None
+        raise FileError(f"{source}: nested too deeply for a file of pamid.", code="json") from None
     except ValueError as error:
         raise FileError(f"{source}: {error}", code="json") from None
 

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 
 def mae(measured: ArrayLike, model: ArrayLike) -> float:
-    """Mean absolute error of one channel, in the channel's unit (eq. 11 of the first paper).
+    """Mean absolute error of a channel, in the channel's unit (eq. 11 of the first paper).
 
     measured, model: arrays of the same shape. DataError if the shapes differ or nothing is given.
     """
@@ -46,8 +46,8 @@ SAME_DIGITS = 1e-9
 
 def motion(values: ArrayLike) -> float:
     """Range of a signal (n,), in its unit; 0 where it spans no more than the last digits of its
-    largest value. What divides or bins by a range asks this one: one unit in the last place is
-    neither a range to divide by nor one that can be cut into bins."""
+    largest value. What divides or bins by a range uses this function: a unit in the last place is
+    neither a range to divide by nor a range that can be cut into bins."""
     signal = np.asarray(values, dtype=float)
     span = float(np.ptp(signal))
     return span if span > SAME_DIGITS * float(np.abs(signal).max()) else 0.0
@@ -56,10 +56,10 @@ def motion(values: ArrayLike) -> float:
 def independent_samples(first: ArrayLike, second: ArrayLike) -> float:
     """Effective number of independent pairs of two signals (n,) in the order of time.
 
-    n_eff = n / (1 + 2 sum_k r_k s_k) with the autocorrelations r and s. The sum ends where one of
-    them first reaches zero, so that a period counts as often as it is repeated: four samples in a
-    cycle of a sine. Bartlett (1935), JRSS 98:536; for the end of the sum Geyer (1992), Statistical
-    Science 7:473. 0 where a signal rests.
+    n_eff = n / (1 + 2 sum_k r_k s_k) with the autocorrelations r and s. The sum ends where either
+    of them first reaches zero, so that a period counts as often as it is repeated: four samples in
+    a cycle of a sine. Bartlett (1935), JRSS 98:536; for the end of the sum Geyer (1992),
+    Statistical Science 7:473. 0 where a signal rests.
     """
     signals = [np.asarray(values, dtype=float) for values in (first, second)]
     if any(signal.size < 2 or motion(signal) == 0.0 for signal in signals):
@@ -103,8 +103,8 @@ def probability_bin(probability: ArrayLike) -> NDArray[np.intp]:
 
 def calibration_error(stated: ArrayLike, right: ArrayLike) -> float:
     """Expected calibration error: sum over tenths of share of cases x |mean probability - share
-    right|. said: probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht (2015),
-    AAAI."""
+    right|. said: stated probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht
+    (2015), AAAI."""
     p, yes = np.asarray(stated, dtype=float), np.asarray(right, dtype=float)
     gaps = np.bincount(probability_bin(p), p - yes, PROBABILITY_BINS)
     return float(np.abs(gaps).sum() / len(p))
@@ -193,12 +193,12 @@ def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, flo
 
 
 def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
-    one, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
-    if one.size == 0 or (other.ndim > 0 and one.shape != other.shape):
+    first, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
+    if first.size == 0 or (other.ndim > 0 and first.shape != other.shape):
         raise DataError(
-            f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape"
+            f"Errors need arrays of equal shape, not {first.shape} and {other.shape}.", code="shape"
         )
-    return one - other
+    return first - other
 
 
 def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -38,7 +38,7 @@ _REFUSED = (
     zipfile.BadZipFile,
     zlib.error,
 )
-# the record that ends a zip file and says how long its directory is
+# the record that ends a zip file and states how long its directory is
 _END = struct.Struct("<4s4H2LH")
 _DIRECTORY = 8 * MIB  # of tens of thousands of arrays
 _HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -47,8 +47,8 @@ _HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 def load_arrays(
     path: Path, data: bytes | None = None, *, most: int = ARRAYS
 ) -> dict[str, NDArray[Any]]:
-    """Every array of an npz file of at most so many bytes, refusing pickled objects; FileError says
-    what is wrong.
+    """Every array of an npz file of at most so many bytes, refusing pickled objects; FileError
+    states what is wrong.
 
     `data` are the file's bytes where the caller has read them already (to check a hash on the very
     same bytes).

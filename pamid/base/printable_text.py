@@ -1,7 +1,7 @@
 """Text of data as it may be shown: names out of a file cannot steer a terminal or hide in a line.
 
 Escape sequences move the cursor, rename windows and hide lines; marks of direction and of no width
-let one name pass for another. All are written out (`\\u001b`, `\\u202e`), in a form that JSON and
+let a name pass for another. All are written out (`\\u001b`, `\\u202e`), in a form that JSON and
 TOML read as the very same text.
 """
 

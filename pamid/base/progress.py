@@ -1,5 +1,5 @@
-"""Long work says how far it is: a callback that takes one line of text; and where a person looks, a
-line that updates itself, in a terminal and in a notebook."""
+"""Long work reports how far it is: a callback that takes a line of text; and where a person looks,
+a line that updates itself, in a terminal and in a notebook."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def tell(text: str) -> None:
 
 @contextmanager
 def listening(progress: Progress) -> Iterator[None]:
-    """`progress` hears what is told within."""
+    """`progress` receives the reports within."""
     before = _LISTENER.set(progress)
     try:
         yield
@@ -47,7 +47,7 @@ class Settled(str):
 
 @runtime_checkable
 class CountedProgress(Protocol):
-    """Takes how many steps are done, beside the text: it may say how long the rest will take."""
+    """Takes how many steps are done, next to the text: it may state how long the rest will take."""
 
     def update(self, done: int, text: str) -> object: ...
 
@@ -68,7 +68,8 @@ _COUNTED = re.compile(r"(.+?) (\d+)/(\d+)")  # "screening 15/33: coulomb-frictio
 def progress_steps(
     wanted: ShowProgress, label: str, total: int | None = None
 ) -> Iterator[tuple[Progress, Callable[[int, str], object]]]:
-    """A callback for lines of text, and one for steps: (how many of the total are done, text)."""
+    """A callback for lines of text, and a callback for steps: (how many of the total are done,
+    text)."""
     if isinstance(wanted, CountedProgress):
         counted = wanted
 
@@ -91,10 +92,10 @@ class ProgressLine:
 
     On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
     log files and pipes get a line after 3 s, then every 15 s, where `in_logs`, else nothing. Quick
-    work says nothing. Work whose stages are known (by default those of the label in
-    `WORK_STAGES`) lists them once, and says how much of the whole is done and about how long the
+    work reports nothing. Work whose stages are known (by default those of the label in
+    `WORK_STAGES`) lists them once, and reports how much of the whole is done and about how long the
     rest takes; other stages that count (`screening 15/33: ...`) the same of themselves. A `Settled`
-    text stays on a line of its own.
+    text stays on a separate line.
     """
 
     def __init__(
@@ -114,7 +115,8 @@ class ProgressLine:
         self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
-        self._stage = ("", 0, self._begun)  # its name, what was done, and when it was first told
+        # its name, what was done, and when it was first reported
+        self._stage = ("", 0, self._begun)
         self._stages = WORK_STAGES.get(label, ()) if stages is None else stages
         self._listed = False
         self._settled: list[str] = []
@@ -169,8 +171,8 @@ class ProgressLine:
             stage = f", {100 * done // self._total} %"
             if left := _time_left(spent, done / self._total):
                 stage += f", at most {left} left"
-        said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
-        line = f"{_plain(said)} ({_time_text(spent)}{stage})"
+        message = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
+        line = f"{_plain(message)} ({_time_text(spent)}{stage})"
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
         self._write("\r" + line.ljust(self._length) if self._live else line + "\n")
         self._length = len(line)
@@ -185,7 +187,7 @@ class ProgressLine:
             self._listed = True
             titles = ", ".join(stage.title for stage in self._stages)
             lines.append(f"{self._label}: {len(self._stages)} stages: {titles}")
-        lines += [f"{self._label}: {_plain(one)}" for one in self._settled]
+        lines += [f"{self._label}: {_plain(text)}" for text in self._settled]
         self._settled = []
         for line in lines:
             self._write(("\r" + line.ljust(self._length) if self._live else line) + "\n")
@@ -193,15 +195,15 @@ class ProgressLine:
     def _count_stages(self, text: str) -> None:
         """Which stage the text tells of, and how much of the whole is done then: never less than
         before, as some stages come again."""
-        own = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
-        if not own:
+        matching = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
+        if not matching:
             return
-        self._again = own[0] < self._reached
-        self._reached = max(self._reached, own[0])
+        self._again = matching[0] < self._reached
+        self._reached = max(self._reached, matching[0])
         match = _COUNTED.match(text)
         part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
-        before = sum(stage.share for stage in self._stages[: own[0]])
-        self._share = max(self._share, before + part * self._stages[own[0]].share)
+        before = sum(stage.share for stage in self._stages[: matching[0]])
+        self._share = max(self._share, before + part * self._stages[matching[0]].share)
 
     def _counted(self, text: str, now: float) -> str:
         """How much of a stage that counts is done, and what of it is left; else nothing."""

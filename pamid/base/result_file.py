@@ -26,12 +26,12 @@ def read_result(
 def need_result(
     path: Path, kind: type[M], *, also: tuple[str, ...] = (), any_schema: bool = False
 ) -> M:
-    """The same where there has to be one: FileError if there is no such file, too."""
+    """The same where there has to be a file: FileError if there is no such file, too."""
     content = read_json(path)
     if not isinstance(content, dict):
-        raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
+        raise FileError(f"{path} should hold a single JSON object.", REMEDY, code="damaged")
     schema = kind.model_fields["schema_"].default
-    earlier = next((one for one in kind.earlier if one == content.get("schema")), None)
+    earlier = next((s for s in kind.earlier if s == content.get("schema")), None)
     if not any_schema and earlier is not None:
         raise outdated(path, kind, earlier)
     if not any_schema and content.get("schema") not in (schema, *kind.readable):
@@ -53,7 +53,7 @@ def need_result(
 
 def outdated(path: Path, kind: type[Model], schema: str) -> FileError:
     """The error of a file that an earlier version wrote under another schema: what has changed, and
-    how to come by the new one."""
+    how to get the new schema."""
     now = kind.model_fields["schema_"].default
     return FileError(
         f"{path} was written by an earlier version of pamid ({schema}; now {now}): "

@@ -1,7 +1,7 @@
-"""A run: one folder of plain files, each written whole or not at all.
+"""A run: a folder of plain files, each written whole or not at all.
 
-`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed says
-so itself. It is the only file with wall-clock times: the same inputs and the same seed give the
+`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed is
+known by it. It is the only file with wall-clock times: the same inputs and the same seed give the
 same bytes everywhere else.
 """
 
@@ -55,7 +55,7 @@ _PACKAGES = [
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. Make one with `Run.create`, come back to it with `Run.open`."""
+    """A run folder. Make it with `Run.create`, come back to it with `Run.open`."""
 
     folder: Path
 
@@ -75,7 +75,7 @@ class Run:
 
         `overwrite` replaces an existing run, but takes away only files that its record lists; a
         folder that holds no run is never touched. `resume` comes back to the run of the same seed,
-        inputs and options that the folder holds, if it holds one (None: this command cannot);
+        inputs and options that the folder holds, if it holds a run (None: this command cannot);
         unless that has come to its end, it counts as begun again.
         """
         path = Path(folder)
@@ -97,7 +97,7 @@ class Run:
                 f"{path}: the run folder cannot be made: {error.strerror}.", code="run-folder"
             ) from error
         write_json(path / "run.json", record | {"files": old})
-        # after run.json: if this is cut short, the folder already says that it is unfinished, and
+        # after run.json: if this is cut short, the folder already states that it is unfinished, and
         # what may be there
         sweep(path)
         _remove_listed(path, old)
@@ -171,7 +171,7 @@ class Run:
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
             raise FileError(
-                f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run"
+                f"{self.folder / 'run.json'} must hold a single JSON object.", code="not-a-run"
             )
         for key, empty in (
             ("options", {}),
@@ -183,7 +183,8 @@ class Run:
             record.setdefault(key, empty)
         for key in ("steps", "inputs"):
             if not (
-                isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])
+                isinstance(record[key], list)
+                and all(isinstance(entry, dict) for entry in record[key])
             ):
                 raise FileError(
                     f"{self.folder / 'run.json'}: {key} must be a list of objects.",
@@ -207,7 +208,7 @@ class Run:
 
     def claim(self, *names: str) -> list[Path]:
         """The paths of files that this run is about to write: run.json lists them from now on, so
-        that --overwrite knows what may go, and their folders are made. FileError where one of these
+        that --overwrite knows what may go, and their folders are made. FileError where any of these
         is a link."""
         paths = [self.folder / name for name in names]
         for name, path in zip(names, paths, strict=True):
@@ -248,7 +249,7 @@ class Run:
         sweep(self.folder)
 
     def finish(self, outcome: str = "done", **more: Any) -> None:
-        """Close the latest step, if one was begun, else the run, with a word for how it ended;
+        """Close the latest step, if any was begun, else the run, with a word for how it ended;
         more: entries to add."""
         record = self.record
         open_steps = [step for step in record.get("steps", []) if step.get("ended") is None]
@@ -279,8 +280,8 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
     if _listed(path) is None and any(item.name != "run.json" for item in path.iterdir()):
         raise FileError(
             f"{path}: run.json does not list its files (damaged, or of an earlier version). "
-            "Without the list, pamid cannot separate its own files from yours.",
-            "Give --output another folder, or delete this one yourself.",
+            "Without the list, pamid cannot separate its files from yours.",
+            "Give --output another folder, or delete this folder yourself.",
             code="run-folder",
         )
 
@@ -343,7 +344,7 @@ def _begun(
     inputs: Sequence[str | Path],
     options: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """Initial record of a run or of one of its steps."""
+    """Initial record of a run or of any of its steps."""
     return {
         "command": tuple(_command_line(command)),
         "seed": seed,

@@ -34,8 +34,8 @@ def plain_number(value: float) -> str:
 
 
 def times_text(ratio: float) -> str:
-    """How many times one is the other, in two digits and no power of ten: 1.36 -> "1.4", 7312 ->
-    "7300", 4.2e7 -> "42 million"."""
+    """How many times the first is the second, in two digits and no power of ten: 1.36 -> "1.4",
+    7312 -> "7300", 4.2e7 -> "42 million"."""
     if not math.isfinite(ratio):
         return "?"
     for size, name in ((1e9, " thousand million"), (1e6, " million")):

@@ -1,7 +1,7 @@
 """Rules for running code and trusting files.
 
-Code is run only where the user says so: by a rig or effect file named on the command line or in the
-environment, or in settings of the user's own (`cli/settings_files.py`). Everything else that is
+Code is run only where the user allows it: by a rig or effect file named on the command line or in
+the environment, or in the user's settings (`cli/settings_files.py`). Everything else that is
 read is data. Files that pamid itself loads machine code from, its compile cache, count only where
 nobody else can have written them.
 """
@@ -28,7 +28,7 @@ def why_shared(path: Path) -> str:
     user and root can.
 
     Looked at: who owns the file and its folder, who may write them, and who may write the folders
-    above (a sticky one, as /tmp, protects what lies in its subfolders, yet not what lies in
+    above (a sticky folder, as /tmp, protects what lies in its subfolders, yet not what lies in
     itself). A symbolic link counts with what it leads to. Where files have no owners (Windows)
     nothing is found.
     """
@@ -39,17 +39,17 @@ def why_shared(path: Path) -> str:
             for near in (place, place.parent):
                 if _is_anothers(status := near.lstat()):
                     return f"{near} belongs to another user ({status.st_uid})"
-            for depth, one in enumerate(_chain(place)):
-                status = one.lstat()
+            for depth, folder in enumerate(_chain(place)):
+                status = folder.lstat()
                 sticky = depth > 1 and bool(status.st_mode & stat.S_ISVTX)
                 if others_may_write(status) and not sticky:
-                    return f"others may write {one}"
+                    return f"others may write {folder}"
     except OSError as error:
         return f"{error.filename or path} cannot be looked at: {error.strerror}"
     return ""
 
 
-def is_own(path: Path) -> bool:
+def is_users_file(path: Path) -> bool:
     """Does what the path leads to belong to the user, not merely to root?"""
     return not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
 
@@ -75,12 +75,12 @@ def _is_anothers(status: os.stat_result) -> bool:
 
 def others_may_write(status: os.stat_result) -> bool:
     """By the mode: everybody, or a group that holds more than the user (or root)."""
-    if stat.S_ISLNK(status.st_mode):  # has no mode of its own
+    if stat.S_ISLNK(status.st_mode):  # has no mode
         return False
     return (
         bool(status.st_mode & stat.S_IWOTH)
         or bool(status.st_mode & stat.S_IWGRP)
-        and not _own_group(status.st_gid)
+        and not _private_group(status.st_gid)
     )
 
 
@@ -90,8 +90,8 @@ def _chain(place: Path) -> Iterator[Path]:
     yield from place.parents
 
 
-def _own_group(gid: int) -> bool:
-    """Root's, or the group of one that many systems give to every user, writable by default
+def _private_group(gid: int) -> bool:
+    """Root's, or the single-user group that many systems give to every user, writable by default
     there."""
     if gid == 0:
         return True

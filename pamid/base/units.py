@@ -4,9 +4,9 @@ A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_p
 the same unit as people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors
 separated by a space, `*` or a dot, a digit after a factor is its exponent, with or without `^`, `/`
 before what divides ("N s/m/A" is "N s/(m A)"), parentheses around a denominator of several factors.
-Factors may be run together where one reading makes sense: "Nm" is "N m", "Nms/rad" is "N m s/rad".
-An angle counts as a dimension of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad",
-are never taken for each other.
+Factors may be run together where a single reading makes sense: "Nm" is "N m", "Nms/rad" is "N m
+s/rad". An angle counts as a separate dimension here, so that "rad/s" and "Hz", or "N m" and "N
+m/rad", are never taken for each other.
 """
 
 from __future__ import annotations
@@ -227,8 +227,8 @@ def _same_size(symbol_a: str, symbol_b: str) -> bool:
 
 
 def divided_name(name: str) -> str:
-    """Probable intended name for one that multiplies by time: "speed_m_s" means metre seconds, and
-    "speed_m_per_s" was meant; "" where that is no quantity either."""
+    """Probable intended name for a name that multiplies by time: "speed_m_s" means metre seconds,
+    and "speed_m_per_s" was meant; "" where that is no quantity either."""
     stem, written = split_column(name)
     above, below = _split_fraction(written)
     moved = [(atom, n) for atom, n in above if unit(atom).dimension == unit("s").dimension]
@@ -244,7 +244,7 @@ def divided_name(name: str) -> str:
 
 
 def check_named_unit(what: str, name: str, symbol: str) -> None:
-    """FileError where a name ends in a unit and `symbol`, stated beside it, is another one.
+    """FileError where a name ends in a unit and `symbol`, stated in addition, differs.
 
     what: leads the message, such as "parameter".
     """
@@ -253,8 +253,8 @@ def check_named_unit(what: str, name: str, symbol: str) -> None:
         return
     raise FileError(
         f"{what} {name!r} ends in {written!r}, but its unit is stated as {symbol or 'none'!r}",
-        f"Drop unit={symbol!r}, which the name says already, or call it {with_unit(stem, symbol)!r}"
-        f" or {stem!r}.",
+        f"Drop unit={symbol!r}, which is in the name already, or call it "
+        f"{with_unit(stem, symbol)!r} or {stem!r}.",
         code="unit",
     )
 
@@ -286,7 +286,7 @@ def size_to_si(value: Any, symbol: str) -> Any:
     return value * unit(symbol).factor
 
 
-# least duration (s) of each unit, with the factor from seconds; 0 has no unit of its own
+# least duration (s) of each unit, with the factor from seconds; 0 has no unit
 _DURATIONS = (
     (3e4, 1.0 / 3600.0, "h"),
     (1.0, 1.0, "s"),
@@ -314,7 +314,7 @@ def duration_text(seconds: float, digits: int = 3) -> str:
 
 
 def compatible(symbol_a: str, symbol_b: str) -> bool:
-    """True if values in one unit can be converted to the other."""
+    """True if values in the first unit can be converted to the other."""
     return unit(symbol_a).dimension == unit(symbol_b).dimension
 
 
@@ -324,7 +324,7 @@ def quantity_of(symbol: str) -> str:
 
 
 def quotient(symbol: str, *below: str) -> str:
-    """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") ->
+    """The symbol of a unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") ->
     "1/s", ("degC", "s") -> "K/s", for a degree in a quotient is a difference."""
     powers: dict[str, int] = {}
     for sign, text in ((1, symbol), *((-1, other) for other in below)):
@@ -358,7 +358,7 @@ def suffixes_for(symbol: str) -> tuple[str, ...]:
 @lru_cache(maxsize=256)
 def kindred_units(symbol: str) -> tuple[str, ...]:
     """Other units of the same quantity: "deg/s" -> ("rpm", "rad/s", "mrad/s" ...), by exchanging
-    one factor for another of its kind; none of the same size twice."""
+    a factor for another of its kind; none of the same size twice."""
     here = unit(symbol)
     above, below = _split_fraction(symbol or NONE)
     names = [atom for atom in (*_ATOMS, NONE) if compatible(atom, symbol)]
@@ -405,13 +405,13 @@ def _split_fraction(text: str) -> tuple[Factors, Factors]:
             readings = [
                 [*r[:k], (way, [option]), *r[k + 1 :]] for r in readings for option in options
             ]
-    factors = _likeliest([[(way, one[0]) for way, one in reading] for reading in readings])
+    factors = _likeliest([[(way, factor[0]) for way, factor in reading] for reading in readings])
     signed = [(atom, way * power) for way, part in factors for atom, power in part]
     return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
 
 
 def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Factors]]:
-    """Of several readings of one symbol that of a known quantity, else that with a torque in it,
+    """Of several readings of a symbol that of a known quantity, else that with a torque in it,
     else that of the fewest units."""
 
     def rank(reading: list[tuple[int, Factors]]) -> tuple[bool, bool, int]:
@@ -424,12 +424,12 @@ def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Fac
 
 
 def _factors(word: str, text: str) -> list[Factors]:
-    """The ways to read one word as factors; FileError where there is none."""
+    """The ways to read a word as factors; FileError where there is none."""
     match = _FACTOR.fullmatch(word)
     letters = match.group(1) if match else ""
     if word == NONE:
         return [[]]
-    # units of different quantities run together, or a unit that stays whole; the first one is named
+    # units of different quantities run together, or a unit that stays whole; the first is named
     # after a person, or a mass: "hmm" is no product
     options = [
         atoms
@@ -483,7 +483,7 @@ def _read_words(words: list[str], *, divides: bool = False) -> Factors | None:
         match = _FACTOR.fullmatch(word)
         if word == "nm":
             factors += [("N", 1), ("m", 1)]
-        # a name may end in an h, and kv is a velocity gain; a rate says "per_h"
+        # a name may end in an h, and kv is a velocity gain; a rate has "per_h"
         elif (
             match is None
             or match.group(1) not in _BY_TOKEN

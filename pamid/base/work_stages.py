@@ -1,7 +1,7 @@
 """The stages of long work and their usual shares of its time, by the label of its progress line.
 
-A stage is known by how its texts begin. Shares are those of a virtual joint on one core; work that
-goes otherwise makes the time left wrong, never what is done.
+A stage is known by how its texts begin. Shares are those of a virtual joint on a single core; work
+that goes otherwise makes the time left wrong, never what is done.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measurement quality of one channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
+"""Measurement quality of a channel: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
 
 Machines rest, turn and creep, so that a channel may well repeat its value. A repeat is only a fault
 if the channel should have continued. Its motion then has a corner there or leaps on behind it, or
@@ -11,12 +11,12 @@ chance is rarer than CHANCE from n = 1 + log(CHANCE)/log(P) on (`shortest_repeat
               them with corners sharper than CORNER_STEPS steps, CORNER_NOISE sigma and CORNER_SPAN
               of the span
     frozen    run of repeats while others move, at least SHORTEST_FREEZE: twice as long as chance
-              and surrounded by noise, where repeats are as rare as chance elsewhere; or one that
-              ends with a step JUMP times the largest one nearby
+              and surrounded by noise, where repeats are as rare as chance elsewhere; or a stretch
+              that ends with a step JUMP times the largest step nearby
     bridged   second differences below 0.02 sigma over SHORTEST_LINE samples, surrounded by noise
-    spikes    one or two samples beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
+    spikes    a sample or two beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
               span and SPIKE_BEND times the 98 % quantile of second differences
-    dead      standard deviation below ONLY_NOISE sigma, or a span of one step
+    dead      standard deviation below ONLY_NOISE sigma, or a span of a single step
     coarse    step, or spacing of plateaus, above COARSE_STEP of the span
     noisy     sigma above NOISY of the standard deviation and twice what the sensor is known for
 """
@@ -57,7 +57,7 @@ COARSE_STEP = 0.01  # of the span
 # share of repeats of a signal that goes in steps; plateaus that a channel crosses for each of these
 # steps at most, if they are levels of the machine
 STEPPED, CROSSINGS = 0.8, 2.0
-# number of changes that determine a grain, and the tolerance of the largest one, in grains
+# number of changes that determine a grain, and the tolerance of the largest change, in grains
 GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
@@ -97,12 +97,12 @@ class CheckedSignal:
 
     @cached_property
     def still(self) -> Mask:
-        """Mask of the samples that equal the one before."""
+        """Mask of the samples that equal the sample before."""
         return np.concatenate([[False], self.values[1:] == self.values[:-1]])
 
     @cached_property
     def still_share(self) -> float:
-        """Share of the samples that equal the one before."""
+        """Share of the samples that equal the sample before."""
         return float(self.still.mean())
 
 
@@ -300,7 +300,7 @@ def standstills(
     """Intervals in which the channel stands exactly still while others move, and their mask.
 
     aside: mask of the samples with another explanation already. liveliest: the other channel with
-    the smallest share of standstill; None without one.
+    the smallest share of standstill; None without any.
     """
     still = Stretches.of(s.time, s.still & ~aside)
     chance = 2.0 * shortest_repeat(s) if independent(s, aside) else math.inf
@@ -366,7 +366,7 @@ def interpolated_gaps(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
 
 
 def spikes(s: CheckedSignal) -> list[QualityIssue]:
-    """Excursions of one or two samples."""
+    """Excursions of a sample or two."""
     y = s.values
     bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
     low, high = np.quantile(y, [0.001, 0.999])
@@ -377,7 +377,7 @@ def spikes(s: CheckedSignal) -> list[QualityIssue]:
     for wide in (1, 2):
         before, behind = y[: -wide - 1], y[wide + 1 :]
         inner = [y[k : k + before.size] for k in range(1, wide + 1)]
-        # beyond both neighbours: one neighbour of a step lies on its level, so that a step is none
+        # beyond both neighbours: a neighbour of a step lies on its level, so that a step is none
         up = np.minimum.reduce(inner) - np.maximum(before, behind) > least
         down = np.minimum(before, behind) - np.maximum.reduce(inner) > least
         for k in range(1, wide + 1):

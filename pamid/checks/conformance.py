@@ -7,7 +7,7 @@ check`.
     visible_change      an effect of typical size changes an output
 
 All of them run on an excited, open-loop stretch of the rig (`ExcitedRig`). Effects are tried on
-every rig that has their ports, and on `EveryPortRig`, a small machine with one port of each kind.
+every rig that has their ports, and on `EveryPortRig`, a small machine with a port of each kind.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ QUANTILE = 0.97
 class EveryPortRig(Rig):
     """A pump that fills a vessel, which pushes a sprung mass.
 
-    It has one port of every kind, with the usual signals.
+    It has a port of every kind, with the usual signals.
     """
 
     inputs = {"command": ""}
@@ -309,7 +309,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
         h = 1e-6 * max(abs(p[i]), 1e-2 * min(b.high - b.low, abs(p[i]) + b.spread))
         error = np.full(Y.shape[1], np.inf)
         # errors that grow enlarge rounding, which is less over a wider step, and corners, of which
-        # a shorter one crosses fewer; a wrong derivative agrees with none
+        # a shorter step crosses fewer; a wrong derivative agrees with none
         for share in (1.0, 8.0, 0.125):
             if error.max(initial=0.0) > SAME_SLOPE:
                 moved = p.copy(), p.copy()

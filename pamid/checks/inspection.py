@@ -226,8 +226,8 @@ def _against_rig(
 ) -> tuple[Recording, Rig | None, list[CheckOutcome]]:
     """Recording with the rig's columns, rig, and findings on columns that are not part of it.
 
-    A rig file only runs if the user names it. One that a recording's TOML names is reported, not
-    run.
+    A rig file only runs if the user names it. A rig file that a recording's TOML names is reported,
+    not run.
     """
     try:
         if rig_name:
@@ -373,7 +373,7 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
         return about, [fault("file", text)]
     findings: list[CheckOutcome] = []
     if len(rigs) > 1:
-        findings.append(fault("file", f"it holds {len(rigs)} rigs; keep one rig in one file"))
+        findings.append(fault("file", f"it holds {len(rigs)} rigs; keep a single rig in each file"))
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]

@@ -11,7 +11,7 @@ from pamid.model.port_guide import TOLERANCES, WIDTH, cut, folded, grouped_ports
 
 # kinds of issues that make a note important
 DOUBTS = ("unit", "sign", "exchanged", "absolute-pressure", "offset", "gain", "far-off")
-FEW_PLACES = 4  # of one check that are listed one by one
+FEW_PLACES = 4  # of a check that are listed separately
 SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next
 # lines per group of ports and per finding, with less and less of both
 DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)
@@ -23,7 +23,7 @@ _VARIABLE = re.compile(r"'[^']*'|[-+]?\d[\w.+-]*")
 def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
     """Result of `inspect` as text, problems first.
 
-    everything: True prints all of it. Otherwise a rig is shortened to one screen, with similar
+    everything: True prints all of it. Otherwise a rig is shortened to a single screen, with similar
     ports and findings joined.
     """
     lines = [*_head(summary), *_not_fine(summary["findings"])]
@@ -35,7 +35,7 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
 
 
 def _screen(summary: dict[str, Any]) -> list[str]:
-    """Shorten a rig to one screen, less the last line: the effects, then notes, then ports."""
+    """Shorten a rig to a single screen, less the last line: the effects, then notes, then ports."""
     joined = _together(summary["findings"])
     fine = [line for text in _fine(joined) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
@@ -89,7 +89,7 @@ def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
 
 
 def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Join findings that only differ in names and numbers; the first one names the others."""
+    """Join findings that only differ in names and numbers; the first names the others."""
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for f in findings:
         kind = f["check"], f["ok"], f["advice"], _VARIABLE.sub("#", f["detail"])

@@ -199,7 +199,7 @@ def _held_and_clipped(
 def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     """Rows in which every measured channel repeats the row before, although it should not.
 
-    The motion of one of them then continues with a leap, or the noise of two stops and returns.
+    The motion of either then continues with a leap, or the noise of two stops and returns.
     """
     together = np.logical_and.reduce([s.still for s in signals])
     rows = Stretches.of(signals[0].time, together)
@@ -244,7 +244,7 @@ def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIss
     rows, columns = Stretches.of(measured[0].time, held), tuple(s.name for s in measured)
     which = "all measured channels" if len(columns) > 1 else columns[0]
     message = (
-        f"{int(held.sum())} samples were lost and filled by repeating the last one in {which}, "
+        f"{int(held.sum())} samples were lost and filled by repeating the last sample in {which}, "
         f"{share_words(float(held.mean()))}"
     )
     hint = (
@@ -296,7 +296,7 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 
 def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
-    """Floor at one atmosphere to which the pressure returns repeatedly."""
+    """Floor at 1 atmosphere to which the pressure returns repeatedly."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
     rests = Stretches.of(s.time, y < floor + near)
@@ -319,7 +319,7 @@ def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
 
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
-    """Findings on too little excitation, or on too short a one."""
+    """Findings on too little excitation, or on an excitation that is too short."""
     from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
 
     issues = []

@@ -4,7 +4,7 @@ They are a clock that does not count seconds, exchanged columns, an opposite sig
 channels that are dead, late, or not explained by the rig at all.
 
     finding              statistic and threshold
-    clock                period beyond FAR_CLOCK of the one that the rig states
+    clock                period beyond FAR_CLOCK of that of the rig
     unit, sign, exchanged, absolute-pressure, offset, gain, far-off, clock of a rig that states no
     period
                          the slip that explains the recording best: see `slips`
@@ -117,7 +117,7 @@ def contradictions(
 
 
 def clock(recording: Recording, rig: Rig) -> list[QualityIssue]:
-    """Finding on stamps whose period is far from the one that the rig states."""
+    """Finding on stamps whose period is far from that of the rig."""
     period, usual = recording.sampling_period_s, stated_period(rig)
     if usual is None or 1.0 / FAR_CLOCK < period / usual < FAR_CLOCK:
         return []
@@ -146,7 +146,7 @@ def _clock_issue(recording: Recording, text: str, looks: str, ratio: float) -> Q
 def _slip_issues(
     slips: Sequence[Explanation], before: SheetComparison, rig: Rig
 ) -> list[QualityIssue]:
-    """One finding for each slip; columns in the same other unit share a finding."""
+    """A finding for each slip; columns in the same other unit share a finding."""
     groups: dict[tuple[str, ...], list[Explanation]] = {}
     for k, explanation in enumerate(slips):
         slip = explanation.slip
@@ -222,7 +222,7 @@ def _slip_words(
         stated = listed([p.outside_name for p in sheet]) if sheet else ""
         gauge = f"; if they are gauge pressures, state {stated} under [known]" if sheet else ""
         return (
-            f"{many} {'lies' if len(names) == 1 else 'lie'} about one atmosphere too high, as "
+            f"{many} {'lies' if len(names) == 1 else 'lie'} about 1 atmosphere too high, as "
             "absolute pressures do",
             f'Set pressure = "absolute" in {mapping}{gauge}.',
         )
@@ -403,7 +403,7 @@ def _fits_better_later(recording: Recording, rig: Rig, names: Sequence[str], sam
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
     """Delay in samples, with the correlation of the rates without and with this shift."""
     # sum_t a(t + lag) b(t) for all lags at once, by Fourier transforms padded by the longest lag;
-    # each is divided by the energies in its own overlap, so that a long lag is at no disadvantage
+    # each is divided by the energies in its overlap, so that a long lag is at no disadvantage
     a, b = ((rate := y[RATE_OVER:] - y[:-RATE_OVER]) - rate.mean() for y in (ours, theirs))
     most = min(most, a.size // 4)
     size = a.size + most

@@ -11,7 +11,7 @@ ended.
     before         the reading of an output was taken before the command of its row was sent
     late, early    the row holds the reading of the row before, or of the next row. These orders
                    show in outputs that depend on an input of the same instant, for example a
-                   current on the voltage: a delay of one sampling period there comes from the log.
+                   current on the voltage: a delay of a sampling period there comes from the log.
                    Reported if the error of the channel falls to MENDED of the error as recorded.
 
 Most refits would be in vain. If only a wrong hold is reported, an input is only tried if the error
@@ -50,8 +50,8 @@ MEANINGS = {
     HELD: "held between samples",
     LINEAR: "linear between samples",
     BEFORE: "was read before the command of its row was sent",
-    ROW_LATE: "stands one row late (each row holds the reading of the row before)",
-    ROW_EARLY: "stands one row early (each row holds the reading of the next one)",
+    ROW_LATE: "stands a row late (each row holds the reading of the row before)",
+    ROW_EARLY: "stands a row early (each row holds the reading of the next row)",
 }
 BETTER, SURE = 0.9, 0.7
 # share of the error, to first order, below which an input is tried. Half way to BETTER, because a
@@ -64,7 +64,7 @@ SHARED_SHARE = 0.5  # share of the squared residual that correlates with the cha
 
 
 class InputHold(BetweenSamples):
-    """One input with both holds; taken: the hold that the rig or the recording states."""
+    """An input with both holds; taken: the hold that the rig or the recording states."""
 
     @property
     def wrong(self) -> bool:
@@ -97,8 +97,8 @@ class RowOrder:
     """Output in another order than that of its rows.
 
     column              as recorded
-    orders              "before", "late" or "early"; of several equal explanations, first the one
-                        with the smallest changes of the data sheet
+    orders              "before", "late" or "early"; of several equal explanations, first that with
+                        the smallest changes of the data sheet
     as_recorded, corrected root mean square error of the short fit, in the unit of the column
     """
 
@@ -162,8 +162,8 @@ def compare_holds(
         if data is None or not names:
             return []
         problem = ShortFit.of(data, data.rig)
-        # a rig that steps by itself gets its inputs at the beginning of a step, so that with one
-        # step a sample both holds are the same
+        # a rig that steps by itself gets its inputs at the beginning of a step, so that with a
+        # single step a sample both holds are the same
         if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
             return []
         return _compare_inputs(data, names, problem, screened)
@@ -181,8 +181,8 @@ def misstated_holds(recording: Recording, rig: Rig) -> list[InputHold]:
 def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
     """Outputs that depend on an input of the same row and only fit in another order of rows.
 
-    The list is empty if the rig cannot run on the recording, which has one sampling period. The rig
-    has what the recording states (`as_recorded`).
+    The list is empty if the rig cannot run on the recording, which has a single sampling period.
+    The rig has what the recording states (`as_recorded`).
     """
     if isinstance(rig, StepRig):
         return []
@@ -229,9 +229,9 @@ def _unit(column: str) -> str:
 def _compare_inputs(
     data: FitData, names: list[str], problem: ShortFit, screened: bool
 ) -> list[InputHold]:
-    """Compare the inputs one by one.
+    """Compare the inputs separately.
 
-    If several fit better with the other hold, the best one is corrected first, and the remaining
+    If several fit better with the other hold, the best is corrected first, and the remaining
     inputs are compared with this correction in place.
     """
     outcomes: dict[str, InputHold] = {}
@@ -261,7 +261,7 @@ def _compare_hold(
     turned = _refit(data, base, column, other(assumed))
     refit = data.fitted(base.rig, turned.point, base.problem)
     best_fit = refit if refit.error < base.error else base
-    # an exact fit and one that runs away have no logarithm
+    # an exact fit and a fit that runs away have no logarithm
     logs = [
         np.log(np.clip(fit.point.errors.mean(axis=0), 1e-300, 1e300)) for fit in (turned, best_fit)
     ]
@@ -287,7 +287,7 @@ def _compare_hold(
 
 def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> list[str]:
     """Inputs whose other hold would reduce the error of the fit to first order."""
-    # one model serves all holds, because an input that does not rise over a sample is held
+    # a single model serves all holds, because an input that does not rise over a sample is held
     moving = stated(base.rig, dict.fromkeys(columns, LINEAR))
     program = Assembly(moving, outputs=data.names).for_fitting().program
     if not columns or not isinstance(program, Program):

@@ -69,7 +69,7 @@ class SheetComparison:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of outputs of one quantity."""
+        """Pairs of outputs of the same quantity."""
         return same_quantity_columns(self.names)
 
     def agreement(self) -> tuple[Array, Array]:
@@ -147,7 +147,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
 
 
 def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Indices of columns of one quantity."""
+    """Indices of columns of the same quantity."""
     kinds = [quantity_of(split_column(n)[1]) for n in names]
     return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
 
@@ -171,7 +171,7 @@ def shapes(table: Array, samples: int = 0) -> Array:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Correlation of two arrays without level, 0 if one of them is constant."""
+    """Correlation of two arrays without level, 0 if either is constant."""
     size = math.sqrt(float((a * a).sum()) * float((b * b).sum()))
     return float((a * b).sum()) / size if size > 0.0 else 0.0
 

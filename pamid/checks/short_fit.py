@@ -12,7 +12,7 @@ The start states are eliminated window by window (variable projection by block e
 Pereyra 2003, Inverse Problems 19, R1-R26).
 
 If an input differs from that of a fit, the outputs change by d at the fitted parameters, which
-takes one run. After parameters and start states have adapted, the error is to first order
+takes a single run. After parameters and start states have adapted, the error is to first order
 (`first_order_errors`)
 
     min over (p, x_w) of  |W (r + d + A dp + B dx_w)|^2 + |(p + dp - p_sheet)/spread|^2
@@ -72,7 +72,7 @@ class FitPoint:
     H: Array
     g: Array
     gains: Array  # windows x states x parameters: derivatives of the start states by s
-    own_steps: Array  # windows x states: steps of the start states at constant s
+    start_steps: Array  # windows x states: steps of the start states at constant s
     errors: Array
     linearised: bool = True
 
@@ -309,22 +309,24 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         fresh = self.runner.memory(p)
         H, g = np.eye(m), s.copy()
         cost = float(s @ s)
-        gains, own_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
+        gains, start_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
         errors = np.zeros((len(x), channels))
         for k, window in enumerate(trial.windows):
             rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes, derivatives)
             if rows is None:
-                return FitPoint(s, x, np.inf, H, g, gains, own_steps, np.full_like(errors, np.inf))
+                return FitPoint(
+                    s, x, np.inf, H, g, gains, start_steps, np.full_like(errors, np.inf)
+                )
             A, B, r = rows
             errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
             cost += float(r @ r)
             if not derivatives:
                 continue
             solve = _pseudo_inverse(B)
-            gains[k], own_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
+            gains[k], start_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
-            g += A.T @ r + A.T @ B @ own_steps[k]
-        return FitPoint(s, x, cost, H, g, gains, own_steps, errors, derivatives)
+            g += A.T @ r + A.T @ B @ start_steps[k]
+        return FitPoint(s, x, cost, H, g, gains, start_steps, errors, derivatives)
 
     def _weighted_rows(
         self,
@@ -335,7 +337,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         slopes: Array,
         derivatives: bool = True,
     ) -> tuple[Array, Array, Array] | None:
-        """Weighted derivatives of one window by parameters and by its start, and weighted
+        """Weighted derivatives of a window by parameters and by its start, and weighted
         residuals.
 
         The derivatives may be left out (empty). None if the model diverges.
@@ -367,7 +369,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
         """Root mean square errors after parameters and start states have adapted to first order.
 
-        There is one error per alternative of `program`'s inputs. inputs: those of the track with
+        There is an error per alternative of `program`'s inputs. inputs: those of the track with
         their rises; the first as in this fit.
         """
         runner, t = self.runner, self.trial.track
@@ -412,7 +414,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             return None
         scale = np.maximum(at.H.diagonal(), 1.0)
         s = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
-        x = at.own_steps + at.gains @ s
+        x = at.start_steps + at.gains @ s
         return np.concatenate([s, x.ravel()])
 
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:

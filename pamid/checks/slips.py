@@ -14,7 +14,7 @@ within TIED_GAIN of it. It is wrong, and stops a fit, if its gain is SURE_GAIN a
 sign, an exchange, another unit by a factor of GROSS. All else is advice.
 
 Fits are only done if the recording is far from the data sheet's run, and for the slips that bring
-it nearer. Two of them are tried together if no single one explains it.
+it nearer. Two of them are tried together if no single slip explains it.
 """
 
 from __future__ import annotations
@@ -117,14 +117,15 @@ WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recor
 JUDGING_STEPS, FIRST_STEPS = 12, 4  # of a fit, and of one that shows whether it is worth more
 EXACT = 0.01  # smallest error that counts, as a share of the motion
 USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
-# of the motion of a channel, after a fit: what is not explained; of one whose error was much larger
+# of the motion of a channel, after a fit: what is not explained; of a channel whose error was much
+# larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
 FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
 NEARER = 0.4  # smallest decrease of the log distance to the data sheet's run for a fit
 NEAR_SIZE = 6.0  # largest ratio to the data sheet's size after a correction of the unit
 MOST_FITTED, MOST_SET_RIGHT = 10, 4  # slips per round of fits; slips per recording
-MOST_PAIRED = 2  # slips that are combined with every other one
-MOST_NAMED_SLIPS = 3  # columns and parameters named in one finding
+MOST_PAIRED = 2  # slips that are combined with every other slip
+MOST_NAMED_SLIPS = 3  # columns and parameters named in a finding
 LEAST_CLOCKED_SAMPLES = 50  # samples of a stepped rig for a test of the clock
 # samples of a run; of a stepped rig, a sample of which costs many times as much
 MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
@@ -132,12 +133,12 @@ MOST_TRIED_SAMPLES, MOST_STEPPED_SAMPLES = 2000, 500
 
 @dataclass(frozen=True)
 class Slip:
-    """One possible fault of a recording, or of the data sheet of its rig.
+    """A possible fault of a recording, or of the data sheet of its rig.
 
     kind            "unit", "sign", "exchanged", "absolute-pressure", "clock"; "offset" and "gain":
                     those of an output against the other outputs; "scale": a factor of the table
                     that is not a unit of the column; "parameter"
-    names           columns as recorded, or one parameter
+    names           columns as recorded, or a parameter
     factor, offset  correction: factor * value + offset, SI
     meaning         apparent unit of the values, or the way a motion is measured
     """
@@ -229,7 +230,7 @@ class Slip:
         if self.kind == "clock":
             n = len(e.u)
             if isinstance(e.assembly.rig, StepRig):
-                # simulated time is limited to the recorded one, because a sample of an hour would
+                # simulated time is limited to the recorded time, because a sample of an hour would
                 # be a million steps
                 n = n if self.factor < 1.0 else int(n / self.factor)
             model = e.simulate(e.u[:n], clock=self.factor) if n >= LEAST_CLOCKED_SAMPLES else None
@@ -482,8 +483,8 @@ def _signs(
 ) -> Iterator[Slip]:
     """Sign changes to try.
 
-    Inputs come first, because one of them explains several outputs at once. A column that stays on
-    one side of zero, as its model does, has none.
+    Inputs come first, because an input explains several outputs at once. A column that stays on the
+    same side of zero, as its model does, has none.
     """
     for column in inputs:
         values = recording.columns[column]
@@ -506,13 +507,13 @@ def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
             yield Slip("exchanged", (every[i], every[j]))
 
 
-# ---- which one it is -----------------------------------------------------------------------------
+# ---- which slip it is ----------------------------------------------------------------------------
 
 
 def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """Find the slips of a recording, one after the other.
+    """Find the slips of a recording, in sequence.
 
     Parameters
     ----------
@@ -616,7 +617,7 @@ def _best(
 
 
 def _first(ranked: Sequence[Explanation]) -> Explanation | None:
-    """Most plausible of the explanations that tie with the best one, with the others."""
+    """Most plausible of the explanations that tie with the best, with the others."""
     ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None

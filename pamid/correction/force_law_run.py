@@ -26,7 +26,8 @@ CURVE_PRESSURES, CURVE_CONTRACTIONS = 6, 61
 
 
 def judged_law(validated: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
-    """force-law.json: all forces in N, errors on points held out unless the key says otherwise."""
+    """force-law.json: all forces in N, errors on points held out unless the key states
+    otherwise."""
     points, network = validated.map, validated.trained.network
     off = validated.by_point.anfis - points.force_n
     ranges = zip(COLUMNS, (points.contraction, points.pressure_kpa, points.force_n), strict=True)
@@ -96,9 +97,9 @@ def write_law(run: Run, validated: ValidatedMap, rig: str, strict: bool) -> dict
 
 def rig_text(rig: str, strict: bool) -> str:
     """A rig file that derives from a rig of the catalogue and takes its muscle force from the
-    network beside it."""
+    network next to it."""
     base = rigs()[rig]
-    return f'''"""The rig {rig} with the muscle force of a measured map: the network beside this file."""
+    return f'''"""The rig {rig} with the muscle force of a measured map: the network next to this file."""
 
 from pathlib import Path
 
@@ -107,7 +108,7 @@ from {base.__module__} import {base.__name__}
 
 
 class {base.__name__}Measured({base.__name__}):
-    """Every muscle pulls as the measured one, up to the fitted factor `scale`."""
+    """Every muscle pulls as the measured muscle, up to the fitted factor `scale`."""
 
     name = "{rig}-measured"
 

@@ -1,24 +1,24 @@
-"""A measured force map of a muscle: an ANFIS is trained on it and judged beside the analytic laws.
+"""A measured force map of a muscle: an ANFIS is trained on it and compared with the analytic laws.
 
-A map is a CSV file with one header row and one row per point: `contraction` (share of the length at
+A map is a CSV file with a header row and a row per point: `contraction` (share of the length at
 rest), `pressure_kpa` (gauge) and `force_n`, or other units of these; further columns are left
 alone.
 
 Every k-th point is held out, in all k ways, so that every point is predicted once by laws that have
-not seen it: the ANFIS, and each analytic law with its one factor `scale` fitted to the other
-points. Then all points near one contraction are held out at a time: few contractions are measured,
+not seen it: the ANFIS, and each analytic law with its factor `scale` fitted to the other
+points. Then all points near a contraction are held out at a time: few contractions are measured,
 many pressures, and a rig moves between them.
 
 Where a muscle is slack the load cell reads nothing and does not say how slack it is. There the
-ANFIS learns what the nearest analytic law says, moved to the pulling points by a factor and an
+ANFIS learns the value of the nearest analytic law, moved to the pulling points by a factor and an
 offset: a force below zero, which a rig takes for none. Trained to zero it waves about zero instead,
 and moves the wrong way: with 3 x 3 sets by 110 N on the map of a 20 mm muscle (Martens, Boblan
 2017), taught in this way by none.
 
 Where the ANFIS still falls with pressure or grows with contraction, its consequents are solved
-again under the condition that it does not (monotone_law.py). A map that says otherwise itself is
-not bent: where the constrained law would leave the trained one by more than `CONTRADICTED`, it is
-left as trained, and the guard says so.
+again under the condition that it does not (monotone_law.py). A map that contradicts this stays as
+measured: where the constrained law would leave the trained law by more than `CONTRADICTED`, it is
+left as trained, and the guard reports it.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ COLUMNS = ("contraction", "pressure_kpa", "force_n")
 CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS
 SLACK = MONOTONE_TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
 MAP_ITERATIONS = 200
-# of the largest force: RMS by which a constrained law may leave the trained one where it pulls
+# of the largest force: RMS by which a constrained law may leave the trained law where it pulls
 CONTRADICTED = MONOTONE_TOLERANCE
-# spacings of the contractions that are held out one at a time, of the map's range
+# spacings of the contractions that are held out in turn, of the map's range
 BANDS = 10
 _HEADER = f"The first line names the columns, separated by commas: {','.join(COLUMNS)}."
 
@@ -89,7 +89,7 @@ class ForceMap:
 @dataclass(frozen=True, eq=False)
 class HeldOutForces:
     """Forces (points,), N, that the ANFIS and every scaled analytic law give for points they have
-    not seen; `rows`: which points have been held out, nothing is said of the others."""
+    not seen; `rows`: which points have been held out, there are no figures for the others."""
 
     rows: NDArray[np.bool_]
     anfis: Array
@@ -101,7 +101,7 @@ class ValidatedMap:
     """The ANFIS trained on all points, what was predicted of points held out, and what the law's
     guard finds.
 
-    by_point: every k-th point held out. by_contraction: all points near one contraction, for each
+    by_point: every k-th point held out. by_contraction: all points near a contraction, for each
     but the outermost. printed, scale: each analytic law as it is (points,), N, and its factor
     fitted to all points, the law nearest to the points held out first. wrong_way: largest move (N)
     the wrong way along pressure and along contraction; guard: the same in words; monotone: within
@@ -135,16 +135,16 @@ class ValidatedMap:
     def finding(self) -> str:
         """How far the ANFIS and the best analytic law are off, on points and on contractions they
         have not seen."""
-        own, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
+        anfis, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
         text = (
-            f"On points held out, the ANFIS is off by {own:.3g} N RMS and the best analytic law, "
+            f"On points held out, the ANFIS is off by {anfis:.3g} N RMS and the best analytic law, "
             f"{self.best} x {self.scale[self.best]:.3g}, by {other:.3g} N"
         )
-        own, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
+        anfis, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
         return (
             text
-            if own is None
-            else f"{text}; on whole contractions held out, by {own:.3g} and {other:.3g} N"
+            if anfis is None
+            else f"{text}; on whole contractions held out, by {anfis:.3g} and {other:.3g} N"
         )
 
     @property
@@ -211,7 +211,7 @@ def _column(path: Path, names: list[str], wanted: str) -> str:
     if len(same) > 1:
         raise FileError(
             f"{path}, line 1: {stem} occurs twice: {', '.join(same)}.",
-            "Delete one of them.",
+            "Delete all but the first.",
             code="header",
         )
     try:
@@ -228,7 +228,7 @@ def _column(path: Path, names: list[str], wanted: str) -> str:
 
 
 def _cells(path: Path, names: list[str], used: list[str]) -> Array:
-    """(points, len(used)); the slow reader of recordings says which cell is wrong, if one is."""
+    """(points, len(used)); the slow reader of recordings names the wrong cell, if any."""
     try:
         rows = [
             row for row in csv.reader(read_lines(path, MAP)) if any(cell.strip() for cell in row)
@@ -316,12 +316,12 @@ def judge(
     wrong_way, complaint = _guarded(trained)
     limits = ""
     if unconstrained is not None:
-        own, other = (
+        fit, other = (
             rms(points.force_n, pulls(ForceLaw(law), points)) for law in (trained, unconstrained)
         )
         limits = (
             " It is constrained to: as trained it moved the wrong way by "
-            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {own:.3g} N RMS, "
+            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {fit:.3g} N RMS, "
             f"as trained by {other:.3g} N."
         )
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
@@ -347,7 +347,7 @@ def _guarded(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         wrong_way = check_force_law(trained, strict=False)
-    return wrong_way, " ".join(str(one.message) for one in heard)
+    return wrong_way, " ".join(str(warning.message) for warning in heard)
 
 
 def _check_size(points: ForceMap, sets: int, every: int) -> None:
@@ -356,7 +356,7 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
     if len(points) < needed:
         raise DataError(
             f"{points.path}: {len(points)} points are too few for {sets} x {sets} sets: {weights} "
-            f"weights need {needed}, as one in {every} is held out.",
+            f"weights need {needed}, as a share of 1/{every} is held out.",
             "Measure more points, or take fewer --sets (2 is the least).",
             code="too-short",
         )
@@ -376,8 +376,8 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
 def _train(
     points: ForceMap, analytic: dict[str, Array], sets: int, seed: int
 ) -> tuple[TrainedNetwork, TrainedNetwork | None]:
-    """An ANFIS of these points, constrained to the right way where it has to be; and then the one
-    that was trained. analytic: what each analytic law says of the points, N."""
+    """An ANFIS of these points, constrained to the right way where it has to be; and then the ANFIS
+    as trained. analytic: force of each analytic law at the points, N."""
     # each law with the factor and the offset that suit the pulling points best
     pulling, moved = ~points.slack, []
     for values in analytic.values():

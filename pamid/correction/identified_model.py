@@ -1,13 +1,13 @@
 """The model that a run found, rebuilt from its folder: rig, effects and their values, with a
-network where one was trained. What leaves the laboratory starts from it, and `simulate_identified`
-says what it has to give.
+network where it was trained. What leaves the laboratory starts from it, and `simulate_identified`
+lists the inputs that it needs.
 
 A run folder is data: nothing in it is executed. A rig or effect file is code: it is run only where
 the caller names it again, and only if it still is what the run was made with.
 
-The whole model is one set of equations. A network at the output is added to its channel behind
-them. One at a port is given what the uncorrected model puts out, which runs beside the corrected
-one under names that begin with "uncorrected."; its value is held over a sample.
+The whole model is a single set of equations. A network at the output is added to its channel behind
+them. A network at a port receives the outputs of the uncorrected model, which runs in parallel
+under names that begin with "uncorrected."; its value is held over a sample.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 WHICH = ("best", "cause", "network", "refitted")
-BESIDE = "uncorrected."
+UNCORRECTED = "uncorrected."
 GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
 NETWORK_LEFT_OUT = (
     "the network of the run was trained on the residual of the refitted model and is left out of "
     "the model with the causes; --which network takes it with the refitted model, train-residual "
-    "--on causes trains one for this model"
+    "--on causes trains a network for this model"
 )
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
 
@@ -67,7 +67,7 @@ class ModelNetwork:
     """A trained network and its place: behind `channel`, or at a port's entry. sources: what each
     of its inputs is, an input or output of the model by name.
 
-    in_loop: it corrects a model in its own control loop, whose motion it is given with derivatives
+    in_loop: it corrects a model in a control loop, whose motion it is given with derivatives
     that look ahead; then it has no sources, and only a finished run can be corrected.
     """
 
@@ -78,7 +78,7 @@ class ModelNetwork:
     in_loop: bool = False
 
     def value(self, known: Mapping[str, Expr]) -> tuple[Expr, tuple[Cell, ...]]:
-        """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a
+        """Its value in its unit, from inputs and outputs of a model by name (SI), held over a
         sample; its cells.
 
         Scaled inputs lead with GIVEN_PREFIX, what it remembers with MEMORY; the scaled output
@@ -99,21 +99,21 @@ class ModelNetwork:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A rig with its effects and the values that a run found for them; beside it perhaps a network
+    """A rig with its effects and the values that a run found for them; perhaps with a network
     for what is left.
 
     assembly     what the values belong to, the input for a network at a port included
     values       of every parameter, SI, in the assembly's order
-    beside       values of the uncorrected model, where a network at a port needs it
+    uncorrected  values of the uncorrected model, where a network at a port needs it
     period_s     the sample over which inputs are held and the integration is stepped
     controller   [controller] of the first recording made in a closed loop, {} where none was
     source       the rig as the run names it: with its variant, or the path of its file
     sha256       of the run's fit.json
     folder       of the run
     notes        on what the run holds and the model lacks
-    rivals       effects that the run's recordings cannot tell apart, the one of the model among
+    rivals       effects that the run's recordings cannot tell apart, that of the model among
                  them, with their probabilities
-    chosen       the one of them that was asked for, "" for none
+    chosen       the rival that was chosen, "" for none
     """
 
     name: str
@@ -122,7 +122,7 @@ class Identified:
     period_s: float
     stepping: Stepping
     network: ModelNetwork | None = None
-    beside: tuple[Assembly, Array] | None = None
+    uncorrected: tuple[Assembly, Array] | None = None
     controller: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
@@ -134,29 +134,29 @@ class Identified:
     @property
     def effects(self) -> tuple[Attachment, ...]:
         """Effects attached to the rig, without the entry of a network."""
-        return (self.beside[0] if self.beside else self.assembly).attachments
+        return (self.uncorrected[0] if self.uncorrected else self.assembly).attachments
 
     @cached_property
     def equations(self) -> Traced:
         """Rates, outputs and cells of the whole model, network and uncorrected model included
         (SI)."""
-        own = self.assembly.traced
+        traced = self.assembly.traced
         if self.network is None or self.network.in_loop:
-            return own
+            return traced
         if self.network.entry is None:
-            value, cells = self.network.value(signals_of(own))
+            value, cells = self.network.value(signals_of(traced))
             unit = split_column(self.network.channel)[1]
-            behind = to_si(from_si(own.outputs[self.network.channel], unit) + value, unit)
+            behind = to_si(from_si(traced.outputs[self.network.channel], unit) + value, unit)
             return replace(
-                own,
-                outputs={**own.outputs, self.network.channel: behind},
-                cells=(*own.cells, *cells),
+                traced,
+                outputs={**traced.outputs, self.network.channel: behind},
+                cells=(*traced.cells, *cells),
             )
-        assert self.beside is not None
-        before = prefixed_model(self.beside[0].traced, own, BESIDE)
+        assert self.uncorrected is not None
+        before = prefixed_model(self.uncorrected[0].traced, traced, UNCORRECTED)
         value, cells = self.network.value(signals_of(before))
         value = to_si(value, split_column(self.network.trained.output_name)[1])
-        return with_input_replaced(own, before, ADDED, value, cells)
+        return with_input_replaced(traced, before, ADDED, value, cells)
 
     @cached_property
     def lowered(self) -> StateEquations:
@@ -176,10 +176,10 @@ class Identified:
     def start(self) -> Array:
         """Initial state (SI), in the order of `lowered.states`."""
         begin = self.assembly.begin(self.values)
-        if self.beside is not None:
+        if self.uncorrected is not None:
             begin |= {
-                f"{BESIDE}{name}": value
-                for name, value in self.beside[0].begin(self.beside[1]).items()
+                f"{UNCORRECTED}{name}": value
+                for name, value in self.uncorrected[0].begin(self.uncorrected[1]).items()
             }
         return np.array([begin.get(name, 0.0) for name in self.lowered.states])
 
@@ -187,9 +187,9 @@ class Identified:
     def constants(self) -> dict[str, float]:
         """Every parameter of `lowered` by name, SI."""
         values = dict(zip(self.assembly.keys, self.values.tolist(), strict=True))
-        if self.beside is not None:
-            uncorrected = zip(self.beside[0].keys, self.beside[1].tolist(), strict=True)
-            values |= {f"{BESIDE}{key}": value for key, value in uncorrected}
+        if self.uncorrected is not None:
+            uncorrected = zip(self.uncorrected[0].keys, self.uncorrected[1].tolist(), strict=True)
+            values |= {f"{UNCORRECTED}{key}": value for key, value in uncorrected}
         return values
 
     @cached_property
@@ -197,7 +197,7 @@ class Identified:
         return self.program_with({})
 
     def program_with(self, extra: Mapping[str, Expr]) -> Executable:
-        """Compiled, with further outputs behind the model's own."""
+        """Compiled, with further outputs behind the model's."""
         e, names = self.equations, (*self.outputs, *extra)
         known = {**e.outputs, **extra}
         outputs = {name: known[name] for name in names}
@@ -207,10 +207,12 @@ class Identified:
         """The same model where these parameters (outside names and units) are known to be
         otherwise."""
 
-        company = self.beside
+        company = self.uncorrected
         if company is not None:
             company = company[0], company[0].with_known(company[1], known)
-        return replace(self, values=self.assembly.with_known(self.values, known), beside=company)
+        return replace(
+            self, values=self.assembly.with_known(self.values, known), uncorrected=company
+        )
 
     def closed(self, controller: Mapping[str, float]) -> Identified:
         """The same model with this controller in its loop: references in the place of commands."""
@@ -227,9 +229,9 @@ def simulate_identified(
     its network needs the loop."""
     if model.network is not None and model.network.in_loop and not model.assembly.controller:
         raise UsageError(
-            "This network corrects the model in its own control loop, not on given commands.",
-            "Leave it out with --which refitted, give references instead of commands, or train one "
-            "at a port with train-residual --port PORT.",
+            "This network corrects the model in its control loop, not on given commands.",
+            "Leave it out with --which refitted, give references instead of commands, or train a "
+            "network at a port with train-residual --port PORT.",
         )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
@@ -255,7 +257,7 @@ def record_identified(
     excitation states.
 
     References run it in its control loop: the excitation's controller, else that of the run's
-    recordings, else the rig's. Columns in their own units.
+    recordings, else the rig's. Columns in their units.
     """
     rig, n = model.assembly.rig, len(excitation)
     if abs(excitation.sampling_period_s - model.period_s) > PERIODS_AGREE * model.period_s:
@@ -311,16 +313,16 @@ def load_identified(
     named here, UsageError for an effect to choose that is none of the run's rivals.
 
     which          "cause" (of a diagnosis), "network" (the model that the run's network was trained
-                   on, with it: the refitted one, or the one with the causes), "refitted", or
+                   on, with it: refitted, or with the causes), "refitted", or
                    "best": with causes and network where the network was trained on the model with
                    the causes, else the first of these that the run has
     rig, effects   paths of the rig file and the effect files that the run was made with, which are
     run; or the rig and the effects themselves
-    choose         of the effects that the run could not tell apart the one to take, by its label;
+    choose         of the effects that the run could not separate, the label of the effect to take;
     default: the most probable
     """
     if which not in WHICH:
-        raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
+        raise UsageError(f"--which {which!r}: choose from {', '.join(WHICH)}.")
     record, path = Run.open(run_folder).record, run_folder / FIT_FILE
     fit = need_result(path, FitFile, also=("model", "cause", "rivals", "controller"))
     if fit.model is None:
@@ -393,11 +395,11 @@ def require_rival(effect: str, known: Collection[str]) -> None:
         )
 
 
-def network_beside(
+def channel_network(
     models: Mapping[str, Identified], folder: Path, channels: Sequence[str]
 ) -> Identified:
     """The model that another network of a run was trained on, with that network, of the folder of
-    its channel; FileError as `load_identified`. models: "refitted" and, where there is one,
+    its channel; FileError as `load_identified`. models: "refitted" and, where it exists,
     "with_cause"; channels: that the run was fitted to."""
     with _sound(folder / NETWORK_FILE):
         base = models["with_cause" if _trained_on(folder) == CAUSES else "refitted"]
@@ -455,7 +457,7 @@ def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> I
         assembly=corrected,
         values=p,
         network=ModelNetwork(trained, "", entry, sources),
-        beside=(model.assembly, model.values),
+        uncorrected=(model.assembly, model.values),
     )
 
 

@@ -6,7 +6,7 @@ on which a force law is checked, in the trained range and a tenth beyond. With t
 as they were trained, the nearest monotone law is therefore a least-squares problem with linear
 inequalities. It is solved by its dual, a problem of non-negative least squares (Lawson, Hanson
 1974, Solving Least Squares Problems, ch. 23); the inequalities that are broken are added until none
-is, so that nothing is asked of the law where the muscle is slack on both sides.
+is, so that nothing is required of the law where the muscle is slack on both sides.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from pamid.networks.trained_network import TrainedNetwork
 Array = NDArray[np.float64]
 
 CUTTING_ROUNDS = 60
-MOST_ADDED = 400  # broken inequalities that are added in one round, the worst of them
+MOST_ADDED = 400  # broken inequalities that are added in a round, the worst of them
 BROKEN_BELOW = 1e-9  # of the range of forces: what rounding leaves of an inequality
-LEAST_RIDGE = 1e-9  # least weight of a consequent's square beside the mean square of its features
+LEAST_RIDGE = 1e-9  # least weight of a consequent's square, of the mean square of its features
 
 
 def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> TrainedNetwork | None:
@@ -65,7 +65,7 @@ def constrained(trained: TrainedNetwork, inputs: Array, target: Array) -> Traine
 
 def _broken(features: Array, force: Array, pressure_axis: int) -> Array:
     """Rows g of inequalities g c >= 0 (k, weights) that consequents with this scaled force over the
-    grid (POINTS^2,) break: between neighbours of the grid of which one pulls."""
+    grid (POINTS^2,) break: between neighbours of the grid of which either pulls."""
     force, features = (
         x.reshape(CHECKED_POINTS, CHECKED_POINTS, *x.shape[1:]) for x in (force, features)
     )

@@ -1,5 +1,5 @@
 """A network for what a fitted model leaves over: trained on the fitted part, judged on the held-out
-one.
+part.
 
 The correction is added to the model's output in the channel's unit (the first paper calls it a
 torque, but trains on a difference of angles). Errors are mean absolute errors, eq. 11 of that
@@ -56,7 +56,7 @@ STARTUP_S = 1.0
 
 @dataclass(frozen=True)
 class NetworkChoice:
-    """The kind of network that is asked for; sizes that are not (or None) follow from its inputs.
+    """The kind of network that is wanted; sizes that are not (or None) follow from its inputs.
 
     UsageError for an unknown kind, or a size of another kind.
     """
@@ -69,10 +69,10 @@ class NetworkChoice:
         if self.kind not in kinds:
             raise UsageError(
                 f"--network {self.kind!r}: there is no such network.",
-                nearest(self.kind, kinds) or f"Give one of {', '.join(kinds)}.",
+                nearest(self.kind, kinds) or f"Choose from {', '.join(kinds)}.",
                 code="unknown-network",
             )
-        for name in self._asked:
+        for name in self._stated_sizes:
             owners = [kind for kind, candidate in kinds.items() if name in candidate.size_options]
             if self.kind not in owners:
                 raise UsageError(
@@ -80,13 +80,13 @@ class NetworkChoice:
                 )
 
     @property
-    def _asked(self) -> dict[str, int]:
+    def _stated_sizes(self) -> dict[str, int]:
         return {name: size for name, size in self.sizes.items() if size is not None}
 
     def network(self, inputs: int, period_s: float, samples: int | None = None) -> Network:
         """The network for this many inputs, sampled every `period_s`, to be trained on this many
         samples."""
-        return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._asked)
+        return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._stated_sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +136,14 @@ def train_network(
     ConvergenceError where the training diverged at its very start; FileError for a checkpoint of
     another training.
     """
-    own = residual.of_part(0)
-    scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
+    training_part = residual.of_part(0)
+    scored = sum(s.rows.stop - s.rows.start - residual.washout for s in training_part)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(
             wanted.network(len(residual.inputs), residual.period_s, scored),
-            [residual.signals(s) for s in own],
-            [target[s.rows] for s in own],
+            [residual.signals(s) for s in training_part],
+            [target[s.rows] for s in training_part],
             output_name=name,
             period_s=residual.period_s,
             options=replace(options, washout=residual.washout),
@@ -186,21 +186,21 @@ def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[
 def write_correction(run: Run, correction: Correction) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and the network's column of residual.csv; returns
     network.json."""
-    one = correction.residual
+    network = correction.residual
     about = {
         "enters": "output",
-        "model": one.model,
-        "on": one.on,
-        "target": f"measured {one.channel} - {one.model_words}",
-        "mae": {one.channel: {**correction.mae, "part": "held-out"}},
-        "notes": list(one.notes),
+        "model": network.model,
+        "on": network.on,
+        "target": f"measured {network.channel} - {network.model_words}",
+        "mae": {network.channel: {**correction.mae, "part": "held-out"}},
+        "notes": list(network.notes),
     }
     return write_network(
         run,
         correction.trained,
         correction.training,
         about,
-        {one.channel: one.columns[one.modelled] + correction.values},
+        {network.channel: network.columns[network.modelled] + correction.values},
     )
 
 
@@ -212,7 +212,7 @@ def write_network(
     corrected: dict[str, Array],
 ) -> dict[str, Any]:
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in
-    residual.csv; returns network.json. An earlier network of another channel is kept beside it."""
+    residual.csv; returns network.json. An earlier network of another channel is kept next to it."""
     others = keep_others(run, about, trained.output_name)
     stale = set(channel_networks(run.folder)) - others
     weights, network, trace, residual = run.claim(
@@ -236,8 +236,8 @@ def write_network(
 
 
 def keep_others(run: Run, about: dict[str, Any], channel: str) -> set[str]:
-    """Copy the run's network beside the one that is to be written, for `channel`, and return the
-    channels whose networks stay: those at the output. One inside the equations moves every
+    """Copy the run's network before the network of `channel` is written, and return the
+    channels whose networks stay: those at the output. A network inside the equations moves every
     channel, and stays alone; what cannot be read is not kept."""
     try:
         if not (run.folder / NETWORK_FILE).exists():

@@ -5,7 +5,7 @@ The first paper's equation has its network's output among the torques; what it t
 difference of angles. Here the target is what is missing at the port over the fitted part: the
 latent value that the smoother finds there, and with it the parameters of the model, which had bent
 to what is missing. The network sees what the uncorrected model has (a correction that is fed
-forward) and its value enters as one more input of the rig, held over a sample.
+forward) and its value enters as a further input of the rig, held over a sample.
 
 Why the parameters move with it: Elman 6-10-1, 4 starts, 60 steps, seeds 0 and 10; held-out MAE with
 the parameters held and moved, on 60 s of a twin with a dead band of its valves, at its command:
@@ -91,7 +91,7 @@ class Entry:
         return f"{self.port}_{self.place}" if self.place else self.port
 
     def attachment(self, effect: Effect) -> Attachment:
-        # one label: both act in the same order
+        # same label: both act in the same order
         return Attachment(effect, (self.port,), "latent", self.place)
 
 
@@ -110,7 +110,7 @@ def entry_of(rig: Rig, name: str) -> Entry:
     raise UsageError(
         f"--port {name!r}: the rig {rig.name!r} has "
         f"{'several such ports' if several else 'no such port'}.",
-        hint or f"Give output or one of {', '.join(entries)}.",
+        hint or f"Give output or any of {', '.join(entries)}.",
     )
 
 
@@ -120,8 +120,9 @@ class PortCorrection:
     residual.csv).
 
     parameters: those of the corrected model that were fitted, by name in its unit; outputs:
-    corrected channels in their units; beside: the same network at the output, None where it was
-    interrupted; mae: by channel, refitted, with_network, and with_output_network where that acts.
+    corrected channels in their units; at_output: the same network at the output, None where it
+    was interrupted; mae: by channel, refitted, with_network, and with_output_network where that
+    acts.
     """
 
     entry: Entry
@@ -172,7 +173,7 @@ class Origin:
 
 
 def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Origin:
-    """Read a run's recordings again, and its refitted model or the one with the causes (on: REFIT
+    """Read a run's recordings again, and its refitted model or the model with the causes (on: REFIT
     or CAUSES). FileError where a recording has moved or changed, where the model is not stored, or
     where the rig is a file that nobody names here: it is code, and is run."""
     record = Run.open(folder).record
@@ -197,9 +198,9 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
             code="damaged",
         ) from None
     for path in roles:
-        for one in (path, str(Path(path).with_suffix(".toml"))):
-            if one in known:
-                _require_unchanged(_place(folder, one), known[one], folder)
+        for file in (path, str(Path(path).with_suffix(".toml"))):
+            if file in known:
+                _require_unchanged(_place(folder, file), known[file], folder)
     rig_object = in_form(noted_rig(name, rig, known), saved, folder / FIT_FILE)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
@@ -222,7 +223,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
 
 
 def _place(folder: Path, path: str) -> Path:
-    """Where a recording lies: a run keeps those that came to it in no file in its own folder."""
+    """Where a recording lies: a run keeps those that came to it in no file in its folder."""
     copy = folder / path
     return copy if not Path(path).is_file() and copy.is_file() else Path(path)
 
@@ -247,7 +248,7 @@ def _require_unchanged(path: Path, sha256: str, folder: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _AtEntry(Smoother):
-    """A smoother with its latent value at one place of a port."""
+    """A smoother with its latent value at a place of a port."""
 
     place: str = ""
 
@@ -259,7 +260,7 @@ class _AtEntry(Smoother):
 
 
 def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tuple[Array, Array]:
-    """Missing input at an entry over these replays, one after the other (samples, SI), and all of
+    """Missing input at an entry over these replays, in sequence (samples, SI), and all of
     the model's parameters (SI); ConvergenceError where no path follows the data."""
     smoother = _AtEntry(
         model.evidence,
@@ -318,8 +319,8 @@ class Corrected:
         return entered(self.model.assembly, self.entry)
 
     def replayed(self, values: Array) -> list[Replay]:
-        """Replays of all fitted and held-out tracks with these values (SI; one track after the
-        other) added."""
+        """Replays of all fitted and held-out tracks with these values (SI; tracks in
+        sequence) added."""
         m, a, first, replays = self.model, self.assembly, 0, []
         p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
@@ -339,7 +340,7 @@ def train_at_port(
     stage: Progress = silent,
 ) -> PortCorrection:
     """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
-    beside it the same network, trained alike, on what is left of the channel. Errors as in
+    for comparison the same network, trained alike, on the residual of the channel. Errors as in
     `train_network`; FileError where residual.csv is not of this model."""
     e = model.evidence
     unit = "" if (u := display_unit(e.rig.ports[entry.port].unit)) == NONE else u

@@ -1,10 +1,11 @@
-"""Residual of a fitted model in one channel, read from a run folder and laid out for a network.
+"""Residual of a fitted model in a single channel, read from a run folder and laid out for a
+network.
 
-Where residual.csv holds the refitted model in its own control loop, that is the model to be
+Where residual.csv holds the refitted model in its control loop, that is the model to be
 corrected, as in the first paper: target = measured - angle_loop, inputs = reference, command_loop,
-angle_loop, velocity_loop, acceleration_loop, one record per stretch of recording. Otherwise it is
-the replay on recorded commands: inputs = inputs of the rig and every output of the model, one
-record per window. The model with the causes of a diagnosis is always the replayed one. Inputs never
+angle_loop, velocity_loop, acceleration_loop, a record per stretch of recording. Otherwise it is
+the replay on recorded commands: inputs = inputs of the rig and every output of the model, a
+record per window. The model with the causes of a diagnosis is always replayed. Inputs never
 are measured outputs: what they would tell, a model cannot know.
 """
 
@@ -30,7 +31,7 @@ from pamid.schemas.fit_file import FitFile
 Array = NDArray[np.float64]
 
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
-RESIDUAL_RUNS = {"loop": "in its own control loop", "replay": "on recorded commands"}
+RESIDUAL_RUNS = {"loop": "in its control loop", "replay": "on recorded commands"}
 #: models whose residual a network may be trained on -> the kind of their columns in residual.csv
 REFIT, CAUSES = "refit", "causes"
 MODEL_COLUMNS = {REFIT: "refitted", CAUSES: "cause"}
@@ -51,7 +52,8 @@ class Segment:
 class ResidualData:
     """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled:
     the model's column; inputs: the columns a network is given; washout: rows at the start of every
-    segment that are not scored; causes: those of the model, in words, none of the refitted one."""
+    segment that are not scored; causes: those of the model, in words, none for the refitted
+    model."""
 
     channel: str
     model: str
@@ -108,13 +110,13 @@ def read_residual_data(
     on: str = REFIT,
     replay: bool = False,
 ) -> ResidualData:
-    """`channel` (default angle_deg, else the first one) of a run, for a network with these inputs.
-    on: REFIT or CAUSES; replay: the refitted model on recorded commands, also where there is one in
-    its own loop.
+    """`channel` (default angle_deg, else the first) of a run, for a network with these inputs.
+    on: REFIT or CAUSES; replay: the refitted model on recorded commands, also where the run holds
+    its loop.
 
-    FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
-    does not have and for causes where it names none, DataError where a part is missing or nothing
-    varies.
+    FileError where the run holds no residual or a damaged residual, UsageError for a channel or
+    input it does not have and for causes where it names none, DataError where a part is missing or
+    nothing varies.
     """
     fit = need_result(folder / FIT_FILE, FitFile, also=("cause",) if on == CAUSES else ())
     causes = causes_of(folder, fit) if on == CAUSES else ()
@@ -177,14 +179,14 @@ def read_residual_data(
 
 
 def causes_of(folder: Path, fit: FitFile) -> tuple[str, ...]:
-    """The effects that the model with the causes adds to the refitted one, with their ports, as
+    """The effects that the model with the causes adds to the refitted model, with their ports, as
     "coulomb-friction at joint"; UsageError where the run names none."""
     added = [label for label in fit.cause.effects if label not in fit.effects] if fit.cause else []
     if not added:
         raise UsageError(
             f"--on {CAUSES}: {folder} names no cause.",
             f"Train on the residual of the refitted model (--on {REFIT}), or give the run of a "
-            "`pamid diagnose` that names one.",
+            "`pamid diagnose` that names an effect.",
             code="no-cause",
         )
     diagnosis = read_diagnosis(folder / "diagnosis.json")
@@ -221,7 +223,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def _period(fit: FitFile, columns: dict[str, Array]) -> float:
-    """The one sampling period (s) of the recordings that the table uses."""
+    """The common sampling period (s) of the recordings that the table uses."""
     known = dict(enumerate(recording.period_s for recording in fit.recordings))
     periods = [known.get(row) for row in np.unique(columns["recording"]).tolist()]
     used = sorted({period for period in periods if period is not None})
@@ -231,23 +233,23 @@ def _period(fit: FitFile, columns: dict[str, Array]) -> float:
             REFIT_REMEDY,
             code="damaged",
         )
-    if not one_period(used):
+    if not equal_periods(used):
         raise DataError(
-            f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one "
-            "period.",
+            f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs a "
+            "single period.",
             "Resample them, or fit them in separate runs.",
         )
     return used[0]
 
 
-def one_period(periods: Iterable[float]) -> bool:
-    """Are recordings with these sampling periods (s) alike enough for one network?"""
+def equal_periods(periods: Iterable[float]) -> bool:
+    """Are recordings with these sampling periods (s) alike enough for a network?"""
     every = sorted(periods)
     return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]
 
 
 def _spans(columns: dict[str, Array]) -> list[Segment]:
-    """Rows of one recording and part in succession."""
+    """Rows of a recording and part in succession."""
     change = (
         (np.diff(columns["recording"]) != 0)
         | (np.diff(columns["part"]) != 0)
@@ -264,7 +266,7 @@ def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segm
     """The scored rows of every window, behind as many unscored ones as every window has; that
     number.
 
-    The model's own start-up lies there, and the network's may.
+    The model's start-up lies there, and the network's may.
     """
     windows: list[tuple[int, int, int, int]] = []
     for span in spans:
@@ -303,7 +305,7 @@ def _model_of(
         if all(motion(columns[block[2]][s.rows]) > 0.0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()
         notes = (
-            "In its own control loop the refitted model could not be simulated; the replay is "
+            "In its control loop the refitted model could not be simulated; the replay is "
             "corrected instead.",
         )
         break

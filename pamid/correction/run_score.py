@@ -3,7 +3,7 @@ the causes, with the network.
 
 Replayed by the rules of a fit, in windows on the recorded command, each from a state estimated on
 its beginning; and where a controller ran, once more under that controller, from the beginning to
-the end. A network that was trained on the one comparison is judged in that one alone.
+the end. A network that was trained on either comparison is judged by that alone.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.identified_model import (
     PERIODS_AGREE,
     Identified,
+    channel_network,
     load_identified,
-    network_beside,
     record_identified,
 )
 from pamid.correction.port_network import ADDED
@@ -59,23 +59,28 @@ class RunScore:
 
 @dataclass(frozen=True, eq=False)
 class _Models:
-    """The models of a run, those that it has, by name; channels: that it was fitted to; beside:
-    the model that a channel's network was trained on with it, where the run has several."""
+    """The models of a run, those that it has, by name; channels: that it was fitted to;
+    channel_networks: the model that a channel's network was trained on with it, where the run has
+    several."""
 
     refitted: Identified
     named: dict[str, Identified]
     channels: tuple[str, ...]
-    beside: dict[str, Identified]
+    channel_networks: dict[str, Identified]
 
     def of(self, channel: str) -> dict[str, Identified]:
-        """By name, with the channel's own network where it has one."""
-        own = {"with_network": self.beside[channel]} if channel in self.beside else {}
-        return {**self.named, **own}
+        """By name, with the channel's network where it has any."""
+        of_channel = (
+            {"with_network": self.channel_networks[channel]}
+            if channel in self.channel_networks
+            else {}
+        )
+        return {**self.named, **of_channel}
 
     @property
     def every(self) -> list[tuple[str, Identified]]:
-        """Each model once, with its name; of the networks beside, their channel's."""
-        others = [(f"with network of {channel}", m) for channel, m in self.beside.items()]
+        """Each model once, with its name; networks of other channels with their channel."""
+        others = [(f"with network of {channel}", m) for channel, m in self.channel_networks.items()]
         return [*self.named.items(), *others]
 
 
@@ -89,7 +94,7 @@ def score_run(
     """Errors of every model that a run has on these recordings; rig, effects: as in
     `load_identified`.
 
-    DataError where a recording is one of the run's, holds samples of one, or is sampled otherwise;
+    DataError where a recording belongs to the run, holds its samples, or is sampled otherwise;
     FileError where it lacks a column that the rig needs, or holds no channel of the run.
     """
     fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))
@@ -127,21 +132,21 @@ def _models_of(
     others: dict[str, Identified] = {}
     if (folder / NETWORK_FILE).exists():
         named["with_network"] = load_identified(folder, which="network", rig=rig, effects=effects)
-        own = named["with_network"].network
+        network = named["with_network"].network
         others = {
-            channel: network_beside(named, place, fit.channels)
+            channel: channel_network(named, place, fit.channels)
             for channel, place in channel_networks(folder).items()
-            if own is not None and channel != own.channel
+            if network is not None and channel != network.channel
         }
     return _Models(refitted, named, tuple(fit.channels), others)
 
 
 def _notes(models: _Models) -> tuple[str, ...]:
-    one = models.named.get("with_network")
-    if one is None or one.network is None:
+    corrected = models.named.get("with_network")
+    if corrected is None or corrected.network is None:
         return ()
-    where, other = ("closed loop", "replay") if one.network.in_loop else ("replay", "")
-    labels, without = ([a.label for a in m.effects] for m in (one, models.refitted))
+    where, other = ("closed loop", "replay") if corrected.network.in_loop else ("replay", "")
+    labels, without = ([a.label for a in m.effects] for m in (corrected, models.refitted))
     model = "model with its causes" if labels != without else "refitted model"
     text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
@@ -157,13 +162,13 @@ def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingU
             f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a model is not "
             "judged by what it was made with.",
             f"Give recordings that the run has not seen; `pamid report {folder}` has the errors on "
-            "its own held-out part.",
+            "its held-out part.",
             code="overlap",
         )
 
 
 def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
-    """The run's recordings, where they still lie there as they were: one of them under another
+    """The run's recordings, where they still lie there as they were: also under another
     name, or a part of it, is known by its samples."""
     repeated = []
     for name in used:
@@ -182,7 +187,7 @@ def _require_alike(recording: Recording, model: Identified) -> None:
         raise DataError(
             f"{recording.path} is sampled every {period:g} s, the model's sample is "
             f"{model.period_s:g} s.",
-            "Record with the model's period, or fit a model with this one.",
+            "Record with the model's period, or fit a model with this period.",
             code="period",
         )
 
@@ -220,8 +225,8 @@ def _rows(
             say(name, recording)
             loops[id(model)] = _loop_of(model, recording)
         for channel in seen:
-            own = {name: loops[id(model)] for name, model in available.of(channel).items()}
-            models = {n: None if run is None else run[channel] for n, run in own.items()}
+            runs = {name: loops[id(model)] for name, model in available.of(channel).items()}
+            models = {n: None if run is None else run[channel] for n, run in runs.items()}
             yield recording_error(
                 recording.name,
                 recording.known,
@@ -266,8 +271,8 @@ class _Replayed:
             unit = split_column(network.channel)[1]
             outputs[:, k] = to_si(from_si(outputs[:, k], unit) + self._value(done), unit)
             return done, outputs
-        assert self.model.beside is not None
-        before = self._run(*self.model.beside)
+        assert self.model.uncorrected is not None
+        before = self._run(*self.model.uncorrected)
         unit = split_column(network.trained.output_name)[1]
         done = self._run(
             self.model.assembly, self.model.values, np.asarray(to_si(self._value(before), unit))
@@ -292,7 +297,7 @@ class _Replayed:
         return replay_track(measured, p, track, self.model.stepping, noise)
 
     def _value(self, done: Replay) -> Array:
-        """The network over every window from a zero state, in its own unit (samples,)."""
+        """The network over every window from a zero state, in its unit (samples,)."""
         network, inputs = self.model.network, self.model.assembly.traced.inputs
         assert network is not None
         columns = []

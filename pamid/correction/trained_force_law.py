@@ -6,7 +6,7 @@
             self.static_force = force_law_of(Path(__file__).parent / "muscle_20mm")
 
 The network is written out as an equation, so it is compiled with the rig and its derivatives are
-exact. Its inputs are one pressure (gauge) and one dimensionless contraction, its output a force, in
+exact. Its inputs are a pressure (gauge) and a dimensionless contraction, its output a force, in
 any order and any unit of these.
 
 Outside the range it was trained in the law goes on along its tangent plane at the edge, without a
@@ -75,7 +75,7 @@ class ForceLaw:
 
 
 def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) -> ForceLaw:
-    """Force law of a trained network, or of the folder that holds one.
+    """Force law of a trained network, or of the folder that holds it.
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[fl
     a tenth beyond.
 
     Returns the largest move the wrong way (N) along pressure and along contraction. More than
-    `MONOTONE_TOLERANCE` of the range of forces is a DataError that says where and by how much; with
-    `strict=False` a warning. A force below zero counts as none: a rig's muscle does not push.
+    `MONOTONE_TOLERANCE` of the range of forces is a DataError that states where and by how much;
+    with `strict=False` a warning. A force below zero counts as none: a rig's muscle does not push.
     """
     order = _order(trained)
     low, high = _force_si(trained)
@@ -112,7 +112,7 @@ def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[fl
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = MONOTONE_TOLERANCE * (high - low)
     faults = [
-        _said(trained, k, places, forces)
+        _force_law_text(trained, k, places, forces)
         for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
         if by > allowed
     ]
@@ -143,7 +143,9 @@ def _worst(forces: Array, axis: int, sign: float) -> tuple[float, tuple[Place, P
     return float(fall[end, other]), (places[0], places[1])
 
 
-def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], forces: Array) -> str:
+def _force_law_text(
+    trained: TrainedNetwork, axis: int, places: tuple[Place, Place], forces: Array
+) -> str:
     """Where the force goes the wrong way, in the words of the network's inputs."""
     steps = trained.input_scaling.backward(np.stack([_steps(), _steps()], axis=1)).T
     begin, end = places
@@ -207,7 +209,7 @@ def _order(trained: TrainedNetwork) -> list[str]:
 
 
 def _si(trained: TrainedNetwork, end: str) -> list[float]:
-    """One end of every input's range in SI."""
+    """An end of every input's range in SI."""
     values = getattr(trained.input_scaling, end)
     return [
         float(to_si(v, split_column(n)[1]))

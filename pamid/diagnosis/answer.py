@@ -7,7 +7,7 @@
     no-structural-gap   at the noise floor, or nothing at any port removes a material share
     cannot-tell         too few windows, too many causes that tie, or recordings in doubt
 
-Every cause has one probability, a logistic function of the figures of the comparison alone.
+Every cause has a probability, a logistic function of the figures of the comparison alone.
 """
 
 from __future__ import annotations
@@ -100,7 +100,8 @@ def answer(
     others = [c for c in single if not _same_effect(c, best)]
     if others:
         # Families in a tie are alternatives that a measurement could separate. A long list of them
-        # is no guidance, unless all predict the same: then it is one finding under several names.
+        # is no guidance, unless all predict the same: then it is the same finding under several
+        # names.
         tied = [best, *others]
         if len(tied) > settings.tied_most and not comparison.predict_the_same(tied):
             verdict, causes = "cannot-tell", ()
@@ -135,7 +136,7 @@ def answer(
 
 
 def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:
-    """Whether two models have the same effect at different ports, or effects of one family."""
+    """Whether two models have the same effect at different ports, or effects of the same family."""
     names = {a.effect.name for a in candidate_model.attached}
     return names == {a.effect.name for a in other.attached} or families_of(
         candidate_model
@@ -159,7 +160,7 @@ def _cause(
     set_aside: Collection[str],
     model: CandidateModel | None = None,
 ) -> NamedCause:
-    """The effect with its figures next to the others of the model (default: the selected one)."""
+    """The effect with its figures next to the others of the model (default: the selected)."""
     base, alternative = comparison.budget.baseline, model is not None
     model = model or selection.best
     added = next(k for k in model.additions if a in k.members)
@@ -192,7 +193,7 @@ def _cause(
         a,
         model,
         comparison.removed(model, below),
-        # the same effect at several ports is one finding
+        # the same effect at several ports is the same finding
         features(comparison, model, whole, ranking),
         tuple(g for g in dict.fromkeys(placed) if g != group),
         tuple(f for f in dict.fromkeys(families) if f != a.family(rig)),
@@ -219,14 +220,14 @@ def features(
     # A second law of the same family is no competitor: the family would be named in either case.
     rival = next(others, comparison.budget.baseline)
     lead = comparison.removed(model, rival).z
-    # The ratio is one to what the reference leaves above the floor. That of the worse model is the
-    # larger one and cannot vanish.
+    # The ratio relates to what the reference leaves above the floor. That of the worse model is the
+    # larger ratio and cannot vanish.
     if comparison.loss(rival).sum() < comparison.loss(model).sum():
         lead = -comparison.removed(rival, model).z
     rest = comparison.removed(model).rest.share
     windows = len(comparison.loss(model))
     return {
-        # Clipped and on logarithms: a logistic function is linear in its figures, and one extreme
+        # Clipped and on logarithms: a logistic function is linear in its figures, and an extreme
         # recording would otherwise decide its weights.
         "removed": float(np.clip(removed.share, -0.2, 1.0)),
         "rest": float(np.clip(rest, 0.0, 1.0)),
@@ -270,7 +271,7 @@ def forecast_interval(before: Array, after: Array, seed: int) -> tuple[float, fl
     error ratio. That spread was measured on the calibration cases, in proportion to the root of the
     share.
     """
-    # Windows of one recording share its operating point, so that their bootstrap is too narrow for
+    # Windows of a recording share its operating point, so that their bootstrap is too narrow for
     # a fresh recording.
     most_left, least_left = moving_block_interval(after, before, seed=seed)[::-1]
     low, high = 1.0 - most_left, min(1.0 - least_left, 1.0)

@@ -23,7 +23,7 @@ from pamid.simulation.replay import WHOLE, Replay, noise_floor
 
 Array = NDArray[np.float64]
 
-HORIZONS = (8, 4, 2)  # windows that one run covers, where it cannot cover a whole recording
+HORIZONS = (8, 4, 2)  # windows that a run covers, where it cannot cover a whole recording
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Budget:
 
     @property
     def horizon_s(self) -> float:
-        """Longest time over which the model predicts from one estimated state, s."""
+        """Longest time over which the model predicts from an estimated state, s."""
         return max(
             (windows[-1].stop - windows[0].start) * r.track.period_s
             for r in self.baseline.runs
@@ -70,7 +70,7 @@ class Budget:
         return float(1.0 - np.nansum(seen_mean(absolutes) / floor) / before)
 
     def channel_losses(self, absolutes: Array) -> Array:
-        """One loss per window: channels added in units of their floors."""
+        """A loss per window: channels added in units of their floors."""
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
     def error_text(self) -> str:
@@ -130,13 +130,13 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
     if short is None:
         raise AssertionError("replays of single windows are those of the fit")
     if settings.horizon_s > 0.0:
-        windows = settings.horizon_s / short.horizon_s  # that is one window
+        windows = settings.horizon_s / short.horizon_s  # that is a single window
         stated = _budget_of(model, round(min(max(windows, 1.0), WHOLE)), seed, settings)
         if stated is None:
             raise ConvergenceError(
                 f"The refitted model diverges within {settings.horizon_s:.4g} s of a held-out "
                 "recording.",
-                "State a shorter horizon, or none: pamid then chooses one.",
+                "State a shorter horizon, or none: pamid then chooses it.",
             )
         return stated
     # The longest horizon first: an error of the equations shows more the longer a run is.
@@ -147,8 +147,8 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
         floor, floor_short = seen_mean(longer.floor), seen_mean(short.floor)
         if np.nanmax(floor / floor_short) > settings.horizon_floor or errors_add_up(longer, short):
             continue
-        # Both errors are divided by their own floors, because the floor grows with the horizon as
-        # well.
+        # Both errors are divided by their respective floors, because the floor grows with the
+        # horizon as well.
         visible = np.nanmean(seen_mean(longer.baseline.absolutes) / floor)
         visible_short = np.nanmean(seen_mean(short.baseline.absolutes) / floor_short)
         return longer if visible > settings.horizon_gain * visible_short else short
@@ -168,7 +168,7 @@ def errors_add_up(longer: Budget, short: Budget) -> bool:
 
 
 def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> Budget | None:
-    """The budget over runs of so many windows; None where one of them diverges."""
+    """The budget over runs of so many windows; None where any of them diverges."""
     evidence = replace(model.evidence, per_run=per_run)
     if per_run == 1:
         runs, sheet, floor = model.held_out, model.data_sheet, model.floor

@@ -28,7 +28,7 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 REFIT_ITERATIONS, REFIT_TOLERANCE = 15, 0.02  # Gauss-Newton steps; share of the cost that ends them
-# refits with the weights of a model's own residuals end where none grows by this ratio
+# refits with the weights of a model's residuals end where none grows by this ratio
 REWEIGHT_ROUNDS, REWEIGHT_FACTOR = 2, 1.2
 
 
@@ -37,8 +37,8 @@ class CandidateModel:
     """A model that was fitted and replayed.
 
     replays: with a start estimated in every window; runs: over the horizon of the comparison, the
-    same where that is one window; absolutes: mean absolute error of the runs per held-out window
-    and channel (SI), NaN where a channel was not recorded.
+    same where that is a single window; absolutes: mean absolute error of the runs per held-out
+    window and channel (SI), NaN where a channel was not recorded.
     """
 
     assembly: Assembly
@@ -85,7 +85,7 @@ class CandidateModel:
 
     @cached_property
     def additions(self) -> tuple[Addition, ...]:
-        """Its effects; the same in several joints is one."""
+        """Its effects; the same in several joints is a single addition."""
         return tuple(additions_of(self.assembly.rig, self.attached))
 
     @property
@@ -158,7 +158,7 @@ def candidate_from(
 
 def transferred(assembly: Assembly, *sources: tuple[Assembly, Array]) -> Array:
     """The assembly's data-sheet values with the parameters it shares with other models taken from
-    theirs; where several have one, the last."""
+    theirs; where several share it, the last."""
     out = assembly.values()
     for source, p in sources:
         for key in source.keys.keys() & assembly.keys.keys():
@@ -227,7 +227,7 @@ def refit(
     """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
     (SI) by key; known: slopes along the tracks, where the rig is stepped (`known_along`).
 
-    First with the baseline's weights, then with those of its own residuals. Where the model
+    First with the baseline's weights, then with those of its residuals. Where the model
     explains the gap these are smaller, and its parameters follow the recordings more and their
     priors less.
     """

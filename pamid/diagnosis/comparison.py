@@ -5,11 +5,11 @@ With the mean absolute error e_wc of a model in window w and channel c, and the 
     loss_w        = sum_c e_wc / f_c
     share removed = sum_w (loss_w(reference) - loss_w(model)) / sum_w (loss_w(baseline) - floor)
 
-The share is one of the gap between the baseline and the noise floor. Its standard error is that of
+The share refers to the gap between the baseline and the noise floor. Its standard error is that of
 the paired ratio to the reference's loss above the floor, by a circular block bootstrap over
 windows. An effect that removes the same share in every window is therefore certain although the
 windows differ. Diebold and Mariano (1995), JBES 13:253, for paired losses; Politis and Romano
-(1992) for the bootstrap. A model need not be true to be compared: no true one may be among the
+(1992) for the bootstrap. A model need not be true to be compared: no true model may be among the
 candidates (M-open, Bernardo and Smith 1994, Bayesian Theory, ch. 6).
 """
 
@@ -45,7 +45,7 @@ class Comparison:
     seed: int
 
     def loss(self, model: CandidateModel) -> Array:
-        """One loss per held-out window, in noise floors."""
+        """A loss per held-out window, in noise floors."""
         return self.budget.channel_losses(model.absolutes)
 
     @cached_property
@@ -96,7 +96,7 @@ class Comparison:
         return removed.share >= settings.material_share and removed.z >= settings.standard_errors
 
     def is_tied(self, model: CandidateModel, best: CandidateModel) -> bool:
-        """Whether the windows cannot separate a model from the best one."""
+        """Whether the windows cannot separate a model from the best."""
         settings, lead = self.budget.settings, self.removed(best, model)
         return lead.z < settings.tie_errors or lead.share < settings.tie_margin
 
@@ -110,7 +110,7 @@ class Comparison:
         margin.
 
         Shares are taken of the sum. Where channels below their floors cancel the excess of another
-        one, less than the margin of one channel is left, and a share of it means nothing.
+        channel, less than the margin of a channel is left, and a share of it means nothing.
         """
         margin = self.budget.settings.floor_margin
         excess = self.loss(model) - self.budget.channel_losses(self.budget.floor)
@@ -151,7 +151,7 @@ class Comparison:
     def confidence_set(
         self, models: Sequence[CandidateModel], reference: CandidateModel
     ) -> list[CandidateModel]:
-        """One model per family, the best first: the material ones that tie with the best.
+        """A model per family, the best first: the material ones that tie with the best.
 
         Within a family the simplest member that is not worse stands for it. Empty where no model
         removes a material share.
@@ -201,7 +201,7 @@ DRAWS, BLOCK_WINDOWS = 1000, 2  # resamples, and neighbouring windows that are d
 
 @lru_cache(maxsize=16)  # the same for every model that is compared
 def resamples(count: int, seed: int) -> NDArray[np.intp]:
-    """Bootstrap rows (draws x count) in blocks of neighbouring windows, the last one a neighbour of
+    """Bootstrap rows (draws x count) in blocks of neighbouring windows, the last a neighbour of
     the first: the circular block bootstrap of Politis and Romano (1992). Of few windows each is
     drawn by itself: of two, blocks of two are always both."""
     block = min(BLOCK_WINDOWS, max(1, count // 3))

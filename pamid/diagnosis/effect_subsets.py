@@ -2,7 +2,7 @@
 
 Every candidate e has two responses in the rows r of the baseline's least squares
 (`pamid.estimation.linear_rows`) where it was screened. D_e = r(e) - r(baseline) is the change at
-its best screened start, and T_e holds the derivatives of that by its own parameters. With
+its best screened start, and T_e holds the derivatives of that by its parameters. With
 parameters and window starts projected out by P, the gain of a set S of effects is to first order
 
     gain(S) = |P r|^2 - min [ |P (r + sum_e (a_e D_e + T_e b_e))|^2 + sum_e (a_e^2 + |b_e|^2) ]
@@ -37,14 +37,14 @@ SUBSET_ROWS = 8000  # residuals to which the rows are thinned
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Response of one candidate in the rows of the baseline.
+    """Response of a candidate in the rows of the baseline.
 
     columns (rows, 1 + its parameters): P D_e and P T_e; room: bounds of a_e and b_e within the
     ranges of its parameters.
     """
 
     columns: Array
-    room: Array  # (1 + own parameters, 2)
+    room: Array  # (1 + effect parameters, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +68,15 @@ class ResponseWork(Work[ScreenedCandidate, Response]):
         scale = problem.scale
         s = scale.inside(p[list(problem.free)])
         point = replace(base, problem=problem, p=p, starts=item.starts, stepping=item.stepping)
-        # Derivatives of a rig that is stepped cost calls of its own code, so that those of the
+        # Derivatives of a rig that is stepped cost calls of its code, so that those of the
         # baseline are reused.
         if isinstance(assembly.rig, StepRig):
             rows = linear_rows(point, SUBSET_ROWS, known=self.reference.known)
             # the last rows are the data sheet's, and the baseline has none for the effect
             shared = np.concatenate([np.ones(len(rows.away) - len(of_effect), bool), ~of_effect])
             away, by_effect = rows.away[shared], rows.by_parameters[np.ix_(shared, of_effect)]
-        # Equations are differentiated in lanes at little cost, so that only the effect's own
-        # columns are formed.
+        # Equations are differentiated in lanes at little cost, so that only the effect's columns
+        # are formed.
         else:
             away, by_effect = moved_rows(point, SUBSET_ROWS, np.flatnonzero(of_effect))
             sheet = s[~of_effect]
@@ -115,7 +115,7 @@ class ScreenedResponses:
             # Bounds matter here: without them a subset could gain by a negative amount of dry
             # friction.
             held = A[np.ix_(free, ~free)] @ x[~free]
-            # of least squares: where two columns are one to rounding, A is singular
+            # of least squares: where two columns are equal to rounding, A is singular
             x[free] = -np.linalg.lstsq(A[np.ix_(free, free)], g[free] + held, rcond=None)[0]
             beyond = np.where(free, np.maximum(low - x, x - high), 0.0)
             worst = int(beyond.argmax())
@@ -184,9 +184,9 @@ def best_subsets(
     Returns the `subsets` best of these that gain beyond fewer candidates, by a minimum share of the
     best gain. A family occurs twice where two of it stand `apart`, at places that the recordings
     separate, such as gaps at two joints. Every pair is evaluated; larger sets add a candidate to
-    one of the best smaller ones.
+    each of the best smaller sets.
     """
-    # One law per family and place: two laws of friction at one joint are one cause.
+    # A single law per family and place: two laws of friction at the same joint are a single cause.
     families = [family(s.added) for s in responses.screened]
     everyone = range(len(families))
 
@@ -216,7 +216,7 @@ def best_subsets(
         # set.
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
     # a share, no size in nats: the weights are those of the baseline's residuals, and where the
-    # first effect removes nearly all of these, one that halves the rest gains a fraction of one
+    # first effect removes nearly all of these, an effect that halves the rest gains only a fraction
     least = settings.pair_share * max((gain - fewer for gain, _ in leading), default=0.0)
     return [
         Subset(tuple(responses.screened[i] for i in m), gain)

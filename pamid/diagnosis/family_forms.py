@@ -73,7 +73,7 @@ def free_forms(
 ) -> list[FreeForm]:
     """Free forms at these ports that remove a material share of the remainder of `best`.
 
-    The best one and those that tie with it, the best first. best: with effects or without.
+    The best and those that tie with it, the best first. best: with effects or without.
     """
     models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
     ordered = comparison.ordered(models)
@@ -89,7 +89,7 @@ def _form(a: Attachment) -> FreeFormEffect:
 
 
 def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[CandidateModel]:
-    """`best` with each free form that fits one of the ports and has something to be drawn over
+    """`best` with each free form that fits any of the ports and has something to be drawn over
     there, refitted and replayed."""
     rig, reached = search.evidence.rig, reached_at(best, ports)
     forms = attachments(rig, free_form_effects().values())
@@ -99,7 +99,7 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
     starts = [
         _start(search, best, a, span)
         for a in determined_forms
-        # A curve is drawn over the signal of one port.
+        # A curve is drawn over the signal of a single port.
         if len(a.ports) == 1 and a.ports[0] in ports
         if (span := _span(a, rig, reached)) is not None
     ]

@@ -1,9 +1,9 @@
 """Physical reasons for which a model is set aside, however well it predicts.
 
 A parameter ended at a bound that physics did not set. An amount ended at nothing, so that the model
-is a plainer one. A parameter ended where the effect is one of another family (hysteresis that slips
-at once is dry friction). The effect switches the input off. The effect duplicates a term of the
-rig.
+is a plainer model. A parameter ended where the effect belongs to another family (hysteresis that
+slips at once is dry friction). The effect switches the input off. The effect duplicates a term of
+the rig.
 
 Where a rig has a term for the drag of its guide, viscous friction there duplicates that term. So
 does a damping that depends on the direction and ended the same in both. Such an effect removes
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Guards:
-    """Objections to the models of one search."""
+    """Objections to the models of a search."""
 
     search: Search
     _objections: dict[CandidateModel, tuple[str, ...]] = field(default_factory=dict)
@@ -99,14 +99,14 @@ def _that_act(model: CandidateModel) -> list[Attachment]:
 def duplicated_terms(
     model: CandidateModel, label: str, base: CandidateModel, settings: Settings
 ) -> tuple[str, ...]:
-    """The rig's own fitted parameters whose terms at the same port duplicate one of the model's
-    effects; empty where none do.
+    """The rig's fitted parameters whose terms at the same port duplicate an effect of the
+    model; empty where none do.
 
     Let e(t) be the contribution of the effect to the value at the port, and d_j(t) the derivative
     of that value by parameter j at fixed states, along the fitted windows. The terms duplicate the
     effect where their best combination leaves at most `settings.own_terms` of e.
 
-    A parameter that also acts elsewhere does not count: the flow of a pipe out of one tank enters
+    A parameter that also acts elsewhere does not count: the flow of a pipe out of a tank enters
     the next, a leak does not. Nor does a parameter that would have to leave its data sheet: a ruler
     does not err by a third. base: the model without effects; a parameter at a bound there was not
     free to move, and does not count either.
@@ -151,7 +151,7 @@ def _parameters_at_port(
 ) -> list[int]:
     """Places of the rig's fitted parameters that act at the port of these passages alone, and ended
     at no bound without the effect."""
-    # An effect at two ports moves something from one to the other. No term of a single port does
+    # An effect at two ports moves something between them. No term of a single port does
     # that.
     if len({q.port for q in passed}) != 1:
         return []
@@ -173,7 +173,7 @@ def _along_fit(
     model: CandidateModel, passed: list[Passage], null: dict[Expr, Expr], places: list[int]
 ) -> tuple[Array, Array]:
     """Contribution of the effect to these passages along the fit, and the derivatives of the values
-    that enter them by these parameters (samples; samples x own)."""
+    that enter them by these parameters (samples; samples x parameters)."""
     bounds, p = model.assembly.parameters, model.fit.p
     # relative: by which a parameter is moved to see its term
     # Longer than the usual square root: a term that is linear in its parameter has no truncation
@@ -200,7 +200,7 @@ def _along_fit(
 def _leaves_its_prior(
     model: CandidateModel, places: list[int], by: Array, settings: Settings
 ) -> bool:
-    """Whether one of these parameters, moved by so much (SI) from the fit, would be `far_off` its
+    """Whether any of these parameters, moved by so much (SI) from the fit, would be `far_off` its
     data sheet and farther than it is."""
     scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
     before = scale.inside(p[free])

@@ -59,7 +59,7 @@ def silent_channels(
     """Channels that do not show this machine: neither the model nor a lagged regression finds the
     inputs in them.
 
-    All of them where the model explains none, unless one clearly responds: then the machine is
+    All of them where the model explains none, unless an input clearly responds: then the machine is
     there, and its model is wrong. Of several, those that neither follow the inputs nor are at their
     noise floor.
     """
@@ -104,7 +104,7 @@ def _responding(
 
     They do if its error is smaller, by the margin and with 95 % confidence or by plainly more, than
     those of the median and of the same model without its inputs. The comparison is made in windows,
-    and over one free run, since a window shows little of a slow machine.
+    and over a free run, since a window shows little of a slow machine.
     """
     settings = budget.settings
 
@@ -167,7 +167,7 @@ def idle_inputs(model: CandidateModel, channels: Sequence[str], noise: Array) ->
 
 
 def _free_run(model: CandidateModel, track: Track, start: Array) -> Array:
-    """Outputs (samples x channels, SI) over a whole track from one start."""
+    """Outputs (samples x channels, SI) over a whole track from a single start."""
     return run_windows(
         model.assembly.program,
         model.assembly,
@@ -182,7 +182,7 @@ def _free_run(model: CandidateModel, track: Track, start: Array) -> Array:
 def _free_run_errors(
     model: CandidateModel, begun: Sequence[tuple[Track, Array]], shifts: Sequence[float]
 ) -> Array:
-    """Summed absolute errors per channel (SI) of one free run per track from its start: with the
+    """Summed absolute errors per channel (SI) of a free run per track from its start: with the
     recorded inputs, of the median, and without the inputs (rows; see INPUT_SHIFTS)."""
     total = np.zeros((2 + len(shifts), begun[0][0].y.shape[1]))
     for track, start in begun:

@@ -1,7 +1,7 @@
 """Starting values of a parameter over which the misfit has many narrow minima, such as the step by
-which a command is rounded: no slope leads from one of them to the next.
+which a command is rounded: no slope leads between them.
 
-Every value v of a grid is tried by one run, no fit; these runs go side by side. What the rig's
+Every value v of a grid is tried by a run, no fit; these runs go side by side. What the rig's
 parameters, the windows' starts and the other amounts of the effect could take up is projected out
 of the residual r(v),
 
@@ -88,8 +88,8 @@ def _least(where: ScanPart, place: int, values: Array, count: int) -> Array:
     residual, slopes = _linearised(where, common, at)
     if not np.isfinite(residual).all() or not len(values):
         return values[:0]
-    # To first order one projection serves all values of the grid. Only the slopes by the amounts
-    # are formed at each value.
+    # To first order a single projection serves all values of the grid. Only the slopes by the
+    # amounts are formed at each value.
     free = _Orthogonal.to(slopes, len(common.free))
     least = float((free.part_of(residual[:, None]) ** 2).sum())
     parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
@@ -152,7 +152,7 @@ def _side_by_side(
     where: ScanPart, at: Array, place: int, values: Array, amounts: tuple[int, ...]
 ) -> tuple[Array, Array]:
     """Weighted residuals of all windows in a row (rows, values), and their differences by the
-    amounts (rows, values, amounts): each value has a lane, and one more for each amount."""
+    amounts (rows, values, amounts): each value has a lane, and another for each amount."""
     problem, program = where.problem, where.problem.assembly.lane_program
     bounds = problem.assembly.parameters
     width = 1 + len(amounts)

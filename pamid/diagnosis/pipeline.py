@@ -90,7 +90,7 @@ class Diagnosis:
 
     @cached_property
     def half(self) -> NDArray[np.bool_]:
-        """Mask of one half of the held-out windows, for cross-validation."""
+        """Mask of half of the held-out windows, for cross-validation."""
         base = self.budget.baseline
         return half_of_windows(list(base.replays), self.budget.channel_losses(base.absolutes))
 
@@ -131,7 +131,7 @@ class Diagnosis:
 
     @property
     def nameless_at(self) -> list[str]:
-        """Ports at one of which an unknown effect enters. These are the ports of nonparametric
+        """Ports at any of which an unknown effect enters. These are the ports of nonparametric
         curves that absorb it, or else the inseparable ports with the largest latent evidence."""
         forms = self.answer.free_forms if self.answer else ()
         form_ports = dict.fromkeys(f.attachment.ports[0] for f in forms)
@@ -179,7 +179,7 @@ def diagnose(
     # If neither the model nor a lagged linear response predicts any channel, we do not search: an
     # effect could reproduce the recordings only without the inputs. A single unpredicted channel
     # may just lack an effect. A joint held by friction, for example, follows neither a model
-    # without friction nor a linear one.
+    # without friction nor a linear model.
     unpredictable = silent and response is not None and bool(response.absent.all())
     if comparison.at_floor(base) or (unpredictable and not following_channels(budget, base).any()):
         return Diagnosis(evidence, budget, seed, silent, response)

@@ -2,7 +2,7 @@
 nothing.
 
 A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end (or at the
-lower one of a factor that makes the equation softer) the effect is fitted again over a wider range.
+lower end of a factor that makes the equation softer) the effect is fitted again over a wider range.
 Only a parameter that still ends there is at its bound. A range between two numbers without a unit
 (a share of 0 .. 1) is physics and stays.
 
@@ -108,8 +108,8 @@ def _guessed(bound: Bound, end: str) -> bool:
 
 
 def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
-    """The amounts of one of the model's effects, by their names outside, where all of them ended at
-    nothing: the model is the one without it. Empty where any did not; those that define it, where
+    """The amounts of an effect of the model, by their names outside, where all of them ended at
+    nothing: the model is that without it. Empty where any did not; those that define it, where
     they did: the model is that of a plainer effect."""
     defining = {
         f"{label}:{name}" for a in model.attached if a.label == label for name in a.effect.defining
@@ -121,16 +121,16 @@ def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:
     ]
     # a fit puts a parameter that presses against its bound exactly there
     gone = [bound for bound, value in amounts if value == bound.null]
-    # One amount at nothing is usual, for instance a force in one direction only, unless the effect
-    # is defined by it.
+    # A single amount at nothing is usual, for instance a force in a single direction, unless the
+    # effect is defined by it.
     if len(gone) < len(amounts):
         gone = [bound for bound in gone if bound.key in defining]
     return tuple(bound.name for bound in gone)
 
 
 def amount_z(model: CandidateModel, label: str) -> float:
-    """The largest amount of one of the model's effects, in its standard deviations from nothing;
-    inf of an effect without one that is fitted."""
+    """The largest amount of an effect of the model, in its standard deviations from nothing;
+    inf of an effect without a fitted amount."""
     f = model.fit
     free = list(f.problem.free)
     scale, deviation = f.problem.scale, np.sqrt(np.maximum(f.covariance.diagonal(), 1e-30))

@@ -325,7 +325,7 @@ def screen(
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
     # An effect beyond a limit has many minima. Few steps or an outdated Jacobian would miss the
-    # best one, so hinted starts take more steps with exact derivatives.
+    # best, so hinted starts take more steps with exact derivatives.
     exact_steps = steps + reference.settings.screen_steps
     probes = [(start_values, by_chords, steps) for start_values in points]
     probes += [(start_values, exact, exact_steps) for start_values in hinted]
@@ -341,7 +341,7 @@ def screen(
     best = max(ends, key=lambda s: s.gain)
     if not np.isfinite(best.gain):
         return ScreenedCandidate(added, assembly, {}, -np.inf, "unstable at every starting value")
-    # An outdated Jacobian may lead away from a better starting point. The one with the largest
+    # An outdated Jacobian may lead away from a better starting point. The point with the largest
     # predicted gain is kept as a rival.
     rival = max(ends, key=lambda s: s.promised)
     better = rival is not best and np.isfinite(rival.gain) and rival.promised > best.gain
@@ -362,7 +362,7 @@ def advance(
         further = _screened(reference, added, start.first, *exact_fit)
         best = further if further.gain > best.gain else best
         fits.append(exact_fit.fit)
-    # Scan from the best end point only: a scan costs one run per grid value.
+    # Scan from the best end point only: a scan costs a run per grid value.
     fitted = min(fits, key=lambda f: f.cost)
     scanned = _scanned_with_effect(reference, added, fitted, exact)
     if scanned is fitted:
@@ -439,7 +439,7 @@ def _has_shape_parameters(problem: Problem, added: Addition) -> bool:
 def _scanned_with_effect(
     reference: ScreeningBaseline, added: Addition, fitted: Fit, probe: _Probe
 ) -> Fit:
-    """Return the fit, or a better one from another value of a scanned parameter.
+    """Return the fit, or a better fit from another value of a scanned parameter.
 
     Some scanned parameters have an influence only if the amounts of the effect are not zero, for
     example the ticks of a duty and its pulses. They are scanned only if the effect already reduces
@@ -471,7 +471,7 @@ def _scanned_with_effect(
 
 
 class _Probed(NamedTuple):
-    """A fit of a few steps, and the cost predicted for one undamped step from its start."""
+    """A fit of a few steps, and the cost predicted for a single undamped step from its start."""
 
     fit: Fit
     predicted_cost: float

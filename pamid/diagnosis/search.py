@@ -45,14 +45,14 @@ Array = NDArray[np.float64]
 
 WIDENINGS = 2  # of a guessed range at most, by 4 each: up to 16 times a typical magnitude
 STEP_HALVINGS = 3  # maximum number of halvings of a model's integration step
-# maximum number of models refitted with the opposite sign, and the share of the error that one must
+# maximum number of models refitted with the opposite sign, and the share of the error that any must
 # remove to put a sign in doubt
 MIRRORED_MOST, MIRRORED_SHARE = 3, 0.2
 
 
 @dataclass(frozen=True)
 class Search:
-    """Data, candidates and resources of one diagnosis, shared by all of its steps."""
+    """Data, candidates and resources of a diagnosis, shared by all of its steps."""
 
     evidence: DataSplit
     budget: Budget
@@ -190,7 +190,7 @@ def screened_candidates(
 
     If a rig has many ports of a kind, an effect is first screened at all of them together. An
     effect at a single port is a special case of this. If all ports together gain no more than
-    chance, we do not screen them one by one.
+    chance, we do not screen them separately.
     """
     evidence, run, progress = search.evidence, search.pool.run, search.progress
     work = _ScreeningWork(evidence, reference, search.budget.sizes, search.hints)
@@ -210,7 +210,7 @@ def screened_candidates(
     leaders = advancing(families, list(screened.values()), reference)
     advanced = run(_AdvanceWork(evidence, reference), leaders, progress)
     screened |= {s.added.label: s for s in advanced if not isinstance(s, Failed)}
-    # from here on only the gain reached counts, not the predicted one
+    # from here on only the gain reached counts, not the predicted gain
     final = [replace(s, rival=None) for s in screened.values()]
     return final, promising(families, final, reference)
 
@@ -243,7 +243,7 @@ def opposite_signs(
     The second entry is the share of the error that they remove.
     """
     mirrored_models = [(c, ranges) for c in models if (ranges := mirrored(c))]
-    # each one costs a refit
+    # each costs a refit
     mirrored_models = mirrored_models[:MIRRORED_MOST]
     starts = [
         RefitStart(

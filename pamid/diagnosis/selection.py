@@ -1,7 +1,7 @@
 """Effects added step by step, each step a comparison on the held-out windows.
 
 A step refits candidates on top of the model reached so far, pairs among them, and compares all of
-them with it. The best material one becomes the reference of the next step, until nothing material
+them with it. The best material model becomes the reference of the next step, until nothing material
 is added. A member whose removal costs nothing material is removed again. At the end every effect
 is held against the ones that tied with it, in the company of the others.
 """
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SelectionStep:
-    """One comparison.
+    """A comparison.
 
     reference: the model that the candidates extend; candidates: the material ones without
     objections, the lowest held-out loss first; tied: the confidence set, the best first; reduced:
@@ -61,7 +61,7 @@ class Selection:
     """The model with every effect that was added.
 
     without: by effect, the model less this effect, and less all of the same effect at several ports
-    under their common label; instead: by effect, models with another one in its place that tie;
+    under their common label; instead: by effect, models with another effect in its place that tie;
     after: the latent evidence at the ports next to the effects if a material part of the gap
     remains, else before them.
     """
@@ -96,8 +96,8 @@ def select_effects(
             # Greedy selection may have begun with an effect that two later ones replace. Backward
             # elimination corrects this.
             shorter = _needed_effects(search, comparison, extended)
-            # of as many effects as before it may still be better: one was replaced, or its gain
-            # led out of a local minimum
+            # of as many effects as before it may still be better: an effect was replaced, or its
+            # gain led out of a local minimum
             if not comparison.is_material(shorter, best):
                 break
             best = shorter
@@ -125,7 +125,7 @@ def select_effects(
 def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -> Round:
     """The round, with the effects refitted, too, that are as plain as the leader of their family.
 
-    Of one family the plainest that ties is named, and the best of as many parameters. Screening
+    Of each family the plainest that ties is named, and the best of as many parameters. Screening
     prefers those with more, and its few steps do not rank the others.
     """
     base = search.budget.baseline
@@ -198,7 +198,7 @@ def _larger(
     after: PortEvidence,
     responses: ScreenedResponses,
 ) -> list[CandidateModel]:
-    """Refitted models with one effect more than `best`: on top of it, at ports where the smoother
+    """Refitted models with an effect more than `best`: on top of it, at ports where the smoother
     finds something, and the best subsets of as many effects."""
     size = len(best.additions) + 1
     models: list[CandidateModel] = []
@@ -238,7 +238,8 @@ def _is_explained(
     search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
 ) -> bool:
     """Whether an effect of its family acts where the recordings cannot separate its place from this
-    one. Two joints may both have dry friction; two laws of it at one joint are one cause."""
+    place. Two joints may both have dry friction; two laws of it at the same joint are a single
+    cause."""
     places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
@@ -320,8 +321,8 @@ def with_needed_ports(
     """The model without the ports at which an effect is not needed: it ties with the whole without
     them.
 
-    The weakest is tried first, until one is needed. All are compared with the whole, because many
-    small losses add up.
+    The weakest is tried first, until an effect is needed. All are compared with the whole, because
+    many small losses add up.
     """
     best = whole
     while weakest := _weakest(best):
@@ -334,8 +335,8 @@ def with_needed_ports(
 
 
 def _weakest(model: CandidateModel) -> list[Attachment]:
-    """Members of effects at several ports that ended at nothing, else the least certain one; one of
-    them stays."""
+    """Members of effects at several ports that ended at nothing, else the least certain; the last
+    of them stays."""
     shared = [added.members for added in model.additions if len(added.members) > 1]
     gone = [
         a
@@ -355,8 +356,8 @@ def _with_rivals(
     selection: Selection,
 ) -> Selection:
     """The selection with the alternatives to every effect: the model without it, and models that do
-    as well with another one in its place or with the same one at a port that the recordings do not
-    separate."""
+    as well with another effect in its place or with the same effect at a port that the recordings
+    do not separate."""
     best, steps = selection.best, selection.steps
     without: dict[str, CandidateModel] = {}
     instead: dict[str, tuple[CandidateModel, ...]] = {}
@@ -395,7 +396,7 @@ def _with_rivals(
 
 def _moved(search: Search, added: Addition, located: PortEvidence) -> list[Attachment]:
     """The same effect at other ports of the kind that the recordings do not separate from its
-    one."""
+    place."""
     if len(added.members) > 1:
         return []
     alike = _alike(added, located)

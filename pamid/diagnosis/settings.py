@@ -18,8 +18,8 @@ from typing import Any
 from pamid.base.errors import UsageError, nearest
 
 BY_COMPARISON = (
-    "docs/measured/comparison.md: one of 60 rules on 47 recordings; 28 causes right or in a set of "
-    "two (27 with 138 settings), 1 of 6 healthy machines blamed (3)"
+    "docs/measured/comparison.md: chosen from 60 rules on 47 recordings; 28 causes right or in a "
+    "set of two (27 with 138 settings), 1 of 6 healthy machines blamed (3)"
 )
 BY_TRIAL = "tried together with all others by the blind trial (docs/measured/comparison.md)"
 COST_ONLY = "a bound of the cost (docs/measured/speed.md); it may only hide a candidate"
@@ -125,7 +125,7 @@ class Settings:
     horizon_s: float = setting(
         0.0,
         "s",
-        "over which one run predicts, in whole windows (0: by the next two; inf: recordings)",
+        "over which a run predicts, in whole windows (0: by the next two; inf: recordings)",
         "the time over which the model is used",
     )
     horizon_floor: float = setting(
@@ -154,7 +154,7 @@ class Settings:
     effects_most: int = setting(
         3,
         "effects",
-        "in one answer, at most",
+        "in an answer, at most",
         "pamid/trial/cases.py plants two at most; " + COST_ONLY,
     )
     refits: int = setting(

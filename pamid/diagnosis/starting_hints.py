@@ -40,7 +40,7 @@ class GapHints:
 
     peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI); periods:
     by motion port, of the gap over the position there (SI), strongest first; timescale_s:
-    correlation time of the recordings; plateaus: by reading, spacing and one level of those on
+    correlation time of the recordings; plateaus: by reading, spacing and a level of those on
     which it rests (SI); period_s: sampling period; extremes: by reading, the lowest and highest
     value per recording (SI).
     """
@@ -114,7 +114,7 @@ def _scale(output: Expr, reading: Expr) -> tuple[float, float] | None:
         return None
     zero, at_unit, two = (value.value for value in at)
     slope = at_unit - zero
-    # Three points distinguish a straight line from a curve of one bend.
+    # Three points distinguish a straight line from a curve with a single bend.
     straight = math.isclose(zero + two, 2.0 * at_unit)
     return (zero, slope) if straight and slope != 0.0 else None
 
@@ -221,7 +221,7 @@ def _periods(evidence: DataSplit, base: CandidateModel) -> dict[str, tuple[float
 
 
 def _recorded(channels: tuple[str, ...], base: CandidateModel, position: Expr) -> int | None:
-    """The channel that reads this position without a scale, if one does.
+    """The channel that reads this position without a scale, if any does.
 
     A missing effect acted at the position of the machine, not at that of a model without it. A
     model that is off by a part of a period smears every line.
@@ -282,7 +282,7 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
 
 
 def _contrast(at: NDArray[np.int64], values: Array) -> Array:
-    """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
+    """Power over spatial frequency, in quarters of 1/range, against its surroundings."""
     bins = SPATIAL_BINS
     # The mean count in the denominator shrinks bins with few samples, which would dominate the
     # spectrum by their noise.

@@ -1,1 +1,1 @@
-"""The catalogue: one file per effect. Dropping in a file adds it everywhere."""
+"""The catalogue: a file per effect. Dropping in a file adds it everywhere."""

@@ -2,7 +2,7 @@
 
 What it is
     A spool ground off its middle, a bridge whose two halves switch at different thresholds, a valve
-    that needs more to open than to close: on either side of zero the value has to pass its own
+    that needs more to open than to close: on either side of zero the value has to pass a different
     width before anything gets through.
 What it looks like
     Small values do nothing, to different amounts up and down; a symmetric drive leads to a mean
@@ -32,7 +32,7 @@ ABOVE = Parameter(
 
 
 class AsymmetricDeadZone(Effect):
-    """A dead band with a width above zero and one below."""
+    """A dead band with separate widths above and below zero."""
 
     family = "saturation"
     general_kinds = ("command", "reading")

@@ -1,11 +1,11 @@
 """A value with limits that differ between its two sides.
 
 What it is
-    A pump that works one way, a single-acting valve, an amplifier on one supply, a sensor mounted
-    near one end of its range: an upper and a lower limit, each where it is. `share` is the part of
-    what lies beyond that is lost (1: hard limits).
+    A pump that works one way, a single-acting valve, an amplifier on a single supply, a sensor
+    mounted near an end of its range: an upper and a lower limit, each where it is. `share` is the
+    part of what lies beyond that is lost (1: hard limits).
 What it looks like
-    Flat tops at one height and flat bottoms at another, or on one side only; inside nothing is
+    Flat tops and flat bottoms at different heights, or on one side only; inside nothing is
     changed.
 Looks like it
     Saturation (the same limit on both sides); rectification (a lower limit at 0); an overflow,

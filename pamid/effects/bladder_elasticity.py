@@ -32,7 +32,7 @@ from pamid.symbolic.vocabulary import Expr, Number, exp, maximum, minimum
 
 
 class BladderElasticity(Effect):
-    """The rubber's own pull."""
+    """The pull of the rubber."""
 
     family = "stiffness"
     kinds = ()

@@ -1,4 +1,4 @@
-"""Hysteresis with one smooth internal variable.
+"""Hysteresis with a smooth internal variable.
 
 What it is
     A deflection follows the motion, bends over and saturates. Depending on distance and direction

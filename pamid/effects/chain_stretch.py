@@ -2,8 +2,8 @@
 
 What it is
     Chain, cord or belt in series with the muscle give under load: the muscle is shorter than the
-    angle says and pulls less. Solved with one secant step for the pull at which muscle and chain
-    agree. The muscle's own damping then sits behind a spring: the pull comes late.
+    angle implies and pulls less. Solved with a single secant step for the pull at which muscle and
+    chain agree. The muscle's damping then sits behind a spring: the pull comes late.
 What it looks like
     A joint softer than the muscles alone would make it, by 2-10 %, the more so at high pressure
     where they are stiff.
@@ -12,9 +12,9 @@ Looks like it
     separates them, given force sensors. Slack is not modelled: two pulling muscles keep the chain
     taut.
 Equation
-    F = law at contraction + compliance F; with F0 the pull unstretched and F1 the one at the
+    F = law at contraction + compliance F; with F0 the pull unstretched and F1 the pull at the
     stretch of F0: F = F0 - F0 (F0 - F1)/(2 F0 - F1), lagged by compliance x drag x F/F0 (drag: the
-    muscle's own damping force per contraction rate, where the rig tells it)
+    muscle's damping force per contraction rate, where the rig tells it)
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319; Tondu (2012), J. Intelligent Material
     Systems and Structures 23(3), 225-253.

@@ -1,8 +1,9 @@
 """The readings carry the time of another clock.
 
 What it is
-    Commands and readings were stamped by two clocks: one started later (`start`), or runs faster
-    (`skew_ppm`, parts per million). All readings are then late, or early, by start + skew * time.
+    Commands and readings were stamped by two clocks: the second started later (`start`), or runs
+    faster (`skew_ppm`, parts per million). All readings are then late, or early, by start + skew *
+    time.
 What it looks like
     Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative
     of the signal. With a skew the shift grows along the recording, so that its end fits worse than
@@ -10,7 +11,7 @@ What it looks like
 Looks like it
     Dead time of the actuator, which readings late by a constant equal exactly: that part is left to
     it, and only a shift that grows, or readings that come early, are put down to a clock; a lag of
-    one sensor, which spares the rest.
+    a single sensor, which spares the rest.
 Equation
     reading(t) := reading(t - late),   late = start + skew * t
     early readings: reading - late * rate, the rate from sample to sample where the rig offers none
@@ -53,8 +54,8 @@ class ClockSkew(Effect):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         late = p.start + p.skew_ppm * 1e-6 * at.time
         after = delay(value, maximum(late, 0.0), LONGEST_LATE * at.rig_period_s)
-        # the past is remembered, the future is not: a reading that is early is led by its own
-        # slope, the one of the rig or that from the sample before
+        # the past is remembered, the future is not: a reading that is early is led by its
+        # slope, that of the rig or that from the sample before
         slope = at.rate if at.offers("rate") else rate_of(value)
         early = value - slope * late
         return where(late >= 0.0, after, early)

@@ -5,7 +5,7 @@ What it is
     preloaded cable.
 What it looks like
     Motion one way needs more force than the other, at every place and every speed; without drive
-    the mechanism creeps to one side unless friction holds it.
+    the mechanism creeps away unless friction holds it.
 Looks like it
     An offset of the command (the same for a drive without gain); a spring far from its rest;
     friction that differs between the two directions.

@@ -9,7 +9,7 @@ What it looks like
     Both sides move freely against each other for the width of the gap, then meet with a knock; the
     resonance between them falls at small amplitude.
 Looks like it
-    A softer spring (the same at every amplitude); dry friction at one of the masses; play ahead of
+    A softer spring (the same at every amplitude); dry friction at either mass; play ahead of
     a sensor, where no force is missing.
 Equation
     value *= 1 - half_gap/|stretch| where |stretch| > half_gap, 0 within the gap

@@ -37,8 +37,8 @@ class CubicStiffness(Effect):
         ).with_source("estimate: 1-50 % of the force at full stroke"),
         REST,
         Parameter.held("reach", 2.0, 1.0, 2.0, size="position").with_source(
-            "twice the stroke: farther out the spring goes on as a straight line, so that one that"
-            " softens does not run away faster than exponentially"
+            "twice the stroke: farther out the spring goes on as a straight line, so that a spring "
+            "that softens does not run away faster than exponentially"
         ),
     )
     symptoms = ("position",)

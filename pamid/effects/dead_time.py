@@ -2,7 +2,7 @@
 
 What it is
     Computing, bus and driver take a fixed time before the actuator sees the command (or the logger
-    the reading). One sample is the least a sampled loop can have; slow buses and valve drivers add
+    the reading). A sample is the least a sampled loop can have; slow buses and valve drivers add
     tens of milliseconds. In a pipe, a belt or a heated block the way to the sensor takes seconds to
     minutes: up to a tenth of the longest recording is tried.
 What it looks like
@@ -29,11 +29,11 @@ from pamid.symbolic.vocabulary import Expr, Number, delay
 
 # sampling periods: computing and buses keep pace with the log
 LONGEST_BUS_DELAY = 20.0
-# of the longest recording: transport takes its own time, however fast the log is sampled. A longer
+# of the longest recording: transport takes as long, however fast the log is sampled. A longer
 # delay leaves too little of the recording that has been through it
 LONGEST_DELAY_SHARE = 0.1
 # the squares of evenly spaced numbers: the misfit is narrow where a delay is short against the
-# motion, and a long one is still met to within a fiftieth
+# motion, and a long delay is still met to within a fiftieth
 SCANNED_DELAYS = (-0.01, 100, 2.0)
 
 
@@ -56,8 +56,8 @@ class DeadTime(Effect):
             tries=(1.0, 7.3, 11.7),
             scan=SCANNED_DELAYS,
         ).with_source(
-            "estimate: one sample to the 15 of slow buses and drivers; transport through pipes and"
-            " blocks up to a tenth of a recording"
+            "estimate: from a sample to the 15 of slow buses and drivers; transport through pipes "
+            "and blocks up to a tenth of a recording"
         ),
     )
     symptoms = ("lags", "rings")

@@ -5,7 +5,7 @@ What it is
     coupling ahead of a sensor. Inside the band nothing gets through, outside it the rest.
 What it looks like
     Small commands do nothing; every reversal is followed by a pause; a controller settles with an
-    error of its own or hunts slowly about the target.
+    error or hunts slowly about the target.
 Looks like it
     Dry friction (there the actuator's force still moves while the mechanism sticks); backlash,
     which depends on where the motion came from; quantisation, which repeats the flat at every

@@ -1,8 +1,8 @@
 """Dry friction that differs between the directions.
 
 What it is
-    A lip seal that wipes one way, a worm gear, a chain that climbs its wheel, a piston rod of one
-    side only: it takes more force to slide one way than the other.
+    A lip seal that wipes one way, a worm gear, a chain that climbs its wheel, a single-sided
+    piston rod: it takes more force to slide one way than the other.
 What it looks like
     The mechanism stops short on both sides, by unequal amounts; the two branches of the loop are
     not symmetric about the model's.

@@ -29,7 +29,7 @@ TRIED_PEAKS = 4
 
 
 class ExternalVibration(Effect):
-    """Force at one frequency; its phase belongs to one recording."""
+    """Force at a single frequency; its phase belongs to the recording."""
 
     family = "external-disturbance"
     kinds = ("motion",)
@@ -40,7 +40,8 @@ class ExternalVibration(Effect):
         Parameter.level(0.0, -0.4, 0.4, name="cosine", spread=0.05).with_source(
             "0.1-2 N m on a 10 N m joint"
         ),
-        # slower ones follow the motion as friction does: on EMPS one of 0.48 Hz would rival it
+        # slower ones follow the motion as friction does: on EMPS a vibration of 0.48 Hz would rival
+        # it
         Parameter.positive(
             "frequency", 3.0, 0.6, 36.0, factor=3.0, size="1/timescale", tries=(0.9, 7.2, 15.0)
         ).with_source("1-50 Hz on a joint; the peaks of the residual's spectrum are tried first"),
@@ -53,7 +54,7 @@ class ExternalVibration(Effect):
         return value + p.sine * sin(turn) + p.cosine * cos(turn)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """One start per peak of the gap's spectrum: a frequency off by more than 1/duration never
+        """A start per peak of the gap's spectrum: a frequency off by more than 1/duration never
         finds its way."""
         frequency = next(q for q in self.parameters if q.name == "frequency")
         low, high = frequency.low / hints.timescale_s, frequency.high / hints.timescale_s

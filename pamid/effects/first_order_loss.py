@@ -37,7 +37,7 @@ class FirstOrderLoss(Effect):
     signals = ("stored",)
     parameters = (
         Parameter.slope("rate", "stored", 0.1, 0.0, 5.0, spread=0.5).with_source(
-            "estimate: 1 / time constant, a tenth of the store's own rate"
+            "estimate: 1 / time constant, a tenth of the rate of the store"
         ),
         AMBIENT,
     )

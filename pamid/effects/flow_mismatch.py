@@ -25,7 +25,7 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 
 class FlowMismatch(Effect):
-    """More flow for one muscle, less for the other."""
+    """More flow for a muscle, less for the other."""
 
     family = "flow-mismatch"
     kinds = ("flow",)

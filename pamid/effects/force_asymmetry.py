@@ -1,8 +1,8 @@
 """Two muscles of unequal strength.
 
 What it is
-    Specimens of one type differ by 5-10 % in force. Half of the difference is given to the first
-    muscle and taken from the second; their common scale is a parameter of the rig.
+    Specimens of the same type differ by 5-10 % in force. Half of the difference is given to the
+    first muscle and taken from the second; their common scale is a parameter of the rig.
 What it looks like
     At equal pressures the joint does not stand in the middle, and the place where it stands moves
     with the pressure; the answers to a command and to its mirror image differ.
@@ -26,7 +26,7 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 
 class ForceAsymmetry(Effect):
-    """One muscle stronger than the other."""
+    """A muscle stronger than its antagonist."""
 
     family = "asymmetry"
     kinds = ("actuator-force",)

@@ -8,8 +8,8 @@ What it looks like
     The reading bounces off zero whenever the true value passes through it; twice the frequency of a
     symmetric drive, and a mean that grows with the amplitude.
 Looks like it
-    Rectification of one side (fold 0.5); a gain error on a signal of one sign, where nothing is to
-    be seen; a wrong sign of the column, which shows no bounce.
+    Rectification of one side (fold 0.5); a gain error on a signal of constant sign, where nothing
+    is to be seen; a wrong sign of the column, which shows no bounce.
 Equation
     value = (1 - |fold|) value + fold |value|
 References
@@ -28,7 +28,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute
 
 
 class FullWaveRectification(Effect):
-    """The negative side is folded onto the positive one."""
+    """The negative side is folded onto the positive side."""
 
     family = "saturation"
     general_kinds = ("reading",)

@@ -2,8 +2,8 @@
 
 What it is
     An amplifier, a motor's magnets, a pump's oil, a strain gauge: from the beginning of a recording
-    the gain moves towards another value, fast at first, with one time constant. Where that is long
-    against the recording, the gain drifts in a straight line.
+    the gain moves towards another value, fast at first, with a single time constant. Where that is
+    long against the recording, the gain drifts in a straight line.
 What it looks like
     The same motion is repeated with another amplitude later on; a fit to the first minutes is off
     in the last; the error follows the value, with a factor that changes slowly.

@@ -1,4 +1,4 @@
-"""A gain that is not what the data sheet says.
+"""A gain that differs from the data sheet.
 
 What it is
     A wrong calibration factor: of an amplifier, a valve, a sensor; a wrong number of encoder lines

@@ -3,7 +3,7 @@
 What it is
     Natural convection (with the power 1.25 of the difference of temperatures), boiling (3), what a
     hot body radiates (up to 4), evaporation, a seal that opens with the pressure. `loss` is the
-    rate at the typical store. A power below one is a loss through an orifice.
+    rate at the typical store. A power below 1 is a loss through an orifice.
 What it looks like
     The fuller the store, the steeper it falls; near empty it behaves as if nothing were lost. A
     model with a loss in proportion is too high at the top, or too low in between, never right in
@@ -31,7 +31,7 @@ EMPTY = 1e-6  # of the reference: below it nothing is lost
 
 
 class GrowingLoss(Effect):
-    """A loss with a power above one of the store."""
+    """A loss with a power of the store above 1."""
 
     family = "leak"
     general_kinds = ("rate",)

@@ -2,7 +2,7 @@
 
 What it is
     Fittings, a worn seat or a small hole let the stored quantity escape all the time. Where the
-    port offers the flow through its own open outlet (a vent valve), the leak is a share of that;
+    port offers the flow through its open outlet (a vent valve), the leak is a share of that;
     elsewhere it follows an orifice: the square root of what is stored, turning laminar near empty.
 What it looks like
     The level or pressure falls by itself with everything shut, monotonically and down to the
@@ -41,7 +41,7 @@ class Leak(Effect):
         ),
         REFERENCE,
     )
-    # an outflow of its own: as fast as the store itself is filled and emptied
+    # a separate outflow: as fast as the store itself is filled and emptied
     general_parameters = (
         replace(OrificeLoss.parameters[0], name="share", size="value/stored"),
         REFERENCE,

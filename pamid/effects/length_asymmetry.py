@@ -1,12 +1,12 @@
 """Two muscles of unequal length.
 
 What it is
-    Clamping and chain leave one muscle longer than the other when the joint stands in the middle:
-    its contraction is larger by half the difference, the other one's smaller.
+    Clamping and chain leave a muscle longer than the other when the joint stands in the middle:
+    its contraction is larger by half the difference, that of the other smaller.
 What it looks like
     An angle away from the middle at equal pressures, the same at every pressure.
 Looks like it
-    An offset of the angle sensor, exactly: the two are one thing to every experiment without an
+    An offset of the angle sensor, exactly: the two are the same to every experiment without an
     absolute mechanical reference. Unequal strength: there the middle moves with the pressure.
 Equation
     force += law(contraction + side * difference / 2, p) - law(contraction, p)
@@ -25,7 +25,7 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 
 class LengthAsymmetry(Effect):
-    """One muscle more contracted than the other."""
+    """A muscle more contracted than its antagonist."""
 
     family = "asymmetry"
     kinds = ("actuator-force",)

@@ -4,8 +4,8 @@ What it is
     A hose, a cable loom, a bellows, a return spring: a force in proportion to the distance from
     where it is slack.
 What it looks like
-    More force is needed the farther the mechanism stands from one place; released, it drifts back
-    there; the resonance lies higher than mass and drive explain.
+    More force is needed the farther the mechanism stands from a place of rest; released, it drifts
+    back there; the resonance lies higher than mass and drive explain.
 Looks like it
     A constant offset (the same force everywhere: record two positions); gravity on a joint, which
     is a sine of the angle; a smaller mass, which moves the resonance the same way but leaves

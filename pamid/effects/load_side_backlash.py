@@ -2,7 +2,7 @@
 
 What it is
     The gear of a servo has clearance, and its encoder sits on the output shaft, as in every hobby
-    servo: what is read, and what the servo's loop sees, is the joint. The motor's own inertia moves
+    servo: what is read, and what the servo's loop sees, is the joint. The motor's inertia moves
     freely within the gap, where nothing drives the joint.
 What it looks like
     A buzz of a few encoder steps about every target; at reversals the joint coasts until the motor
@@ -38,7 +38,7 @@ class LoadSideBacklash(OutboardEffect):
     parameters = (
         *Backlash.parameters,
         Parameter("motor_feedback", 0.9, 0.0, 1.0, spread=0.5, tries=(0.1,)).with_source(
-            "of what the servo's loop sees: 1 its own encoder, 0 the one behind the gap"
+            "of what the servo's loop sees: 1 the motor's encoder, 0 the encoder behind the gap"
         ),
     )
     symptoms = ("one-frequency", "reversals")

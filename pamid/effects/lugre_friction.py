@@ -28,8 +28,8 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, bristle
 
 
 class LugreFriction(Effect):
-    """LuGre friction with the bristle held by the engine, exact over a step one way; never stiff in
-    its state."""
+    """LuGre friction with the bristle held by the engine, exact over a monotonic step; never stiff
+    in its state."""
 
     family = "friction"
     kinds = ("motion",)

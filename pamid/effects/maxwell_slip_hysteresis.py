@@ -1,17 +1,17 @@
 """Hysteresis of parallel elasto-slip elements.
 
 What it is
-    Four springs in parallel, each slipping at its own stretch, hold back every motion; the memory
-    is non-local, so minor loops close. In a muscle threads rub on threads and on rubber, and the
-    friction grows with the pressure that presses the braid together; at a general port it is a
+    Four springs in parallel, each slipping at a different stretch, hold back every motion; the
+    memory is non-local, so minor loops close. In a muscle threads rub on threads and on rubber, and
+    the friction grows with the pressure that presses the braid together; at a general port it is a
     bundle of wires, a leaf spring, a wound seal, a rubber mount.
 What it looks like
     Static loops of force over position that do not depend on the rate (0.01-1 Hz); their width
     grows, up to a few reaches, with the stroke, in a muscle also with the pressure.
 Looks like it
     Dry friction in the joint (width independent of pressure); muscle damping (grows with the rate);
-    Bouc-Wen and Prandtl-Ishlinskii forms of the same loops; thread friction, which has one short
-    reach.
+    Bouc-Wen and Prandtl-Ishlinskii forms of the same loops; thread friction, which has a single
+    short reach.
 Equation
     value -= A sum_i w_i stop(position, d_i)/d_i; w = .4 .3 .2 .1, d = (0.1, 0.4, 1, 2.5) reach;
     A = level, in a muscle level (0.2 + 0.8 p/6 bar)

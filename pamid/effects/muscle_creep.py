@@ -2,11 +2,12 @@
 
 What it is
     Part of the force builds up late: the rubber goes on giving for seconds to minutes after a
-    change. A positive share is creep (the force arrives late), a negative one relaxation (the force
-    fades after a change).
+    change. A positive share is creep (the force arrives late), a negative share relaxation (the
+    force fades after a change).
 What it looks like
-    After a change the force of a held muscle, or the length of a loaded one, drifts on for seconds
-    to minutes while the pressure stays; the first cycles after a rest differ from the later ones.
+    After a change the force of a held muscle, or the length of a loaded muscle, drifts on for
+    seconds to minutes while the pressure stays; the first cycles after a rest differ from the later
+    ones.
     Two equal muscles that pull against each other without a load creep alike: the forces show it,
     the angle hardly.
 Looks like it
@@ -29,7 +30,7 @@ from pamid.symbolic.vocabulary import Expr, Number, lag
 
 
 class MuscleCreep(Effect):
-    """One delayed branch of the force (standard linear solid)."""
+    """A delayed branch of the force (standard linear solid)."""
 
     family = "muscle-creep"
     kinds = ("actuator-force",)

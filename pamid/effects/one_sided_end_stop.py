@@ -4,10 +4,10 @@ What it is
     A buffer at one end of a slide, a hatch that falls on its frame, a lever with a stop screw on
     one side only: beyond `upper`, or below `lower`, it pushes back as an end stop does.
 What it looks like
-    Position clipped on one side, with a rebound, while the other side is swung through as the model
-    says; the mean of a vibration moves away from the stop.
+    Position clipped on one side, with a rebound, while the other side is swung through as in the
+    model; the mean of a vibration moves away from the stop.
 Looks like it
-    An end stop at the same distance on both sides, where only one of them is reached; a spring that
+    An end stop at the same distance on both sides, where only one is reached; a spring that
     hardens; an asymmetric saturation of the reading, behind which the machine goes on.
 Equation
     d = max(0, position - upper), value -= stiffness d max(0, 1 + (dd/dt)/speed); likewise below

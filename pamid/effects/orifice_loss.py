@@ -28,7 +28,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
 
 LOSS = Parameter("loss", 0.1, 0.0, 5.0, spread=0.5, size="value", null=0.0).with_source(
-    "estimate: a tenth of the store's own rate"
+    "estimate: a tenth of the rate of the store"
 )
 REFERENCE = Parameter.held("reference", 1.0, 0.1, 10.0, size="stored").with_source(
     "typical stored quantity; only sets the scale of the orifice law"

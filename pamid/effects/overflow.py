@@ -4,7 +4,7 @@ What it is
     A tank that spills over its rim, a relief valve that lifts, a battery that gasses: what is
     stored beyond a level is lost, the faster the more there is of it.
 What it looks like
-    The stored quantity hardly rises above one level whatever flows in; below it the model is right.
+    The stored quantity hardly rises above a level whatever flows in; below it the model is right.
 Looks like it
     A saturated sensor (the reading stops, the store does not: what flows out goes on rising); a
     leak or first-order loss, which acts at every level; saturation of the inflow.
@@ -41,7 +41,7 @@ class Overflow(Effect):
     signals = ("stored",)
     parameters = (
         Parameter.slope("gain", "stored", 5.0, 0.0, 50.0, spread=10.0).with_source(
-            "estimate: several times the store's own rate, or the rim would not hold the level"
+            "estimate: several times the rate of the store, or the rim would not hold the level"
         ),
         Parameter("level", 0.8, 0.1, 1.2, spread=0.3, size="stored", tries=(0.6,)).with_source(
             "estimate: seen only if it lies below the largest level"

@@ -1,12 +1,12 @@
-"""Overflow of one store into the next.
+"""Overflow of a store into the next.
 
 What it is
-    Two tanks, one above the other: beyond a level the upper one spills, and a share of that falls
-    into the lower one, the rest beside it. Two ports take part: that of the store that spills
+    Two tanks, stacked: beyond a level the upper tank spills, and a share of that falls into the
+    lower tank, the rest outside. Two ports take part: that of the store that spills
     offers `downstream`, what is stored in the other; that of the store that receives offers
-    `upstream`. Both lose and gain by one law. The share also holds the ratio of their areas.
+    `upstream`. Both lose and gain by the same law. The share also holds the ratio of their areas.
 What it looks like
-    The upper level hardly rises beyond one height, and just then the lower one rises faster than
+    The upper level hardly rises beyond a height, and just then the lower level rises faster than
     what flows through between them.
 Looks like it
     An overflow that is lost (the lower store does not receive it); a saturated sensor above; a
@@ -30,7 +30,7 @@ from pamid.symbolic.vocabulary import Expr, Number, maximum
 
 
 class OverflowIntoStore(Effect):
-    """A loss above a level in one store, and a share of it gained by another."""
+    """A loss above a level in a store, and a share of it gained by another."""
 
     family = "overflow"
     general_kinds = ("rate",)

@@ -2,11 +2,11 @@
 
 What it is
     A gear, a coupling or a linkage with clearance. The drive moves through the gap first, then it
-    takes along what stays where it was left, by its own friction: the load with the sensor on it,
+    takes along what stays where it was left, by friction: the load with the sensor on it,
     or the spool behind a lever.
 What it looks like
     After every reversal the reading rests for the width of the gap although the drive moves;
-    beyond that it follows one to one, behind by half of the gap on either side.
+    beyond that it follows at gain 1, behind by half of the gap on either side.
 Looks like it
     Dry friction (there the drive stands as well); a dead zone, which lies about zero and not where
     the motion turned; a delay, whose gap grows with the speed; play in which the load swings freely

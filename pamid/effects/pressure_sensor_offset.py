@@ -6,7 +6,8 @@ What it looks like
     The readings at rest, vented, are not zero; angle and forces do not see it.
 Looks like it
     A gain error of the sensors (grows with pressure: without a wide range of pressures the two are
-    one); a wrong supply or initial pressure. Five seconds of vented muscles at the start settle it.
+    the same); a wrong supply or initial pressure. Five seconds of vented muscles at the start
+    settle it.
 Equation
     pressure += offset
 References

@@ -1,12 +1,12 @@
 """Pulse-width modulation: the duty comes in steps, and the flow comes in pulses.
 
 What it is
-    A pulse is a whole number of controller ticks long, so that the duty is rounded to one tick per
+    A pulse is a whole number of controller ticks long, so that the duty is rounded to a tick per
     pulse period (10 % for 3 ms in 30 ms). The timer reads the duty once per period, or compares it
     with a ramp all the time, and between the pulses the valve is shut: the mean is right, the
     moment is not.
 What it looks like
-    Plateaus of pressure rate in a slow ramp of the command; a limit cycle of one step of the duty;
+    Plateaus of pressure rate in a slow ramp of the command; a limit cycle of a step of the duty;
     a line at the pulse frequency (33 Hz for 30 ms) in the pressures, which the angle hardly shows.
 Looks like it
     Quantised readings (steps in the reading, none in the pressure rate); switching delays of the
@@ -47,7 +47,7 @@ EIGHTHS = tuple(k / 8.0 for k in range(8))
 # steps tried: a twentieth of a step more per pulse each time, down to 2 %
 SCANNED_TICKS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
-WHOLE_STEP = 1e-6  # of a step: a pulse that begins with one is not taken for one of the step before
+WHOLE_STEP = 1e-6  # of a step: a pulse that begins with a step belongs to that step
 
 
 def rounding_error(x: Expr) -> Expr:
@@ -61,8 +61,8 @@ def rounding_error(x: Expr) -> Expr:
 def pulses(
     running: Expr, following: Expr, begun_s: Expr, length_s: Number, period_s: Number
 ) -> Expr:
-    """Mean of pulses of +-1 over the next `length_s`, which may hold many periods: of the one that
-    is running, `begun_s` into its period (s), and of those that follow it, of these duties."""
+    """Mean of pulses of +-1 over the next `length_s`, which may hold many periods: of the period
+    that is running, `begun_s` into its period (s), and of those that follow it, of these duties."""
     end = begun_s + length_s
     first = absolute(running) * period_s
     inside = minimum(minimum(end, period_s), first) - minimum(begun_s, first)
@@ -81,7 +81,7 @@ class PwmQuantisation(Effect):
     parameters = (
         Parameter.share(
             "step", 0.1, 0.0, 0.34, spread=0.08, tries=(0.033, 0.06, 0.2), scan=SCANNED_TICKS
-        ).with_source("one 3 ms tick in a pulse period of 9-90 ms"),
+        ).with_source("a 3 ms tick in a pulse period of 9-90 ms"),
         Parameter.share("ripple", 0.0, 0.0, 1.0, spread=0.5, tries=(1.0,)).with_source(
             "0: averaged valve, 1: true pulses"
         ),
@@ -108,7 +108,7 @@ class PwmQuantisation(Effect):
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """Pulses that show: starts at the strongest line of the gap's spectrum that may be theirs,
-        one per eighth of a turn, from which the phase finds its way."""
+        a start per eighth of a turn, from which the phase finds its way."""
         period = next(q for q in self.parameters if q.name == "pulse_period")
         shown = [
             1.0 / f

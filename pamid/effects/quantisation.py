@@ -5,15 +5,15 @@ What it is
     steps are drawn with a short ramp between them, as noise of a twentieth of a step rounds off
     their corners on the average.
 What it looks like
-    Plateaus and jumps of one size; a histogram of the signal shows needles; its derivative is a
+    Plateaus and jumps of equal size; a histogram of the signal shows needles; its derivative is a
     comb. The error looks like noise of even spread, a step wide, once the signal moves through many
     steps.
 Looks like it
-    Sensor noise (no needles in the histogram); a dead zone (one flat only, about zero); dry
+    Sensor noise (no needles in the histogram); a dead zone (a single flat, about zero); dry
     friction, if the plateaus are where the motion reverses.
 Equation
     value := level + quantum * round((value - level) / quantum)
-    At a reading the quantum, and where one of the levels is, are taken from the plateaus on which
+    At a reading the quantum, and where any of the levels is, are taken from the plateaus on which
     the recorded values rest (in kelvin no whole number of steps from zero); at a command zero is a
     level, and the quantum is fitted.
 References
@@ -33,7 +33,7 @@ from pamid.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 
 # quanta tried: a quarter of a step more in the largest value each time, up to a hundred in it
 SCANNED_STEPS = (0.05, 400)
-RAMP = 0.1  # of a step: within it the output climbs from one level to the next
+RAMP = 0.1  # of a step: within it the output climbs to the next level
 
 
 class Quantisation(Effect):
@@ -77,6 +77,6 @@ class Quantisation(Effect):
         whole = floor(steps)
         part = clip((steps - whole - 0.5) * (1.0 / RAMP) + 0.5, 0.0, 1.0)
         error = p.quantum * (whole + part - steps)
-        # a rounded reading follows its value on the average: with the staircase's own slope,
+        # a rounded reading follows its value on the average: with the staircase's slope,
         # nothing on the plateaus and much on the risers, no fit finds the states behind it
         return value + (held(error) if at.kind in self.mean_slope_at else error)

@@ -4,7 +4,7 @@ What it is
     A diode, a check valve, an amplifier or pump that works one way only: the negative side does not
     get through. `share` is the part of it that is lost (1: all of it).
 What it looks like
-    One half of every swing is missing; the mean moves with the amplitude; even harmonics of a sine
+    Half of every swing is missing; the mean moves with the amplitude; even harmonics of a sine
     drive appear.
 Looks like it
     An offset (does not grow with the amplitude); saturation (acts on both sides); friction or

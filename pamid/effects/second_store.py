@@ -3,15 +3,15 @@
 What it is
     The core of a block behind the surface that the sensor touches, the winding of a motor behind
     its housing, air in a hose behind the vessel, water in a branch: part of what flows in goes on
-    into a second store, which fills and empties later, through a resistance of its own.
+    into a second store, which fills and empties later, through a separate resistance.
 What it looks like
     After a step the stored quantity moves fast at first and then goes on slowly; shut off, it falls
     back by a part of what it had risen, though nothing is lost. Slow cycles find the whole
     capacity, fast ones the first store alone.
 Looks like it
-    A sensor that follows late (the same curve where only one cycle is seen, but never faster than
-    the whole capacity allows); a loss (it does not come back); readings that are stamped early, for
-    the fast half alone; of a gas heat that goes to the wall.
+    A sensor that follows late (the same curve where only a single cycle is seen, but never faster
+    than the whole capacity allows); a loss (it does not come back); readings that are stamped
+    early, for the fast half alone; of a gas heat that goes to the wall.
 Equation
     value = (value - share d / time_constant) / (1 - share), dd/dt = value - d / time_constant, with
     d by what the first store is fuller than the second, share of the capacity in the second
@@ -42,7 +42,8 @@ class SecondStore(Effect):
             "estimate: the core of a block, the winding of a motor: 10-60 % of the capacity"
         ),
         Parameter.time(0.5, 0.03, 5.0, factor=3.0, size="timescale", tries=(0.15, 1.5)).with_source(
-            "estimate, in correlation times: what is faster is one store, what is slower a loss"
+            "estimate, in correlation times: what is faster acts as a single store, what is slower "
+            "a loss"
         ),
     )
     symptoms = ("drifts", "level")

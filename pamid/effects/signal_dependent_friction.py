@@ -4,11 +4,11 @@ What it is
     Something sets how hard the surfaces hold each other: the current of a brake, the voltage at the
     coil of a damper with a magnetised fluid, the pressure behind a seal, the load on a guide. The
     level of friction is a part that is always there and a part in proportion to that signal. The
-    port offers the signal under `level`, or under its own name: current, voltage,
-    pressure, temperature, load (the first of these counts; a load has an effect of its own).
+    port offers the signal under `level`, or under its name: current, voltage,
+    pressure, temperature, load (the first of these counts; a load has a separate effect).
 What it looks like
     The width of the loop between motion back and forth differs between stretches at another
-    current, pressure or load; within one stretch it looks like plain dry friction.
+    current, pressure or load; within a stretch it looks like plain dry friction.
 Looks like it
     Coulomb and Dahl friction (constant width: the signal has to change to tell them apart);
     load-dependent friction (nothing is left where the load is gone); hysteresis of a spring.
@@ -30,7 +30,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, stop
 
 
 class SignalDependentFriction(Effect):
-    """Dry friction with a constant level and one in proportion to a signal."""
+    """Dry friction with a constant level and a level in proportion to a signal."""
 
     family = "friction"
     general_kinds = ("motion",)

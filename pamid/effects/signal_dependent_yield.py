@@ -3,14 +3,14 @@
 What it is
     A damper with a magnetised or an electrified fluid, a brake with a film: below the yield the
     force grows with speed, above it the level holds, which a current, a voltage, a pressure or a
-    load sets. The port offers the signal under `level`, or under its own name: current, voltage,
-    pressure, temperature, load (the first of these counts; a load has an effect of its own).
+    load sets. The port offers the signal under `level`, or under its name: current, voltage,
+    pressure, temperature, load (the first of these counts; a load has a separate effect).
 What it looks like
     Rounded steps of force over speed, higher where the signal is larger; at reversals nothing
     sticks.
 Looks like it
-    Signal-dependent friction, which turns over a way instead of a speed; yielding friction, at one
-    level (the signal has to change to tell them apart); saturation of the force sensor.
+    Signal-dependent friction, which turns over a way instead of a speed; yielding friction, at a
+    constant level (the signal has to change to tell them apart); saturation of the force sensor.
 Equation
     value -= (base + slope |level|) * tanh(velocity / speed)
 References
@@ -30,7 +30,8 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, tanh
 
 
 class SignalDependentYield(Effect):
-    """Friction that sets in with speed, with a constant level and one in proportion to a signal."""
+    """Friction that sets in with speed, with a constant level and a level in proportion to a
+    signal."""
 
     family = "friction"
     general_kinds = ("motion",)

@@ -8,7 +8,7 @@ What it looks like
     A loop between what goes in and what comes out, of the same width slow and fast; the value after
     a long way up differs from that after a long way down; small loops close.
 Looks like it
-    A lag (its loop closes at low speed); play, which is one loop of full width and no rounding;
+    A lag (its loop closes at low speed); play, which is a loop of full width and no rounding;
     hysteresis of a force on the mechanism, which moves with the other sensors.
 Equation
     value -= share sum_i w_i stop(value, d_i); w = .4 .3 .2 .1, d = (0.1, 0.4, 1, 2.5) reach

@@ -1,9 +1,9 @@
 """A supply that gives way under flow.
 
 What it is
-    Hose, regulator and fittings in front of the valves have a resistance of their own: the pressure
-    at the valves falls with the total flow drawn. Solved with one step of the secant rule for the
-    flow that drops its own supply.
+    Hose, regulator and fittings in front of the valves have a resistance: the pressure
+    at the valves falls with the total flow drawn. Solved with a single step of the secant rule for
+    the flow that drops the supply.
 What it looks like
     Fast filling is slower than the valve alone would allow, slow filling is not; muscles filled
     together slow each other down; a gauge at the valve block dips.
@@ -35,7 +35,7 @@ class SupplySag(Effect):
     family = "supply-sag"
     kinds = ("flow",)
     signals = ("supply", "drawn", "fill")
-    everywhere = True  # all valves draw on one supply
+    everywhere = True  # all valves draw on the same supply
     parameters = (
         Parameter("sag", 45.0, 0.0, 150.0, "kPa", spread=40.0, null=0.0).with_source(
             "estimate: 0.1-0.6 bar lost at the full flow of 3 l/s"

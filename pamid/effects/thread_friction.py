@@ -2,7 +2,7 @@
 
 What it is
     Crossing threads slide over each other under the pressure of the air: dry friction strictly in
-    proportion to pressure, with one short presliding reach.
+    proportion to pressure, with a short presliding reach.
 What it looks like
     Loops of contraction whose width divided by pressure is constant; none at all in a vented
     muscle.

@@ -2,7 +2,7 @@
 
 What it is
     A share of the inertia sits behind something elastic: a slender arm, a coupling, a mount.
-    Measured at the joint, this outboard part swings at its own frequency and pulls back on the
+    Measured at the joint, this outboard part swings at its natural frequency and pulls back on the
     joint.
 What it looks like
     Ringing at a frequency that depends neither on pressure nor on amplitude; an anti-resonance
@@ -16,7 +16,7 @@ Equation
     Where the port offers `behind`, a joint of an arm that carries J - A in addition to its motor A:
     T, J and g, the acceleration of what it carries when let go, are those of the pose turned by
     share q; share is that of J - A, and so share (J - A)/J of J; w^2 and w are multiplied by the
-    usual J - A over that in this pose, so that the stiffness is one number
+    usual J - A over that in this pose, so that the stiffness is a single number
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319.
 """
@@ -37,7 +37,8 @@ DAMPING = Parameter.positive("damping", 0.02, 0.003, 0.5, factor=2.5, tries=(0.1
 
 
 class TwoMass(OutboardEffect):
-    """Outboard inertia on a damped spring; `frequency` is its own with the joint held."""
+    """Outboard inertia on a damped spring; `frequency` is its natural frequency with the joint
+    held."""
 
     family = "flexible-transmission"
     kinds = ("transmission",)

@@ -1,9 +1,9 @@
 """Friction that sets in smoothly with speed.
 
 What it is
-    A force against the motion that is in proportion to speed while it is slow and stays at one
-    level above a certain speed: a fluid or a grease that yields, a magnetised fluid, a film that
-    carries the more the faster it is sheared, the rubbing of many small contacts.
+    A force against the motion that is in proportion to speed while it is slow and stays at a
+    constant level above a certain speed: a fluid or a grease that yields, a magnetised fluid, a
+    film that carries the more the faster it is sheared, the rubbing of many small contacts.
 What it looks like
     Over speed the missing force is a step with rounded shoulders; at reversals nothing sticks, and
     the force passes through zero together with the speed.

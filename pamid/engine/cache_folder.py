@@ -20,7 +20,7 @@ def home_cache() -> Path | None:
 
 
 def user_cache() -> Path:
-    """The user's folder for caches; a private one for this process where there is no home."""
+    """The user's folder for caches; a private folder for this process where there is no home."""
     return home_cache() or private_folder()
 
 
@@ -28,7 +28,7 @@ def user_cache() -> Path:
 def private_folder() -> Path:
     """An empty folder of this process alone, removed when it ends."""
     folder = Path(tempfile.mkdtemp(prefix="pamid-"))
-    # Code of one process is of no use to the next one, and temporary folders of a service are
+    # Code of a process is of no use to the next, and temporary folders of a service are
     # rarely cleaned.
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -65,7 +65,7 @@ class LeastSquares(ABC, Generic[Point, Step]):
         return at
 
     def settled(self, gain: float, before: Point, after: Point) -> bool:
-        """Whether the gain of the step taken is too small for another one."""
+        """Whether the gain of the step taken is too small for another step."""
         return False
 
     def calm(self, step: Step, damping: float) -> bool:
@@ -73,7 +73,7 @@ class LeastSquares(ABC, Generic[Point, Step]):
         return False
 
     def stuck(self, at: Point, step: Step) -> bool:
-        """Whether no shorter step than this failed one would gain anything."""
+        """Whether no shorter step than this failed step would gain anything."""
         return False
 
 
@@ -101,16 +101,16 @@ def iterate(
     if begun.settled:
         return begun
     for count in range(begun.steps + 1, steps + 1):
-        # A rejected step is solved again from the same point. Only an accepted one pays for new
+        # A rejected step is solved again from the same point. Only an accepted step pays for new
         # derivatives.
         step = problem.step(point, damping)
         if step is None:
             return Iteration(point, damping, count - 1, calm)
         trial = problem.moved(point, step, count == steps)
         gain = point.cost - trial.cost
-        if gain > 0.0:  # False where one is not a number
-            # Marquardt's own rule: success or failure alone moves lambda, not the ratio of the
-            # gain to the promised one, for which not every problem here has the quadratic at hand
+        if gain > 0.0:  # False where either is not a number
+            # Marquardt's rule: success or failure alone moves lambda, not the ratio of the
+            # gain to the promised gain, for which not every problem here has the quadratic at hand
             before, point = point, problem.linearised(trial)
             damping = max(rule.falls * damping, rule.least)
             calm = calm + 1 if problem.calm(step, damping) else 0

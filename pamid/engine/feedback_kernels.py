@@ -1,11 +1,11 @@
-"""Compiled passes through a tanh layer that sees its network's own earlier outputs (external
+"""Compiled passes through a tanh layer that sees its network's earlier outputs (external
 dynamics).
 
 The layer is y(k) = l . tanh(drive(k) + F [y(k-s), y(k-2s), ..., y(k-ls)]) + c, where drive(k) = W
 taps(k) + b holds all that comes from outside. Sensitivities go through the fed-back outputs:
     dy(k)/dw = direct(k) + sum_j g_j(k) dy(k-js)/dw,   g_j(k) = sum_i l_i (1 - x_i^2) F_ij,   x =
     tanh(...)
-Since only the output is fed back, one row per sample is carried on, and the Jacobian itself is the
+Since only the output is fed back, a row per sample is carried on, and the Jacobian itself is the
 memory.
 
 Column order of the Jacobian: unit by unit, and within unit i its q tap weights, its l feedback

@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic as _intrinsic
 
-# numba's own annotation keeps the typing context that a call leaves out
+# numba's annotation keeps the typing context that a call leaves out
 intrinsic: Any = _intrinsic
 
 
@@ -51,7 +51,7 @@ def call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyp
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
         words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
-        # A slice of the inputs at every sample would make an array object; an offset costs one
+        # A slice of the inputs at every sample would make an array object; an offset costs an
         # addition.
         words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
         builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)

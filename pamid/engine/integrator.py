@@ -2,7 +2,7 @@
 
 `sweep_windows` runs over the windows of a recording, `sweep` over samples in a row. At the start of
 every step it updates the cells, at
-the start of every sample it reads the outputs, and it moves the states by one step of
+the start of every sample it reads the outputs, and it moves the states by a step of
 
     RK4     the classical Runge-Kutta method of order 4 (Hairer, Norsett and Wanner 1993, II.1)
     SDIRK2  the L-stable, singly diagonally implicit method of order 2 of Alexander (1977), for
@@ -19,7 +19,7 @@ They are the derivative of the computed values.
     Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I
     Hairer and Wanner (1996), Solving Ordinary Differential Equations II
 
-Steps are of one length throughout a run. A step control would choose other steps for other
+Steps are of equal length throughout a run. A step control would choose other steps for other
 parameters, so that outputs jump between neighbouring ones and have no derivative. The length of the
 steps is checked outside (`choose_stepping` before a fit, `rechecked` after it).
 """
@@ -40,7 +40,7 @@ BLOWN_UP = 1e15
 NEWTON_STEPS, HALVINGS = 40, 20
 # relative changes: above DAMPED a Newton step may be shortened, below LAST_STEP it was the last
 DAMPED, LAST_STEP = 1e-3, 1e-9
-RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
+RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow each other
 
 
 # ---- arguments of the functions ----------------------------------------------------------------
@@ -55,7 +55,7 @@ class CompiledEquations(NamedTuple):
     address         (3 functions + 1): of each function plain, with partials, and the sparse product
                     of its partials with the sensitivities; last what fills the derived parameters
     phase_n, phase_first, phase_delay
-                    (phases): number of cells, place of the first one, delay line after it or -1
+                    (phases): number of cells, place of the first cell, delay line after it or -1
     pointer, columns
                     sparsity of the rates' partials, row by row (CSR)
     direct_at, direct
@@ -91,7 +91,7 @@ class MemoryArrays(NamedTuple):
 
 class Inputs(NamedTuple):
     """Inputs of a run: u (samples, inputs), p (parameters and derived ones), column (parameters) of
-    each one's sensitivity or -1, and whether sensitivities are wanted."""
+    each parameter's sensitivity or -1, and whether sensitivities are wanted."""
 
     u: Any
     p: Any
@@ -100,8 +100,8 @@ class Inputs(NamedTuple):
 
 
 class Times(NamedTuple):
-    """begin: at the very first step; join: the state was set anew since the last one; only: of the
-    steps of a sample this one alone, or -1 for all of them."""
+    """begin: at the very first step; join: the state was set anew since the last step; only: of the
+    steps of a sample this step alone, or -1 for all of them."""
 
     time_s: float
     period_s: float
@@ -124,11 +124,11 @@ class Results(NamedTuple):
 class WindowTable(NamedTuple):
     """Windows in order, and the states that are set anew where each of them begins.
 
-    edges (windows, 2)      first row of u, and the row behind the last one
+    edges (windows, 2)      first row of u, and the row behind the last row
     time_s (windows,)       of the first sample
     starts (windows, n)     the first n states; the others are carried on
-    column                  sensitivity column of the first start state: this one and those behind
-                            it begin anew with every window
+    column                  sensitivity column of the first start state: it and those behind it
+                            begin anew with every window
     end (windows, nx), S (windows, n, ns)
                             filled: the states behind the last sample, and the rows of the first n
                             of them in the sensitivities
@@ -245,7 +245,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
 
 @njit(cache=True)
 def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-def]
-    """One step of h: k1 = f(x), k2 = f(x + h/2 k1), k3 = f(x + h/2 k2), k4 = f(x + h k3), and
+    """A step of h: k1 = f(x), k2 = f(x + h/2 k1), k3 = f(x + h/2 k2), k4 = f(x + h k3), and
     x + h/6 (k1 + 2 k2 + 2 k3 + k4); S likewise, with the derivative of every stage."""
     address, sensitive = equations.address, inputs.sensitive
     x, c, b, S = memory.x, memory.cells, memory.past, memory.S
@@ -253,7 +253,7 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     x0, acc = work.x0, work.slope
     s, d, s0, total = S.ravel(), work.D.ravel(), work.S0.ravel(), work.slope_S.ravel()
     nx = x.shape[0]
-    # Flat views: numba then compiles one loop over all entries, which LLVM turns into vectors.
+    # Flat views: numba then compiles a single loop over all entries, which LLVM turns into vectors.
     size = nx * S.shape[1]
     begun, share = t[6], h / t[2]
     for i in range(nx):
@@ -300,10 +300,10 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
     """Solve x = base + gh f(x) in place by damped Newton; return whether it converged to round-off.
 
     A step dx solves (I - gh df/dx) dx = base + gh f(x) - x. Above DAMPED it is halved until the
-    next one, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the affine-invariant
-    monotonicity test of Deuflhard (2004, section 3.3). Sizes are the largest |dx_i| / (1e-6 +
-    |x_i|). It stops after a step below LAST_STEP: convergence is quadratic, the next one would be
-    below round-off.
+    next correction, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the
+    affine-invariant monotonicity test of Deuflhard (2004, section 3.3). Sizes are the largest
+    |dx_i| / (1e-6 + |x_i|). It stops after a step below LAST_STEP: convergence is quadratic, the
+    next step would be below round-off.
     """
     address = equations.address
     x, c, b = memory.x, memory.cells, memory.past
@@ -335,7 +335,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
             left = 0.0
             for i in range(nx):
                 left = max(left, abs(following[i, 0]) / (1e-6 + abs(before[i])))
-            # With the same matrix the test costs one evaluation and one solve, and no
+            # With the same matrix the test costs an evaluation and a solve, and no
             # factorisation.
             if left <= (1.0 - 0.25 * reach) * worst:
                 break
@@ -347,7 +347,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
 
 @njit(cache=True)
 def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-def]
-    """One step of h in two stages, each solved by damped Newton to round-off; with g = GAMMA
+    """A step of h in two stages, each solved by damped Newton to round-off; with g = GAMMA
 
         x1 = x + g h f(x1),   x2 = x + (1 - g) h f(x1) + g h f(x2),   x2 is the result
 
@@ -400,7 +400,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
                     for k in range(ns):
                         A[i, k] = (S[i, k] - S0[i, k]) / gh
         if stage == 0:
-            # f(x1) from the stage's own equation, not by a call: an error that Newton's method
+            # f(x1) from the stage's equation, not by a call: an error that Newton's method
             # leaves in x1 would come back times the largest eigenvalue of f_x (Hairer and Wanner
             # 1996, IV.8)
             for i in range(nx):
@@ -577,7 +577,7 @@ def prepare(address, p, derived):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def rate_matrix(equations, memory, u, p, time_s, step_s, period_s):  # type: ignore[no-untyped-def]
-    """df/dx at one point, nx x nx, at the input u (inputs,)."""
+    """df/dx at a point, nx x nx, at the input u (inputs,)."""
     pointer, columns = equations.pointer, equations.columns
     nx = memory.x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)

@@ -1,10 +1,10 @@
 """LLVM IR to addresses of machine code, through a cache on disk.
 
-The cache holds object files named by the sha256 of all their inputs, each led by its own digest. A
+The cache holds object files named by the sha256 of all their inputs, each led by a digest. A
 file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting
 the folder is always safe, and two processes may share it (files are replaced whole).
 
-Loaded code runs, and its own digest is no protection against another author. Folder and file must
+Loaded code runs, and its digest is no protection against another author. Folder and file must
 not be links, must belong to the user or root, and must be writable by nobody else. Otherwise models
 are compiled in memory, which costs time and nothing else.
 """
@@ -124,7 +124,8 @@ def _write(path: Path, code: bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 file.write(hashlib.sha256(code).digest() + code)
-            # In one step, so that another process reads either the old file or the whole new one.
+            # In a single step, so that another process reads either the old file or the whole new
+            # file.
             os.replace(name, path)
         except OSError:
             with suppress(OSError):

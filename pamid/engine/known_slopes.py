@@ -1,6 +1,6 @@
 """Slopes of a simulator's steps along a track, reused where they still hold.
 
-Finite differences cost one more step per state, force and parameter. A fit runs along the same
+Finite differences cost a further step per state, force and parameter. A fit runs along the same
 track many times, each time with slightly different parameters. The slopes D of an exchange are
 known at z0 = (states, forces, parameters). A run makes the plain step from z and takes D again
 where
@@ -15,11 +15,11 @@ not needed. An earlier impact, a stick that slips and a large change of paramete
 At rest nothing acts, and a parameter may move by `FAR` at most.
 
 A violated line does not prove D wrong: a motion elsewhere often has the old slopes. D is therefore
-probed at z before it is replaced. One copy moves all states and forces, if the first line or `FAR`
+probed at z before it is replaced. A copy moves all states and forces, if the first line or `FAR`
 is violated. Another copy moves all parameters. D is kept with z as its new z0 where it predicts
 both to `SIDES_AGREE`, except for slopes by parameters that moved by more
 than `FAR`. If the probe of the parameters fails, only their slopes are replaced; if the other probe
-fails, all are. A probe costs one step instead of thirty. Columns that cancel in its sum go
+fails, all are. A probe costs a single step instead of thirty. Columns that cancel in its sum go
 unnoticed: the fit then is slower, and its optimum stays.
 
 Slopes by a force are computed where a free parameter moves the force, and where the force differs
@@ -31,8 +31,9 @@ small error in it a fit would crawl along a direction that only the priors deter
 
 This is Gauss-Newton with an approximate Jacobian: it converges linearly, at a rate of about
 `STILL_HOLDS` (Dennis and Schnabel (1996), Numerical Methods for Unconstrained Optimization, ch. 5
-and 10.2; the chord method reuses one Jacobian, this reuses its parts). With probes to 0.3 in place
-of `SIDES_AGREE` a mass on a floor ends 8 % off (`tests/integration/test_slopes_of_contacts.py`).
+and 10.2; the chord method reuses a whole Jacobian, this reuses its parts). With probes to 0.3 in
+place of `SIDES_AGREE` a mass on a floor ends 8 % off
+(`tests/integration/test_slopes_of_contacts.py`).
 
 A step is predicted instead of made where the slopes have proved accurate. Let z1 be where the step
 was last made, b = |z1 - z0|, and r the distance from z1 to the simulation before it. Distances are
@@ -42,7 +43,7 @@ the square of the distance from z0:
     after1 + D (z - z1)    where    |z - z1| = d <= r
                            and      missed (2b + d) d / ((2b' + r) r) <= PREDICTION_LIMIT
 
-b' is the value of b at that check. A step no farther than the checked one, predicted to
+b' is the value of b at that check. A step no farther than the checked step, predicted to
 `PREDICTION_LIMIT` of a level, contains no impact. A cheap model is trusted as far as it was
 checked, as in the trust regions of Alexandrov, Dennis, Lewis and Torczon (1998), Structural
 Optimization 15, 16-23, here exchange by exchange. An exact run forgets its slopes first and
@@ -66,7 +67,7 @@ ROWS = ("filled", "x", "f", "p", "after", "slopes", "pushed", "last", "last_afte
 
 
 class KnownSlopes(NamedTuple):
-    """Table of slopes, one row per exchange, as compiled code takes it.
+    """Table of slopes, a row per exchange, as compiled code takes it.
 
     filled           (rows,): has the row slopes?
     x, f, p          (rows, states), (rows, forces), (rows, parameters of the simulator): z0

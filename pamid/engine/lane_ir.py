@@ -1,6 +1,7 @@
-"""LLVM IR of equations for several hypotheses side by side: a value is a vector, one lane each.
+"""LLVM IR of equations for several hypotheses side by side: a value is a vector, with a lane for
+each.
 
-The text is written as for one hypothesis (`pamid.engine.llvm_ir`). LLVM lowers square roots,
+The text is written as for a single hypothesis (`pamid.engine.llvm_ir`). LLVM lowers square roots,
 absolute values and rounding to vector instructions, and calls the C library lane by lane for
 logarithms and powers. exp, tanh, sin and cos, which most models have, are vector code
 (`pamid.engine.simd`).
@@ -33,7 +34,7 @@ def lane_module_text(
     index: Callable[[str, str], int],
     shared: tuple[str, ...] = HYPOTHESES.shared,
 ) -> str:
-    """A module with one function per group, of this name, whose values are vectors; shared: spaces
+    """A module with a function per group, of this name, whose values are vectors; shared: spaces
     with a single value for all lanes."""
     part, kind = part_of(list(groups.values())), replace(HYPOTHESES, shared=shared)
     functions = [function_text(n, g, index, part, kind) for n, g in groups.items()]

@@ -1,5 +1,5 @@
 """Implicit steps of several hypotheses side by side: Newton's method of `pamid.engine.integrator`
-with a matrix, a damping and an end of its own in each lane.
+with a separate matrix, damping and end in each lane.
 
 Systems of equations are those of `pamid.engine.lu`, M (n, n, LANES) with pivots (n, LANES): a lane
 exchanges its rows by itself, all lanes eliminate together.
@@ -18,7 +18,7 @@ from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, LAST_STEP, NEWTON_S
 from pamid.engine.numba_cache import njit
 from pamid.engine.simd import INT64, LANES, Vectors
 
-# numba's own annotation keeps the typing context that a call leaves out
+# numba's annotation keeps the typing context that a call leaves out
 intrinsic: Any = _intrinsic
 SIZE_FLOOR = 1e-6  # added to a state's size, of which steps are a share
 
@@ -209,7 +209,7 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
 
 @njit(cache=True, error_model="numpy")
 def sdirk2_lanes(equations, memory, u, row, p, h, lost, work):  # type: ignore[no-untyped-def]
-    """One step of h in all lanes, as `pamid.engine.integrator._sdirk2` does it."""
+    """A step of h in all lanes, as `pamid.engine.integrator._sdirk2` does it."""
     x, x0, k1, base, t = memory.x.ravel(), work.x0, work.slope, work.base.ravel(), work.ticks
     gh, begun, share = GAMMA * h, t[6], h / t[2]
     for i in range(x.shape[0]):

@@ -1,9 +1,9 @@
 """Equations run for several hypotheses side by side: other parameters or start states in each lane,
 the same inputs.
 
-Eight lanes take little longer than one run of `pamid.engine.program.Program` without sensitivities
-(`benchmarks/lanes.py`). Any number of lanes may be given; they run in groups of eight, the last of
-which is filled up.
+Eight lanes take little longer than a single run of `pamid.engine.program.Program` without
+sensitivities (`benchmarks/lanes.py`). Any number of lanes may be given; they run in groups of
+eight, the last of which is filled up.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 
 @dataclass
 class LaneMemory:
-    """Everything that the lanes carry from one run to the next.
+    """Everything that the lanes carry between runs.
 
     Arrays stand in groups of LANES lanes: states (groups, states, LANES), cells and past (groups,
     cells, LANES), buffers (groups, delays, length, LANES), heads (groups, delays); lanes: how many
-    are in use; begin until the first run; join: the state was set anew since the last one.
+    are in use; begin until the first run; join: the state was set anew since the last run.
     """
 
     states: Array
@@ -124,7 +124,7 @@ class LaneProgram(EquationSteps):
         ----------
         u : (samples, inputs), shared by the lanes, or (samples, inputs, lanes)
         p : (parameters, lanes), or (parameters,) for all lanes
-        time_s, after : time of the first row; inputs one sample behind the last one, as in
+        time_s, after : time of the first row; inputs a sample behind the last row, as in
             `Program.run`
 
         Returns
@@ -157,7 +157,7 @@ class LaneProgram(EquationSteps):
         u : (samples, inputs) or (samples, inputs, lanes) of the whole track, whose first row is
             at `time_s`
         p : (parameters, lanes), or (parameters,) for all lanes
-        edges : (windows + 1,) rows at which windows start, and the end of the last one
+        edges : (windows + 1,) rows at which windows start, and the end of the last window
         entered : (windows, n, lanes) values of the first n states at the start of each window
         dependent : first lane that differs from lane 0 by the start of a single window: what lies
             behind the first n states (other states, cells, delay lines) is taken over from lane 0
@@ -349,6 +349,6 @@ def build_lane_program(
     outputs: tuple[str, ...],
     linear: tuple[str, ...] = (),
 ) -> LaneProgram:
-    """The program of these equations, in one process only once; the arguments are those of
+    """The program of these equations, only once in each process; the arguments are those of
     `pamid.engine.program.build_program`."""
     return LaneProgram(equations, inputs, parameters, outputs, linear)

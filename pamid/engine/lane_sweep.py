@@ -1,5 +1,5 @@
-"""Time integration of several hypotheses side by side: eight lanes of a vector each, one group of
-lanes after the other.
+"""Time integration of several hypotheses side by side: eight lanes of a vector each, group by
+group.
 
 The recursion is that of `pamid.engine.integrator`, without sensitivities, and so are the names.
 Ticks are shared, and mostly inputs; every other array has the lanes last. Nothing that happens in a
@@ -69,7 +69,7 @@ class LaneTimes(NamedTuple):
 
 
 class LaneWindows(NamedTuple):
-    """edges (windows + 1): first sample of each window, and the end of the last one; entered
+    """edges (windows + 1): first sample of each window, and the end of the last window; entered
     (windows, n, groups, LANES): the first n states at their starts; dependent: first lane that
     takes over the memory of lane 0 there."""
 
@@ -163,7 +163,7 @@ def _update_cells(equations, memory, u, row, p, work):  # type: ignore[no-untype
 
 @njit(cache=True)
 def _rk4(equations, memory, u, row, p, h, work):  # type: ignore[no-untyped-def]
-    """One step of h in all lanes, as `pamid.engine.integrator._rk4` does it."""
+    """A step of h in all lanes, as `pamid.engine.integrator._rk4` does it."""
     t, out, x0, acc = work.ticks, work.out, work.x0, work.slope
     x = memory.x.ravel()
     size = x.shape[0]

@@ -1,8 +1,9 @@
-"""Expressions as LLVM IR text: one straight-line function per group of equations.
+"""Expressions as LLVM IR text: a straight-line function per group of equations.
 
 Every function has the same signature, seven addresses: states, cells, past cells, inputs,
 parameters, ticks, out. `out` receives the values and, for derivatives, the non-zero
-partials row by row. A value is a double, or a vector of doubles, one per hypothesis (`ValueType`).
+partials row by row. A value is a double, or a vector of doubles, an element per hypothesis
+(`ValueType`).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class ValueType:
         return "" if self.lanes == 1 else ", align 8"
 
     def constant(self, value: float) -> str:
-        # the bits of the double: LLVM refuses a decimal that is not exactly one
+        # the bits of the double: LLVM refuses a decimal that is not exact
         bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
         return bits if self.lanes == 1 else f"<{', '.join([f'double {bits}'] * self.lanes)}>"
 
@@ -92,10 +93,10 @@ def function_text(
     part: int | None = None,
     kind: ValueType = SCALAR,
 ) -> str:
-    """LLVM IR of one function that stores `roots` to out[0], out[1], ...
+    """LLVM IR of a function that stores `roots` to out[0], out[1], ...
 
     index(space, name) is the place of a symbol in its array. part: operations of a part; None is
-    one part. Parts exchange values in memory and share no registers, because LLVM's time to
+    a single part. Parts exchange values in memory and share no registers, because LLVM's time to
     allocate registers grows faster than the function. kind: of the values in all arrays but those
     that lanes share, which hold doubles.
     """
@@ -112,7 +113,7 @@ def function_text(
 
 
 class _FunctionWriter:
-    """Lines of a function, as nodes are written one after the other.
+    """Lines of a function, as nodes are written in sequence.
 
     names, truths: the registers of the present part that hold a node, or whether it is not zero;
     stored: places on the stack of nodes that later parts need.
@@ -280,7 +281,7 @@ def product_text(name: str, pointer: list[int], columns: list[int], rows_of_S: i
     column count.
 
     pointer, columns: the pattern of `with_partials`; entries of columns >= rows_of_S belong to
-    parameters and are left to the caller. One pass over the columns, eight at a time, rows written
+    parameters and are left to the caller. A pass over the columns, eight at a time, rows written
     out.
     """
     lines = [

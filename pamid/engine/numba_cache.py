@@ -2,8 +2,8 @@
 
 numba takes its settings, the folder of the cache among them, also from `.numba_config.yaml` in the
 working folder. That file belongs to whoever packed the folder, and is not read. The cache is the
-one next to pamid's own files where these can be written, else that of NUMBA_CACHE_DIR or of the
-user. It is a new folder of this process where others may write that one, where nobody can, or
+folder next to pamid's files where these can be written, else that of NUMBA_CACHE_DIR or of the
+user. It is a new folder of this process where others may write that folder, where nobody can, or
 without a home: numba would then take a folder called ~ in the working folder. A new folder costs
 time and nothing else.
 """
@@ -38,7 +38,7 @@ def _settle() -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether the folder, or the nearest existing one above it, can be written by this user
+    """Whether the folder, or the nearest existing folder above it, can be written by this user
     alone."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent

@@ -37,7 +37,7 @@ BLOCK_NUMBERS = 2**17
 class Memory:
     """State of a simulation between two calls: states, cells, delay lines and their sensitivities.
 
-    x (nx): states; cells, past (nc): values of the cells now and one step before; S (nx + 2 nc,
+    x (nx): states; cells, past (nc): values of the cells now and a step before; S (nx + 2 nc,
     columns): sensitivities of x, cells and past; buffers (delays, length), buffer_S (delays,
     length, columns), heads (delays): delay lines, their sensitivities and their newest entries.
     """
@@ -257,7 +257,7 @@ class Program(EquationSteps):
         period_s, time_s
             Sampling period and time of the first sample (s).
         stepping
-            Integration steps per sample; default: one explicit step.
+            Integration steps per sample; default: an explicit step.
         columns
             Sensitivity column of each parameter, or -1. None runs without sensitivities.
         weights
@@ -314,7 +314,7 @@ class Program(EquationSteps):
         """Simulate windows of the recording u (samples x inputs). See `run` for other arguments.
 
         Cells, delay lines and states that a window does not set continue from the window before.
-        Windows are simulated in blocks, ahead of the one that is yielded. `memory` therefore
+        Windows are simulated in blocks, ahead of the block that is yielded. `memory` therefore
         belongs to the last window only after the iteration has ended. A window that diverges ends
         its block; the next block is simulated on demand.
         """
@@ -433,7 +433,7 @@ class Program(EquationSteps):
         compile partial derivatives even for a run without sensitivities."""
         from pamid.engine.integrator import Inputs
 
-        # the vector loop needs at least one lane
+        # the vector loop needs any lane at all
         sensitive = columns is not None and memory.S.shape[1] > 0
         if columns is None or not sensitive:
             columns = np.full(len(self.parameters), -1, np.int64)
@@ -455,7 +455,7 @@ def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: i
     if not linear or recorded.shape[1] > inputs:
         return recorded
     # The last sample has no successor in the recording. Its input is held, unless the caller
-    # passes the next one.
+    # passes the next input.
     linear_inputs = recorded[:, linear]
     end_point = (
         linear_inputs[-1:] if after is None else np.asarray(after, float)[None, list(linear)]
@@ -538,7 +538,7 @@ class ProgramCode:
         plain = self.text.plain
         *values, prepare = addresses("\n".join(plain.parts), plain.names)
         _, phase_n, phase_first, phase_delay, _ = self.text.phases
-        # Empty tables of the right shape let one compiled driver serve both kinds of code.
+        # Empty tables of the right shape let a single compiled driver serve both kinds of code.
         zeros = [0] * (len(values) + 1)
         return CompiledEquations(
             _int_array([*(name for f in values for name in (f, 0, 0)), prepare]),
@@ -622,7 +622,7 @@ class Layout:
 class PlainModule(NamedTuple):
     """LLVM IR of the functions without partials.
 
-    parts: declarations, one function per group of equations (f0: rates, f1: outputs, others:
+    parts: declarations, a function per group of equations (f0: rates, f1: outputs, others:
     cells), and `prepare`; names: names of the functions; derived: number of values that `prepare`
     computes.
     """
@@ -742,10 +742,10 @@ class ProgramText:
 def cell_phases(
     equations: StateEquations,
 ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
-    """Split the ordered cells into phases, one after every delay line.
+    """Split the ordered cells into phases, a phase after every delay line.
 
     The driver advances the line between two phases. A cell reads the new values of earlier phases.
-    The new value of a cell in its own phase is replaced by its expression.
+    The new value of a cell in the same phase is replaced by its expression.
 
     Returns
     -------

@@ -30,7 +30,7 @@ from pamid.engine.numba_cache import njit
 from pamid.engine.simd import INT64, LANES, Vectors
 
 ROWS = 5  # results held at once: with their factors they fit into sixteen registers
-# numba's own annotation keeps the typing context that a call leaves out
+# numba's annotation keeps the typing context that a call leaves out
 intrinsic: Any = _intrinsic
 
 
@@ -82,8 +82,8 @@ def _propagate(typingctx, matrix, before, after, output, jacobian, first, h, p):
 
 
 def _product_codegen(finish):  # type: ignore[no-untyped-def]
-    """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) one
-    after the other."""
+    """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) in
+    sequence."""
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         factors, x, to = (
@@ -128,8 +128,8 @@ def run_states(columns, inputs, state, states):
     """Simulate n steps.
 
     `columns` (h + m + 1, wide) are those of [C, I, b], padded with zeros to whole vectors; `inputs`
-    (n, m); `state` (h,) holds x before the first step and is left at x after the last one; `states`
-    (n, at least h) receives x after every step.
+    (n, m); `state` (h,) holds x before the first step and is left at x after the last step;
+    `states` (n, at least h) receives x after every step.
     """
     h, m = state.shape[0], inputs.shape[1]
     seen, fresh = np.ones(h + m + 1), np.empty(columns.shape[1])
@@ -236,7 +236,7 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
     As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], and its `columns`;
     `sensitivity` (2, h, at least p, a multiple of LANES) holds dx/dw before the first step in
     sensitivity[0], which is left at its value after the last; `y` (n,) receives the output,
-    `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the last numbers are
+    `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw in sequence (the last numbers are
     scratch: a row's last vector may reach into the next row, which is written after it).
     """
     h, per_unit = units.shape

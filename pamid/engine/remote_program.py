@@ -91,7 +91,7 @@ class Course(NamedTuple):
 
 @dataclass(frozen=True)
 class Parcel:
-    """Arrays in one row of numbers, with their shapes for JSON."""
+    """Arrays in a row of numbers, with their shapes for JSON."""
 
     about: dict[str, Any]
     numbers: Array
@@ -123,7 +123,7 @@ class Parcel:
 def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
     """Pack arrays into a parcel; None stays None."""
     shapes = [None if a is None else a.shape for a in arrays]
-    # One row of float64 is written and read in one piece. Integers up to 2^53 survive it exactly.
+    # A row of float64 is written and read as a whole. Integers up to 2^53 survive it exactly.
     flat = [np.ravel(a).astype(float) for a in arrays if a is not None]
     return Parcel({**about, "shapes": shapes}, np.concatenate([np.zeros(0), *flat]))
 

@@ -1,4 +1,4 @@
-"""Hypotheses run one after the other, where a simulator steps the rig; used as
+"""Hypotheses run in sequence, where a simulator steps the rig; used as
 `pamid.engine.lane_program.LaneProgram` is."""
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class SerialMemory:
 
 @dataclass(frozen=True, eq=False)
 class SerialLanes:
-    """One lane after the other of a program; methods as those of `LaneProgram`."""
+    """The lanes of a program in sequence; methods as those of `LaneProgram`."""
 
     program: SteppedProgram
 
@@ -122,7 +122,7 @@ class SerialLanes:
         for w, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if w:
                 for lane in range(shared, lanes):
-                    # A dependent lane differs by the start of one window, so that it must not
+                    # A dependent lane differs by the start of a single window, so that it must not
                     # carry the difference into the next.
                     memory.memories[lane] = memory.memories[0].copy()
             memory.enter(entered[w])

@@ -1,7 +1,7 @@
 """Runs of a simulator with hidden states, such as a foreign model in a library.
 
 Hidden states cannot be moved for a finite difference. Each sensitivity therefore has a shadow: a
-copy of the simulator that runs in parallel from the start, with one parameter moved by d and the
+copy of the simulator that runs in parallel from the start, with a parameter moved by d and the
 forces f + d df/dp. Its readings differ from the plain ones by d times the sensitivity.
 """
 
@@ -18,7 +18,7 @@ from pamid.engine.program import Memory
 Array = NDArray[np.float64]
 
 BLOWN_UP = 1e15
-MOVED = 1e-4  # of a parameter: a simulator that controls its own step knows its outputs to 1e-6
+MOVED = 1e-4  # of a parameter: a simulator that controls its step knows its outputs to 1e-6
 
 
 class Carrier:
@@ -44,7 +44,7 @@ class Carrier:
         raise NotImplementedError
 
     def save(self) -> tuple[Any, ...]:
-        """Return one state per copy to resume from. The copies are then free for other runs."""
+        """Return a state per copy to resume from. The copies are then free for other runs."""
         raise NotImplementedError
 
 
@@ -93,11 +93,11 @@ class ShadowCourse:
         self._take(readings)
 
     def step(self, f: Array, by: Array, h: float) -> None:
-        """One exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
+        """An exchange of h seconds under f (forces), whose sensitivities are `by` (forces,
         columns)."""
         forces = np.tile(f, (1 + len(self.by), 1))
         if len(self.by):
-            # A moved copy needs the force that its own parameter would cause, so that the chain
+            # A moved copy needs the force that its parameter would cause, so that the chain
             # rule is part of the run.
             forces[1:] += (by[:, self.places] * self.by).T
         self._take(self.carrier.step(forces, h))

@@ -10,7 +10,7 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
-# doubles in a vector: one register, or two or four of a narrower machine
+# doubles in a vector: a register, or two or four of a narrower machine
 LANES = 8
 INT64 = ir.IntType(64)
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
@@ -50,7 +50,7 @@ class Vectors:
         self.builder.store(value, self._at(base, place), align=8)
 
     def spread(self, base: Any, place: Any) -> Any:
-        """One double in every lane."""
+        """The same double in every lane."""
         nothing, number = (
             ir.Constant(_VECTOR, ir.Undefined),
             self.builder.load(self.builder.gep(base, [place])),

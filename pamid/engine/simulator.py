@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
 # of such a difference, where it lies across a jump: the square root of what rounding leaves of a
-# value is the least one worth having (Nocedal and Wright (2006), ch. 8.1)
+# value is the least worth having (Nocedal and Wright (2006), ch. 8.1)
 THIN = float(np.sqrt(np.finfo(float).eps)) / DIFFERENCE
 # widths of a difference by which a probe of known slopes goes: to a tenth curvature does not count
 # there, and rounding counts less
@@ -24,7 +24,7 @@ PROBED = 10.0
 
 class Simulator(Protocol):
     """Interface of a simulator that steps by itself. All values SI; n copies side by side, each
-    with values of its own.
+    with separate values.
 
     sizes (states, forces): typical magnitudes, of which differences take a share;
     longest_s: longest admissible step (s), infinite where none is known.
@@ -50,7 +50,7 @@ class LibraryStep(NamedTuple):
 
     step        function (model, data) that moves data on, `repeats` times an exchange
     data        what it moves
-    models      (n,): each with parameters of its own
+    models      (n,): each with separate parameters
     state_at, force_at
                 (states,), (forces,): where these numbers (float64) stand in data
     cleared_at  numbers that every exchange begins with at zero
@@ -146,8 +146,9 @@ def moved_parameters(p: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
     """Parameters (copies, parameters) of all copies that differences may need, and the widths
     (chosen,) by which they are moved.
 
-    The copies are the plain one, each with one parameter moved up, all moved down, each with one
-    moved down by `THIN` of that, and all by `PROBED`; the plain one alone if none is chosen.
+    The copies are the plain copy, each with a parameter moved up, all moved down, each with a
+    parameter moved down by `THIN` of that, and all by `PROBED`; the plain copy alone if none is
+    chosen.
     """
     n, size = len(chosen), np.abs(p[chosen])
     by = DIFFERENCE * (size + (size == 0.0))

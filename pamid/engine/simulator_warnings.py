@@ -22,7 +22,7 @@ class SimulatorWarnings:
     cures: dict[str, str] = field(default_factory=dict)
 
     def sentences(self, where: str) -> tuple[str, ...]:
-        """One text on the warnings, () without any. where: a description of the runs."""
+        """A text on the warnings, () without any. where: a description of the runs."""
         warned = {words: n for words, n in self.counts.items() if n}
         if not warned:
             return ()
@@ -56,5 +56,5 @@ def add_warnings(
         counted.steps += steps
         counted.cures |= cures
         for words, number in warned.items():
-            # A simulator may warn several times in one step; the report counts steps.
+            # A simulator may warn several times in a step; the report counts steps.
             counted.counts[words] = counted.counts.get(words, 0) + min(number, steps)

@@ -3,7 +3,7 @@
 The equations get the states and readings of the simulator, and return its forces. At the start of
 every exchange, of length h,
 
-    f_k      = F(x_k, r_k, z_k, u_k, p)     the equations; they move their own states z and cells on
+    f_k      = F(x_k, r_k, z_k, u_k, p)     the equations; they move their states z and cells on
     x_(k+1)  = step(x_k, f_k, p, h)         the simulator, with f held
     r_(k+1)  = read(x_(k+1), p)
 
@@ -56,10 +56,10 @@ class FarRunner(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SteppedProgram:
-    """The two parts as one; used as a `pamid.engine.program.Program` is.
+    """The two parts combined; used as a `pamid.engine.program.Program` is.
 
-    around     the equations: their states are readings, states of the simulator, their own ones,
-               in this order; their last outputs go into the simulator
+    around     the equations: their states are readings, states of the simulator, those of the
+               equations, in this order; their last outputs go into the simulator
     simulator_parameters
                number of the first parameters, which belong to the simulator
     """
@@ -119,7 +119,7 @@ class SteppedProgram:
 
     def careful(self, substeps: int) -> Stepping:
         """Stepping where more exchanges are needed than an explicit step would take. The simulator
-        has no implicit step, so that all of them are made; the equations' own states are solved
+        has no implicit step, so that all of them are made; the equations' states are solved
         for."""
         return Stepping(min(substeps, MOST_EXCHANGES), implicit=True)
 
@@ -217,22 +217,22 @@ class SteppedProgram:
         Y: Array,
         JY: Array,
     ) -> int:
-        """As `_run_copies`, of a simulator whose states are seen, in one compiled loop."""
+        """As `_run_copies`, of a simulator whose states are seen, in a compiled loop."""
         assert not isinstance(self.simulator, Carrier)
         from pamid.engine.integrator import Times
         from pamid.engine.stepped_kernel import stepped_sweep
 
         time_s, period_s, step = times
         self._read_start(around.arrays.x, around.arrays.S, p, columns)
-        own, chosen = self._own_parameters(p, columns)
+        parameters, chosen = self._simulator_values(p, columns)
         known = self.known
         if known is None or not (columns is None or known.is_by(chosen)):
             known = KnownSlopes.none(self._sizes)
         # Models of a library are costly to make, so that all that a run may need are made before it
         # begins.
-        copies, by = moved_parameters(own, chosen)
+        copies, by = moved_parameters(parameters, chosen)
         places = np.zeros(0, np.int64) if columns is None else np.asarray(columns[chosen], np.int64)
-        scales = StepScales(DIFFERENCE, *self.simulator.sizes, by, places, own, known.level)
+        scales = StepScales(DIFFERENCE, *self.simulator.sizes, by, places, parameters, known.level)
         run_times = Times(
             float(time_s),
             float(period_s),
@@ -247,7 +247,7 @@ class SteppedProgram:
                 stepped_sweep(*around[:3], run_times, around.results, c, scales, known, Y, JY)
             )
 
-    def _own_parameters(
+    def _simulator_values(
         self, p: Array, columns: NDArray[np.int64] | None
     ) -> tuple[Array, NDArray[np.intp]]:
         """Parameters of the simulator, and the places of those with a sensitivity."""
@@ -261,13 +261,13 @@ class SteppedProgram:
         assert not isinstance(self.simulator, Carrier)
         if not self.readings:
             return
-        own, chosen = self._own_parameters(p, columns)
+        values, chosen = self._simulator_values(p, columns)
         part = slice(self.readings, self.readings + self.simulated)
         state = x[part]
         n = len(state)
         moved = n + len(chosen) if columns is not None else 0
-        states, parameters = np.tile(state, (1 + moved, 1)), np.tile(own, (1 + moved, 1))
-        size = np.abs(own[chosen])
+        states, parameters = np.tile(state, (1 + moved, 1)), np.tile(values, (1 + moved, 1))
+        size = np.abs(values[chosen])
         by = DIFFERENCE * np.concatenate(
             [np.maximum(np.abs(state), self.simulator.sizes[0]), size + (size == 0.0)]
         )
@@ -314,13 +314,13 @@ class SteppedProgram:
 
     @property
     def whole(self) -> bool:
-        """Whether a sample is one exchange under any stepping."""
+        """Whether a sample is a single exchange under any stepping."""
         return isinstance(self.simulator, Carrier) and self.simulator.whole_samples
 
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
-        """Equivalent of df/dx (nx x nx): the Jacobian of the equations' own states, and (A - I)/h
+        """Equivalent of df/dx (nx x nx): the Jacobian of the equations' states, and (A - I)/h
         of the simulator's, with the A by which a step of h moves deviations on."""
         nx, first = len(self.states), self.readings
         if isinstance(self.simulator, Carrier):  # its states are hidden
@@ -338,7 +338,7 @@ class SteppedProgram:
         inside = replace(memory.copy(), x=x)
         rates = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s) @ S
         self.run(trial, u[None, :], p, period_s=period_s, time_s=time_s, columns=none)
-        # An equivalent rate: the simulator has no derivative in time, only the map of one
+        # An equivalent rate: the simulator has no derivative in time, only the map of an
         # exchange.
         matrix = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
         matrix[self.simulated :] = rates[first + self.simulated :]
@@ -348,7 +348,7 @@ class SteppedProgram:
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
         """The part of `rate_matrix` that goes through the exchanges, by which their length is
-        chosen. Motion within an exchange, such as an impact, is left to the simulator's own step.
+        chosen. Motion within an exchange, such as an impact, is left to the simulator's step.
         """
         matrix = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
         if isinstance(self.simulator, Carrier):
@@ -356,13 +356,13 @@ class SteppedProgram:
         around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
         inside, n = around.arrays.x, self.simulated
         self._read_start(inside, around.arrays.S, p, None)
-        x, (own, none) = (
+        x, (parameters, none) = (
             inside[self.readings : self.readings + n].copy(),
-            self._own_parameters(p, None),
+            self._simulator_values(p, None),
         )
         times = time_s, period_s, Stepping()
         f = around.step(0, 0, times, (memory.begin, memory.join))[0][len(self.outputs) :]
-        alone = slopes_of(self.simulator, x, f, own, period_s, none, none).by_state
+        alone = slopes_of(self.simulator, x, f, parameters, period_s, none, none).by_state
         matrix[:n, :n] -= (alone[self.readings :] - np.eye(n)) / period_s
         return matrix
 
@@ -376,14 +376,14 @@ def slopes_of(
     chosen: NDArray[np.intp],
     pushed: NDArray[np.intp] | None = None,
 ) -> Slopes:
-    """Slopes of one step of h seconds by forward differences over copies. chosen: places of
+    """Slopes of a step of h seconds by forward differences over copies. chosen: places of
     parameters; pushed: of forces, all without it (the slopes by others are zero).
 
-    One more copy has everything moved to the other side. Where the slopes do not predict it, a jump
-    lies between, as where a contact closes. A difference across it is the jump over the arbitrary
-    width of the difference. Such slopes are computed on the other side as well, as near as rounding
-    allows. The smaller action of the two is taken, as by the minmod limiter (Roe (1986), Annu. Rev.
-    Fluid Mech. 18, 337-365).
+    A further copy has everything moved to the other side. Where the slopes do not predict it, a
+    jump lies between, as where a contact closes. A difference across it is the jump over the
+    arbitrary width of the difference. Such slopes are computed on the other side as well, as near
+    as rounding allows. The smaller action of the two is taken, as by the minmod limiter (Roe
+    (1986), Annu. Rev. Fluid Mech. 18, 337-365).
     """
     from pamid.engine.stepped_kernel import step_slopes
 

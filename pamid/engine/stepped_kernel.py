@@ -2,7 +2,7 @@
 
 An exchange is that of `pamid.engine.stepped`, with slopes by differences over copies
 (`pamid.engine.stepped.slopes_of`), or known slopes (`pamid.engine.known_slopes`). The copies are
-one structure of the simulator, set anew for each of them. numba takes its cache of this file's
+a single structure of the simulator, set anew for each of them. numba takes its cache of this file's
 functions for stale by the stamp of this file alone: touch it where `sweep` takes other arguments.
 
 Arguments: c, w, t are a `LibraryStep`, `StepScales` and `KnownSlopes`.
@@ -203,7 +203,7 @@ def _keep(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _forward_differences(c, x, f, steps, models, plain, slopes):  # type: ignore[no-untyped-def]
     """Fill columns of `slopes` (values, states + forces + moved parameters) by differences over
-    these steps, where they are not zero; models: addresses, each with one parameter moved."""
+    these steps, where they are not zero; models: addresses, each with a parameter moved."""
     nx, nf = x.shape[0], f.shape[0]
     moved = np.empty(plain.shape[0])
     for i in range(steps.shape[0]):
@@ -411,7 +411,7 @@ def _exchange(c, w, t, row, values, f, by, S, sensitive):  # type: ignore[no-unt
 @njit(cache=True)
 def stepped_sweep(equations, memory, inputs, times, results, c, w, t, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u, filling Y (samples, seen) and, with sensitivities, JY
-    (samples, seen, columns); `results` hold one sample, with what goes into the simulator behind
+    (samples, seen, columns); `results` hold a sample, with what goes into the simulator behind
     what is seen. Memory is carried on in place; readings and states of the simulator are the first
     in it. Returns the first sample at which a state is no longer finite, or -1."""
     inside = c.reading_at.shape[0] + c.state_at.shape[0]

@@ -37,7 +37,7 @@ WORSE = 1.1
 DETERMINED = 0.5
 # tolerances: a background term that stands nearer cannot do harm
 LEAST_PULL = 0.3
-TRIAL_STEPS = 3  # of a refit without one term, which begins where that with it has ended
+TRIAL_STEPS = 3  # of a refit without a term, which begins where that with it has ended
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,8 @@ def relative_error(replays: Sequence[Replay], reference: Sequence[Replay]) -> fl
 
 
 def repaired(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
-    """Return the refit, or the best attempt to mend one that predicts worse than the data sheet.
+    """Return the refit, or the best attempt to mend a refit that predicts worse than the data
+    sheet.
 
     Parameters
     ----------
@@ -212,7 +213,7 @@ def rig_without(rig: Rig, term: Effect) -> Rig:
         left = tuple(t for t in several if t is not term)
         if left:
             background[port] = left
-    # A copy, since one rig object serves all assemblies of a run.
+    # A copy, since the same rig object serves all assemblies of a run.
     changed = copy.copy(rig)
     vars(changed)["background"] = background
     return changed

@@ -1,4 +1,4 @@
-"""A fitted model under its own controller: its runs, their errors, its columns in a table."""
+"""A fitted model under its controller: its runs, their errors, its columns in a table."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PERTURBED = 1e-3  # relative change of a parameter for the closed loop's perturb
 
 
 def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
-    """The model under its own controller over a whole recording; columns in their own units.
+    """The model under its controller over a whole recording; columns in their units.
 
     None where the recording has no controller or no reference. Keys: the controlled reading, its
     velocity and acceleration, and the command.
@@ -47,7 +47,7 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
             values[i] = p[t[key]]
     commands = {q.command: symbol("cell", q.command) for q in rig.loops}
     run = free_run(a, r.inputs(a), values, r.sampling_period_s, further=commands)
-    # In its own loop an unstable model has no error to report: every figure would depend on when
+    # In closed loop an unstable model has no error to report: every figure would depend on when
     # the run was cut.
     if run.blown_up >= 0:
         return None
@@ -55,7 +55,7 @@ def loop_run(g: GreyBox, r: Data, p: Array) -> dict[str, Array] | None:
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
-    """MAE of the model in its own loop over the held-out part, with its band under a 0.1 % change
+    """MAE of the model in closed loop over the held-out part, with its band under a 0.1 % change
     of conductance-like (logarithmic) parameters. None without a recording in a closed loop."""
     runs = {"data_sheet": g.assembly.data_sheet(), "refitted": g.fit.p}
     errors: dict[str, dict[str, list[float]]] = {}
@@ -65,7 +65,7 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
         for k in g.fit.problem.free:
             if g.assembly.parameters[k].log:
                 nearby = g.fit.p.copy()
-                # A loop hides errors of the plant. The band shows by how much a small one would
+                # A loop hides errors of the plant. The band shows by how much a small error would
                 # have to show.
                 nearby[k] *= 1.0 + PERTURBED
                 _collect(errors, "moved", loop_run(g, span.recording, nearby), span)
@@ -87,7 +87,7 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
 
 
 def loop_errors(g: GreyBox, cause: GreyBox | None = None) -> tuple[RecordingError, ...]:
-    """Errors of every model in its own loop over the held-out part, recording by recording and
+    """Errors of every model in closed loop over the held-out part, recording by recording and
     channel by channel; cause: the model with the causes."""
     models = {"data_sheet": (g, g.assembly.data_sheet()), "refitted": (g, g.fit.p)}
     models |= {"with_cause": (cause, cause.fit.p)} if cause is not None else {}
@@ -116,7 +116,7 @@ def _collect(
 
 
 def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
-    """Angle, velocity, acceleration and command of the refitted model in its own loop over a
+    """Angle, velocity, acceleration and command of the refitted model in closed loop over a
     span."""
     if not loops:
         return []
@@ -134,7 +134,7 @@ def loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
 
 
 def loop_names(q: Loop, several: bool) -> list[str]:
-    """Columns of a model in its own loop: reading, its velocity and acceleration, command; of
+    """Columns of a model in closed loop: reading, its velocity and acceleration, command; of
     several loops each leads with its reading's name."""
     stem, unit = split_column(q.reading)
     of = f"{stem}_" if several else ""

@@ -1,10 +1,10 @@
-"""Multiple shooting with a frozen Jacobian: chord steps for a model on top of one already fitted.
+"""Multiple shooting with a frozen Jacobian: chord steps for a model on top of a fitted model.
 
 A candidate adds a few parameters to a fitted model. The derivatives of the fitted model's residuals
-by its own parameters, J_b, are computed once and serve every candidate. Those by the candidate's
+by its parameters, J_b, are computed once and serve every candidate. Those by the candidate's
 parameters and by the window starts, C = [J_e J_x], are differences of runs side by side
-(`LaneProgram`): one run at the point itself, one for each moved value. With residuals r the normal
-equations of a window are
+(`LaneProgram`): a run at the point itself, another for each moved value. With residuals r the
+normal equations of a window are
 
     N = [ J_b'J_b  J_b'C ]      v = [ J_b'r ]
         [ C'J_b    C'C   ]          [ C'r   ]
@@ -60,7 +60,7 @@ class PaddedWindows:
 
 @dataclass(frozen=True, eq=False)
 class FrozenTrack:
-    """J_b of one track, by parameters in SI: turned (windows, parameters, samples x channels), its
+    """J_b of a track, by parameters in SI: turned (windows, parameters, samples x channels), its
     transpose, weighted; gram (windows, parameters, parameters) J_b'J_b; ends (windows, states,
     parameters), of the rig's states at the end of each window."""
 
@@ -151,7 +151,7 @@ class ChordShooting(MultipleShooting):
         return ShootingPoint(s, starts, self.assembled(s, sums, True), True)
 
     def predicted_cost(self, at: ShootingPoint) -> float:
-        """The cost that the linearised model expects behind one undamped step."""
+        """The cost that the linearised model expects behind a single undamped step."""
         step = self.step(at, 0.0)
         H, g, _, parts = reduced(at.normal, at.s, self.scale, 0.0)
         by_starts = sum(
@@ -163,12 +163,13 @@ class ChordShooting(MultipleShooting):
     # a model that runs away overflows in its sums: these are looked at afterwards
     @np.errstate(over="ignore", invalid="ignore")
     def _track_sums(self, i: int, s: Array, entered: Array) -> WindowSums:
-        """One track run at scaled parameters and states of its window starts (windows, states)."""
+        """A track run at scaled parameters and states of its window starts (windows, states)."""
         problem, frozen = self.problem, self.frozen.tracks[i]
         track, free = problem.tracks[i], list(problem.free)
         windows, (count, n), k = problem.windows(track), entered.shape, len(s)
         shared, added = self.places
-        # lane 0 is the point; then follows one lane per own parameter and per state of the starts
+        # lane 0 is the point; then follows a lane per candidate parameter and per state of the
+        # starts
         first, lanes = 1 + len(added), 1 + len(added) + n
         values = self.p.copy()
         values[free] = self.scale.outside(s)
@@ -180,7 +181,7 @@ class ChordShooting(MultipleShooting):
         Y, ends = run_lanes(problem.assembly, track, windows, x, p, self.stepping, first)
         root = np.where(track.seen, self.weights.root, 0.0)
         left = Y[:, :, 0] - track.y
-        # C, and the residuals as one more column
+        # C, and the residuals as a further column
         columns = np.empty((*left.shape, lanes))
         columns[:, :, :-1] = (Y[:, :, 1:] - Y[:, :, :1]) * (root[:, None] / moves)
         columns[:, :, -1] = np.nan_to_num(left * root)
@@ -196,7 +197,7 @@ class ChordShooting(MultipleShooting):
         v[:, :m], v[:, m:] = cross[:, :, -1], inner[:, :-1, -1]
         by[:, :, :m] = frozen.ends * slope
         by[:, :, m:] = (ends[:, :n, 1:] - ends[:, :n, :1]) / moves
-        # from the order shared parameters, own parameters, start states
+        # from the order shared parameters, candidate parameters, start states
         place = np.concatenate([shared, added, k + np.arange(n)])
         back = np.argsort(place)
         return WindowSums(
@@ -231,7 +232,7 @@ def begin_chords(
     moves = []
     for entered in starts:
         # The spread over the windows is the only scale of a state that needs no knowledge of its
-        # unit. A state that starts every window at the same value moves by its own size, at zero by
+        # unit. A state that starts every window at the same value moves by its size, at zero by
         # 1 (SI).
         size = entered.std(axis=0)
         size = np.where(size > 0.0, size, np.abs(entered).max(axis=0))

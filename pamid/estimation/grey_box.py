@@ -49,7 +49,7 @@ class GreyBox:
 
     recheck: change of the outputs by doubled sub-steps, in noise standard deviations; remark:
     sentences on the repair of a refit that predicts held-out data worse than the data sheet. The
-    rig of the evidence is the fitted one, without dropped background terms.
+    rig of the evidence is the fitted rig, without dropped background terms.
     """
 
     evidence: DataSplit
@@ -99,7 +99,7 @@ def fit_model(
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
-    # a rig that is stepped may touch things, after which its motion is another one
+    # a rig that is stepped may touch things, after which its motion is different
     touching = assembly.program.keeps_slopes
     progress("fitting")
     fitted = escape_local_minimum(
@@ -174,7 +174,7 @@ def require_predictable(
     evidence
         Recordings, with the channels that are compared.
     floor
-        Replays of the model as its own truth.
+        Replays of the model as the truth.
     tracks
         Recordings by which the channels' ranges are measured.
     """

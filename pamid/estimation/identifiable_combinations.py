@@ -1,12 +1,12 @@
 """Combinations of parameters that recordings determine where they do not determine the parameters
-one by one.
+separately.
 
 A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
 Further combinations follow from the fit's covariance C, in units of the data sheet's prior. The
-deviation of one parameter by itself is sqrt(C_kk), and 1 / sqrt((C^-1)_kk) with the others given: a
+deviation of a single parameter is sqrt(C_kk), and 1 / sqrt((C^-1)_kk) with the others given: a
 parameter that is loose by the first and tight by the second is tied. The eigenvectors of a group's
 C with small eigenvalues are determined by the recordings. In logarithms these are products of
-powers, of which the simplest determined one is named. Practical identifiability: Raue et al.
+powers, of which the simplest determined product is named. Practical identifiability: Raue et al.
 (2009), Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS
 Comput. Biol. 3(10), e189.
 """
@@ -117,7 +117,7 @@ def tied_text(fit: dict[str, Any]) -> list[str]:
 
 def _groups(space: Space) -> Iterator[list[int]]:
     """Parameters that are not settled by themselves, but are once the others are given, and tied to
-    one another. Inner ones have no names that a reader would know."""
+    each other. Inner parameters have no names that a reader would know."""
     loose = [
         k for k in space.named if space.covariance[k, k] > SETTLED**2 and not space.bounds[k].inner
     ]
@@ -130,8 +130,9 @@ def _groups(space: Space) -> Iterator[list[int]]:
     enough = np.minimum(SETTLED, GIVEN * np.sqrt(among.diagonal()))
     tied = [k for k, deviation, most in zip(loose, given, enough, strict=True) if deviation < most]
     known = _known(space, tied)
-    # `known known'` projects onto what is known: two parameters that have an entry there are in one
-    # combination. Squared again and again, the table of neighbours becomes that of the groups.
+    # `known known'` projects onto what is known: two parameters that have an entry there are in a
+    # common combination. Squared again and again, the table of neighbours becomes that of the
+    # groups.
     reach = np.abs(known @ known.T) > JOINED
     for _ in tied:
         reach = reach @ reach
@@ -185,7 +186,8 @@ def _named(
 def _quotients(
     space: Space, declared: list[Quantity], singles: list[Quantity]
 ) -> Iterator[_Candidate]:
-    """Settled quotients and products of a declared combination and another one or a parameter."""
+    """Settled quotients and products of a declared combination and another combination or a
+    parameter."""
     declared, singles = [q for q in declared if q.log], [q for q in singles if q.log]
     for i, a in enumerate(declared):
         for rank, b in [(1, b) for b in declared[i + 1 :]] + [(2, b) for b in singles]:
@@ -225,7 +227,7 @@ def _plainest(
 
 
 def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool) -> Combination:
-    """The quantity with its interval: delta method (of the logarithm where there is one), or from
+    """The quantity with its interval: delta method (of the logarithm where it exists), or from
     draws."""
     reach = NORMAL_95 * space.spread(q.slope)
     low, high = q.value - reach, q.value + reach

@@ -76,8 +76,8 @@ def bootstrap(
     """Refits with windows drawn with replacement (a block bootstrap: residuals are correlated
     within a window), and with the priors drawn anew: the data sheet and an earlier fit's. Without
     the second a parameter of which the recordings say nothing would not vary at all; with it, it
-    keeps the width of its prior. Draws x free parameters in prior spreads; one that fails is
-    missing. pool: who does the refits (default: `jobs` processes).
+    keeps the width of its prior. Draws x free parameters in prior spreads; a draw that fails
+    is missing. pool: who does the refits (default: `jobs` processes).
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
@@ -87,7 +87,7 @@ def bootstrap(
 
 @dataclass(frozen=True, eq=False)
 class _BootstrapWork(Work[int, Array]):
-    """A refit to one drawing; items are their numbers."""
+    """A refit to a drawing; items are their numbers."""
 
     what = "bootstrap draw"
     fitted: Fit

@@ -16,14 +16,14 @@ from pamid.simulation.tracks import Track, track_of
 
 Array = NDArray[np.float64]
 
-# Of the error without inputs: above the first there is no response, below the second a clear one.
-# Chance correlations of smooth outputs reach 0.73 (benchmarks/nonsense.py).
+# Of the error without inputs: above the first there is no response, below the second a clear
+# response. Chance correlations of smooth outputs reach 0.73 (benchmarks/nonsense.py).
 ABSENT_RATIO, CLEAR_RATIO = 0.9, 0.7
 LONGEST_LAG_SHARE = 0.2  # of the longest recording
 FOLDS = 5  # of the cross-validation
 RIDGE_DAMPING = 1e-3  # damping per row, of standardised regressors
 GROUPS = (("past",), ("past", "linear"), ("past", "linear", "squares"))  # of regressors
-# shares of a recording by which a signal is shifted to see what chance does: one in twenty does as
+# shares of a recording by which a signal is shifted to see what chance does: 1 in 20 does as
 # well by chance
 CHANCE_SHIFTS = tuple(np.linspace(0.05, 0.95, 19).tolist())
 STANDARDISED = 1e-12  # a regressor that varies by less of its size is a constant
@@ -50,7 +50,7 @@ class LaggedResponse:
     @property
     def is_reversed(self) -> bool:
         """Whether outputs precede inputs: the inputs help more with time reversed. The memory of a
-        machine that forgets makes the forward direction the better one."""
+        machine that forgets makes the forward direction the better direction."""
         least = float(self.backwards.min())
         return least < CLEAR_RATIO and least < ABSENT_RATIO * float(self.forward.min())
 
@@ -97,11 +97,11 @@ def lagged_response(data: DataSplit, model: Assembly) -> LaggedResponse | None:
 
 
 def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float) -> float:
-    """Share of the error of predicting a signal that its regression on another one removes, as in
-    `lagged_response`; 0 where it is no more than by chance.
+    """Share of the error of predicting a signal that its regression on another signal removes, as
+    in `lagged_response`; 0 where it is no more than by chance.
 
     Chance is the share removed at circular shifts of the other signal, which keep its levels and
-    its pace. parts: signal (n,), the other one (n,) and sampling period (s) by recording;
+    its pace. parts: signal (n,), the other signal (n,) and sampling period (s) by recording;
     timescale_s: horizon of the prediction.
     """
     other = np.concatenate([x for _, x, _ in parts])
@@ -132,10 +132,10 @@ def lagged_share(parts: Sequence[tuple[Array, Array, float]], timescale_s: float
 
 
 def inputs_move(tracks: Sequence[Track]) -> bool:
-    """Return whether an input moves to and fro, from the lower third of its range to the upper one
-    and back. After a single step any smooth output looks like a response."""
+    """Return whether an input moves to and fro, from the lower third of its range to the upper
+    third and back. After a single step any smooth output looks like a response."""
     for u in np.concatenate([t.u for t in tracks]).T:
-        low, high = np.quantile(u, (0.05, 0.95))  # one outlier is no range
+        low, high = np.quantile(u, (0.05, 0.95))  # an outlier is no range
         if low == high:
             low, high = u.min(), u.max()
         third = (high - low) / 3.0
@@ -154,7 +154,7 @@ def _lag_edges(first_s: float, last_s: float) -> Array:
 
 
 class _Rows(NamedTuple):
-    """Regressors of one recording (rows x columns), and the increments they are to predict."""
+    """Regressors of a recording (rows x columns), and the increments they are to predict."""
 
     past: Array
     linear: Array

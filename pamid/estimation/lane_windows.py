@@ -17,7 +17,7 @@ MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the wi
 
 
 def moved_parameters(problem: Problem, p: Array, moved: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Parameters p (SI) in lane 0, and with one value moved in each of the others.
+    """Parameters p (SI) in lane 0, and with a value moved in each of the others.
 
     moved: places among the free parameters. Returns parameters (parameters, 1 + moved) and the
     differences (moved,) in prior spreads, away from the upper bound.

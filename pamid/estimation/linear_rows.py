@@ -27,7 +27,7 @@ class LinearRows:
     """away (m,): what a fit squares and adds up; by_parameters (m, free), in prior spreads;
     start_blocks: those by the window starts that may differ from 0, each with its first row and
     column; channel (m,): of every residual, -1 for joints between windows and for the data sheet,
-    whose `free` rows are the last; every: of how many samples one is used."""
+    whose `free` rows are the last; every: of how many samples a single sample is used."""
 
     away: Array
     by_parameters: Array

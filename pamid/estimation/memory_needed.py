@@ -1,8 +1,8 @@
 """Estimated memory of a diagnosis, before it starts.
 
 What grows with the recordings are Jacobians: for every sample and channel a derivative by every
-parameter and state. A fit holds a few of them at a time, and each worker process one more. The
-factors are measured with `benchmarks/memory.py` and `benchmarks/scale.py --diagnose`.
+parameter and state. A fit holds a few of them at a time, and each worker process a further array.
+The factors are measured with `benchmarks/memory.py` and `benchmarks/scale.py --diagnose`.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ CALM = 0.02  # squared step in posterior deviations; two consecutive steps below
 def initial_states(
     problem: Problem, p: Array, weights: Weights, stepping: Stepping
 ) -> tuple[Array, ...]:
-    """Estimate the state at the start of every window, one window after another (moving-horizon
+    """Estimate the state at the start of every window, window by window (moving-horizon
     estimation)."""
     starts = []
     for track in problem.tracks:
@@ -183,8 +183,8 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
     """Least-squares problem over scaled parameters and window starts.
 
     p: all parameters (SI), of which the free ones are replaced; continuity: diagonal of L'L per
-    track; runners: one per track, which may reuse a simulator's slopes from point to point; probe:
-    whether the derivatives at the last point are skipped.
+    track; runners: a runner per track, which may reuse a simulator's slopes from point to point;
+    probe: whether the derivatives at the last point are skipped.
     """
 
     problem: Problem
@@ -236,8 +236,8 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
                 seen_root,
             )
             for w, (window, run) in enumerate(zip(windows, simulated, strict=True)):
-                # One diverging window makes the cost infinite, and the damping rule rejects the
-                # whole step.
+                # A single diverging window makes the cost infinite, and the damping rule rejects
+                # the whole step.
                 if not run.fine:
                     return None
                 importance = 1.0
@@ -256,7 +256,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
                     N[w] = importance * (A.T @ A)[:unknowns, :unknowns]
                     v[w] = importance * (A.T @ r)[:unknowns]
                     end_slopes[w] = run.S[:, :unknowns]
-            # Scaling after the products costs one multiplication per entry of the sums, not one per
+            # Scaling after the products costs a multiplication per entry of the sums, not per
             # sample.
             if derivatives:  # from SI to scaled parameters
                 N[:, :k] *= slope[:, None]
@@ -322,7 +322,7 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
 
     def calm(self, step: _ShootingStep, damping: float) -> bool:
-        # under strong damping every step is short, so a short one proves nothing
+        # under strong damping every step is short, so a short step proves nothing
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
     def stuck(self, at: ShootingPoint, step: _ShootingStep) -> bool:

@@ -1,6 +1,6 @@
 """Magnitudes of values and signals at the ports on the recordings, from states estimated on them.
 
-A free run of the data sheet from the rig's own start is a poor guide where the start is not that of
+A free run of the data sheet from the rig's start is a poor guide where the start is not that of
 the recording, where the parameters are guesses or where the inputs rest. The states at the window
 starts are therefore estimated from the measurements (moving-horizon estimation). The model runs
 from these, window by window, never far from the machine.
@@ -104,7 +104,7 @@ def _push_that_moves(
             slope += (run.JY[:, :, 0] ** 2).sum(axis=0)
     needed = np.sqrt(moved[slope > 0.0] / slope[slope > 0.0])
     needed = needed[np.isfinite(needed) & (needed > 0.0)]
-    # The smallest push: an output that the port hardly reaches would ask for an absurd one.
+    # The smallest push: an output that the port hardly reaches would need an absurd push.
     return float(needed.min(initial=np.inf)) if needed.size else 0.0
 
 

@@ -7,8 +7,8 @@ by Laplace's approximation (`pamid.estimation.smoother`), is maximised over a gr
     v(g) = max_(s,T) log p(y | d_g ~ OU(s, T)) - log p(y | no latent value)   [nats]
 
 The evidence penalises size and speed. A port at which a small, slow value explains every channel
-has more evidence than one whose value has to follow each sensor's error by itself. Rogers, Worden
-and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
+has more evidence than a port whose value has to follow each sensor's error by itself. Rogers,
+Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
 180:109426, for latent forces; Kass and Raftery (1995), JASA 90:773, for the scale of nats.
 
 The two classes of ports with most evidence share what both together explain by their Shapley values
@@ -41,7 +41,7 @@ LatentFit = tuple[float, float, float]  # log evidence, size, time constant
 class PortEvidence:
     """Log evidence gained (nats) by a latent value at each port.
 
-    classes: ports about which these recordings say the same, the leading one first, strongest class
+    classes: ports about which these recordings agree, the leading port first, strongest class
     first; worth: each class's Shapley value (nats), by its leading port.
     """
 
@@ -187,5 +187,6 @@ def _gains(
 
 
 def shapley_value(alone: float, other: float, joint: float) -> float:
-    """Shapley value of one of two players, from the values of each alone and of both together."""
+    """Shapley value of either of two players, from the values of each alone and of both
+    together."""
     return 0.5 * alone + 0.5 * (joint - other)

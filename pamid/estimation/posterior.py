@@ -32,7 +32,7 @@ from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 FIT_ANEW = "Fit it anew with `pamid fit`."
-CLOCK_TERMS = ":drift"  # background terms counted from a recording's own beginning
+CLOCK_TERMS = ":drift"  # background terms counted from a recording's beginning
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +69,9 @@ class EarlierPosterior:
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
         # At the earlier optimum the half gradients of data sheet and recordings add up to `held`,
-        # which is zero but for parameters at a bound: the recordings' own is held - value, as their
-        # information is C^-1 - I. Parameters that are not carried over are marginalised: C loses
-        # their rows, and the gradient becomes C_carried^-1 (C held)_carried.
+        # which is zero but for parameters at a bound: the recordings' part is held - value, as
+        # their information is C^-1 - I. Parameters that are not carried over are marginalised: C
+        # loses their rows, and the gradient becomes C_carried^-1 (C held)_carried.
         slope = precision @ (self.covariance @ self.held)[there]
         at[places_now] = (self.centre[there] - scale.centre[places_now]) / scale.spread[
             places_now
@@ -113,7 +113,7 @@ class EarlierPosterior:
         return places
 
     def remarks(self, problem: Problem) -> list[str]:
-        """Remarks on the step from that fit to this one, a sentence each."""
+        """Remarks on the step from that fit to this fit, a sentence each."""
         bounds = problem.assembly.parameters
         carried = {self.keys[i] for _, i in self._places(problem)}
         notes = [
@@ -134,7 +134,7 @@ class EarlierPosterior:
             else []
         )
         if any(key.endswith(CLOCK_TERMS) for key in self.keys):
-            notes.append("Drifts belong to a recording's own time and begin anew.")
+            notes.append("Drifts belong to a recording's time and begin anew.")
         fresh = [
             bounds[i].key
             for i in problem.free
@@ -150,7 +150,7 @@ class EarlierPosterior:
         if self.rig not in [getattr(kind, "name", "") for kind in type(evidence.rig).__mro__]:
             raise FileError(
                 f"{self.path} is a fit of the rig {self.rig!r}, not of {evidence.rig.name!r}.",
-                "A fit can begin from one of the same rig, or of the rig that it derives from.",
+                "A fit can begin from a fit of the same rig, or of the rig that it derives from.",
             )
         for what, spans in (
             ("its evidence would count twice", evidence.fit),
@@ -161,7 +161,7 @@ class EarlierPosterior:
                     raise DataError(
                         f"{span.recording.path}: {self.path.parent} rests on this recording "
                         f"already; {what}.",
-                        "Give each recording to one stage only.",
+                        "Give each recording to a single stage.",
                     )
 
 
@@ -196,7 +196,7 @@ def read_posterior(folder: Path) -> EarlierPosterior:
     path = folder / FIT_FILE
     fit = need_result(path, result.FitFile, also=("posterior", "from"))
     # The Laplace approximation holds at an optimum. Away from it neither the mean nor the
-    # covariance is one of a posterior.
+    # covariance is that of a posterior.
     if not fit.converged:
         raise ConvergenceError(
             f"{path}: that fit did not converge ({fit.why or 'no reason given'}), so "

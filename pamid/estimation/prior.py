@@ -1,5 +1,5 @@
 """Prior of the parameters, in prior spreads of the data sheet (`problem.Scale`): the data sheet
-itself and, where there was one, an earlier fit.
+itself and, where it exists, an earlier fit.
 
 The data sheet costs |s|^2. An earlier fit adds its recordings' Laplace approximation, |R (x(s) -
 x(at)) + a|^2 with R'R their information and R'a half their gradient. The coordinates x make its
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 # scaled parameters -> coordinates (k,), derivatives (k, k)
 Coordinates = Callable[[Array], tuple[Array, Array]]
 
-NEWTON = 4  # steps from one set of coordinates back to the other
+NEWTON = 4  # steps back from the other coordinates
 
 
 def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, Array]:

@@ -140,7 +140,7 @@ class Scale:
 
 
 def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
-    """Fitted parameters that at least one recording leaves open."""
+    """Fitted parameters that any recording leaves open."""
     return tuple(
         i
         for i, b in enumerate(assembly.parameters)

@@ -18,13 +18,13 @@ from pamid.model.assembly import Assembly
 from pamid.model.trace import Names
 
 Array = NDArray[np.float64]
-Measure = Callable[[Array], float]  # all parameters (SI) -> the quantity, in its own unit
+Measure = Callable[[Array], float]  # all parameters (SI) -> the quantity, in its unit
 
 NEW = 0.2  # part of a direction that must not follow from those before
 STEP = 1e-5  # of a prior spread, for derivatives
-# correlation with a logarithm from which on a positive parameter is taken by its own
+# correlation with a logarithm from which on a positive parameter is taken by its logarithm
 TOGETHER = 0.9
-# relative: above this deviation a parameter has no logarithm; lowest value of one
+# relative: above this deviation a parameter has no logarithm; lowest value of such a parameter
 LOOSE, FLOOR = 0.5, 1e-3
 
 
@@ -95,12 +95,12 @@ class Space:
         return out
 
     def single(self, k: int) -> Quantity:
-        """A parameter by itself, in its own unit."""
+        """A parameter by itself, in its unit."""
         i, factor = self.places[k], self.bounds[k].factor
         return self.quantity(self.names[k], self.bounds[k].unit, lambda p: float(p[i] / factor))
 
     def together(self, terms: Terms) -> Quantity:
-        """Product of powers of quantities (a x b^2 / c), or where one may not be positive their
+        """Product of powers of quantities (a x b^2 / c), or where any may not be positive their
         weighted sum."""
         if not all(q.log for q, _ in terms):
             name = " ".join(
@@ -141,7 +141,7 @@ def _power(name: str, n: float) -> str:
 
 
 def declared(assembly: Assembly) -> dict[str, Measure]:
-    """The rig's own combinations by name, in the unit of the name."""
+    """The rig's combinations by name, in the unit of the name."""
     places = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
 
     def read(p: Array) -> dict[str, Any]:
@@ -161,14 +161,14 @@ def straight_coordinates(problem: Problem, p: Array, covariance: Array) -> Coord
 
     These are the scaled parameters, as many as possible replaced by the rig's combinations, by
     their logarithms where they are positive. A ridge along which masses and centres may slide is
-    straight in those. So is one along which a friction grows with the scale of all inertias: a
-    positive parameter tied to a logarithm is replaced by its own.
+    straight in those. So is a ridge along which a friction grows with the scale of all inertias: a
+    positive parameter tied to a logarithm is replaced by its logarithm.
     """
     space = Space(problem, p, covariance)
     chosen: list[tuple[int, Quantity]] = []
     rows = np.zeros((0, len(space.s)))
     # Gaussian elimination with pivots: a combination takes the place of the parameter that it moves
-    # most and no earlier one has taken, so that the new coordinates stay independent
+    # most and no earlier combination has taken, so that the new coordinates stay independent
     for q in declared_quantities(space, problem.assembly):
         row = q.slope / np.linalg.norm(q.slope)
         for (pivot, _), before in zip(chosen, rows, strict=True):

@@ -26,14 +26,14 @@ Array = NDArray[np.float64]
 SHORTER = 0.25  # of a window: where a fit begins that long windows would trap
 RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed
 DRAW_STEPS = 8  # that each is given
-# of the cost: a fit from new starts below it shows that the old one was a trap
+# of the cost: a fit from new starts below it shows that the old fit was a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 
 
 def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
-    """The fit; where it ended in a local minimum, the one reached from initial states estimated
+    """The fit; where it ended in a local minimum, the fit reached from initial states estimated
     anew. noise: of the sensors, per channel (SI)."""
     if not fitted.residuals:
         return fitted
@@ -73,13 +73,13 @@ def _reweighted(fitted: Fit, noise: Array) -> Fit:
 
 
 def fit_from_shorter_windows(fitted: Fit) -> Fit:
-    """The fit, or the one that begins at the parameters found with windows of a quarter of its own,
-    where that leaves clearly less.
+    """The fit, or a fit that begins at the parameters found with windows of a quarter of the
+    length, where that leaves clearly less.
 
     A motion with contacts changes after every impact. Over a long window the misfit has a minimum
-    for every order of impacts, over a short one there are few of them. An arm whose payload is not
-    in the model falls another way, and the misfit of a long window has a narrow, curved valley in
-    which the fit does not converge. Growing windows are the usual way past (Ribeiro, Tiels,
+    for every order of impacts, over a short window there are few of them. An arm whose payload is
+    not in the model falls another way, and the misfit of a long window has a narrow, curved valley
+    in which the fit does not converge. Growing windows are the usual way past (Ribeiro, Tiels,
     Umenberger, Schoen, Aguirre 2020, Automatica 121, on the smoothness of nonlinear system
     identification).
     """
@@ -103,7 +103,7 @@ def _closeness(fitted: Fit) -> float:
 
 
 def is_failed(fitted: Fit) -> bool:
-    """Whether the fit ended above the data sheet's own cost, with the same weights and with window
+    """Whether the fit ended above the data sheet's cost, with the same weights and with window
     states estimated for it: it is then worse than no fit."""
     if not fitted.residuals:
         return True
@@ -120,7 +120,7 @@ def is_failed(fitted: Fit) -> bool:
 
 def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     """The best of several fits that begin at draws from the priors and at the data sheet. Each
-    takes a few steps, and the best one is completed; the fit itself where none is better. noise: of
+    takes a few steps, and the best is completed; the fit itself where none is better. noise: of
     the sensors, per channel (SI)."""
     problem, scale = fitted.problem, fitted.problem.scale
     random = np.random.default_rng(seed)

@@ -52,7 +52,7 @@ def fit_robustly(
     for last in range(2 - ROUNDS, 1):
         if not fitted.residuals:
             break
-        # Weights change between fits and not within one: a cost that moves with every step has no
+        # Weights change between fits and not within a fit: a cost that moves with every step has no
         # minimum to converge to.
         weights = residual_weights(fitted.residuals, noise, problem.window)
         fitted = fit(

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 # a latent value is constant over a slice: correlation times, and samples at least
 SLICE, SLICE_SAMPLES = 0.16, 4
 # standard deviations of a state other than a latent value that it may jump by: between slices a
-# stand-in for zero with which blocks are invertible, where a window begins one for no bound
+# stand-in for zero with which blocks are invertible, where a window begins a stand-in for no bound
 STIFFNESS, WINDOW_JUMP = 1e-4, 1e3
 # standard deviations of a latent value that are tried, in sizes of the port's value, and its time
 # constants in correlation times: those of a slice and of the shortest window
@@ -54,7 +54,7 @@ SMOOTHER_STEPS, SMOOTHER_TOLERANCE = 20, 1e-3
 # share of the cost: the quadratic model is trusted near its point alone (Nocedal and Wright 2006,
 # Numerical Optimization, chapter 4)
 SMOOTHER_TRUSTED = 0.1
-# of a diagonal scaled to one: keeps a singular block solvable, without weight in the result
+# of a diagonal scaled to 1: keeps a singular block solvable, without weight in the result
 SMOOTHER_DAMPING = 1e-10
 
 
@@ -62,7 +62,7 @@ SMOOTHER_DAMPING = 1e-10
 
 
 class Linearisation(NamedTuple):
-    """The data of one track, linearised about a trajectory and the parameters: information of the
+    """The data of a track, linearised about a trajectory and the parameters: information of the
     parameters (k x k), of the states at the start of every slice (slices x n x n), between them
     (slices x n x k), their gradients, state at the end of every slice, its derivatives by the state
     at the start (slices x n x n) and by the parameters (slices x n x k), squared error in noise
@@ -99,7 +99,7 @@ class TrajectoryPrior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SlicedTrack:
-    """One track in slices. A trajectory x of it: the states at the start of every slice (slices x
+    """A track in slices. A trajectory x of it: the states at the start of every slice (slices x
     states)."""
 
     runner: Runner
@@ -111,7 +111,7 @@ class SlicedTrack:
     @cached_property
     def keeping(self) -> tuple[Runner, Runner]:
         """The runner by the states alone, and by the parameters as well. A simulator's slopes are
-        kept from one linearisation to the next."""
+        kept between linearisations."""
         still, moving = self.known
         return replace(self.runner, free=()).keeping(still), self.runner.keeping(moving)
 
@@ -176,7 +176,7 @@ class SlicedTrack:
         self, x: Array, missing: NDArray[np.intp], size: float, time_s: float
     ) -> TrajectoryPrior:
         """missing: places of the latent values among the states; size, time_s: theirs."""
-        # A state that rests has no spread, and the prior needs a positive one.
+        # A state that rests has no spread, and the prior needs a positive spread.
         spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
         joint = np.tile(1.0 / (STIFFNESS * spread) ** 2, (len(self.slices) - 1, 1))
         jump, free = self.runner.track.jump, WINDOW_JUMP * spread
@@ -250,7 +250,7 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
 
 
 def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
-    """Slices that do not straddle the replay's windows, and which of them begin one."""
+    """Slices that do not straddle the replay's windows, and which of them begin a window."""
     slices, opens = [], []
     length = max(SLICE_SAMPLES, round(SLICE * r.track.timescale_s / r.track.period_s))
     for w in r.windows:
@@ -453,8 +453,8 @@ class Smoother:
         time_s = self.times_s[0]
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, SMOOTHER_STEPS, moving=False)
-        # one linearisation along the replay serves all sizes; only around the most likely one are
-        # the trajectories improved
+        # a single linearisation along the replay serves all sizes; only around the most likely size
+        # are the trajectories improved
         smallest, *larger = LATENT_SIZES
         start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
@@ -500,7 +500,7 @@ class Smoother:
         solver = replace(solver, priors=self._priors(ended.x, size, time_s))
         point = solver.point(ended.s, ended.x, ended.data)
         step = solver.step(point, SMOOTHER_DAMPING)
-        # the quadratic's own minimum stands in for another iteration, up to a share of the cost
+        # the quadratic's minimum stands in for another iteration, up to a share of the cost
         log_evidence = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         log_evidence = log_evidence if np.isfinite(log_evidence) else -np.inf
         return SmoothingResult(log_evidence, size, time_s, point.s, point.x, point.data, moving)

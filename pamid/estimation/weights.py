@@ -1,4 +1,4 @@
-"""How much a residual counts: by its own size and by how many samples say the same thing.
+"""How much a residual counts: by its size and by how many samples say the same thing.
 
 n correlated samples hold as much as n / tau independent ones, tau = 1 + 2 sum_k rho_k the
 integrated autocorrelation time; so each counts with 1 / (sigma^2 tau). Priestley (1981), Spectral
@@ -41,7 +41,7 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
     most = window / 8.0
     lengths = np.empty(len(rms))
     for c in range(len(rms)):
-        # One recording only: a correlation over the seam of two would be that of two offsets.
+        # A single recording only: a correlation over the seam of two would be that of two offsets.
         longest = max((r for r in residuals if not np.isnan(r[0, c])), key=len)
         lengths[c] = correlation_length(longest[:, c])
     # Not below the noise: a residual that is smaller by chance would give its channel a weight
@@ -50,8 +50,8 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
 
 
 def correlation_length(r: Array) -> float:
-    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05, from
-    where on their estimates are little but noise."""
+    """Samples per independent sample: 1 + 2 sum of autocorrelations up to the first below 0.05,
+    from where on their estimates are little but noise."""
     auto = autocorrelation(r)
     if auto is None:
         return 1.0

@@ -1,4 +1,4 @@
-"""Free runs: a model over every whole recording, each from one estimated state."""
+"""Free runs: a model over every whole recording, each from an estimated state."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OVER_RECORDINGS = "in free runs of the fitted model over the recordings"
 def free_runs(e: DataSplit, assembly: Assembly, p: Array, stepping: Stepping) -> tuple[Replay, ...]:
     """A model at parameters p (SI) over every whole recording; of an excerpt, over every stretch.
     In the order of the rows of residual.csv."""
-    # Over fitted and held-out parts in one run: a new start at the seam would hide a drift.
+    # Over fitted and held-out parts in a single run: a new start at the seam would hide a drift.
     tracks = replace(e, fit=whole_spans(e)).tracks(assembly)
     return tuple(replay_track(assembly, p, t, stepping, e.noise, per_run=WHOLE) for t in tracks)
 

@@ -16,11 +16,11 @@ FloatArray = NDArray[np.float64]
 
 BINS = 20
 MOST_SAMPLES = 20_000_000  # of an excitation: more than two days at 10 ms
-CELLS = 4  # sizes and paces of changes are each told apart in so many classes
+CELLS = 4  # sizes and paces of changes are each separated into so many classes
 _STEP = 1e-9  # of the range: smaller changes are rounding, not steps
 _RESTLESS = 0.95  # of the samples: a signal that moves longer is read from turn to turn
 _RIPPLE = 0.05  # of the range: turns of a moving signal by less are part of a larger change
-# factor within which sizes or paces count as one; share of time that counts as never
+# factor within which sizes or paces count as the same; share of time that counts as never
 _ALIKE, _SELDOM = 1.5, 0.01
 _SINGULAR, _POOR, _NO_EVEN = 1e8, 30.0, 10.0  # condition numbers
 
@@ -30,12 +30,12 @@ class Changes:
     """Amplitude against frequency: the changes of a signal by size and by pace.
 
     A change runs from where the signal sets out to where it sets out again, a hold at its end
-    included; the last one, cut by the end, is left out. Its pace is that of the sine that goes up
-    in the same time, 1/(2 time).
+    included; the last change, cut by the end, is left out. Its pace is that of the sine that goes
+    up in the same time, 1/(2 time).
 
     size, pace_hz   of the changes, shape (n,); size as a share of the range
-    edges_hz        of the classes of pace, all of one ratio, shape (5,); those of size are quarters
-                    of the range
+    edges_hz        of the classes of pace, all of the same ratio, shape (5,); those of size are
+                    quarters of the range
     share           of time by size (rows, smallest first) and pace (slowest first), shape (4, 4),
                     sums to 1
     """
@@ -67,11 +67,11 @@ class Coverage:
     """How well a signal covers amplitude and frequency. Amplitudes in the unit of the signal, s and
     Hz.
 
-    low, high          range asked for (default: the extremes visited)
+    low, high          requested range (default: the extremes visited)
     histogram          share of time in each of 20 equal bins of the range, sums to 1 (less if the
                        signal leaves it)
-    evenness           entropy of the histogram over that of an even one: 1 every level equally
-                       often, 0 one level
+    evenness           entropy of the histogram over that of an even histogram: 1 every level
+                       equally often, 0 a single level
     visited            share of the bins that were visited at all
     steps              number of changes of level (of direction or of hold, for a signal with ramps)
     levels             number of different levels held
@@ -81,8 +81,8 @@ class Coverage:
     band_20db_hz       lowest and highest frequency within 20 dB of the strongest
     moving             never at rest: its steps are then turns, its holds the times between them
     crest              highest deviation from the mean over the rms: 1 two levels, 1.41 a sine
-    library_condition  how well 1, v, v^2 and v^3 (v: the signal over its half range) are told
-                       apart: condition number of these columns at unit length, without the rest at
+    library_condition  how well 1, v, v^2 and v^3 (v: the signal over its half range) are separated:
+                       condition number of these columns at unit length, without the rest at
                        the start; None where they are not
     even_condition     the same of 1 and v^2 alone
     changes            sizes and paces of the changes; None if there are fewer than two
@@ -210,7 +210,7 @@ def aprbs(
     amplitude, offset
         Levels lie within offset +- amplitude, in the unit of the signal.
     hold_s
-        Shortest and longest time at one level, s, drawn uniformly; the end cuts the last one.
+        Shortest and longest time at a level, s, drawn uniformly; the end cuts the last hold.
     levels
         Number of equidistant levels (2 or more), each as often as the others. None: as many levels
         as holds.
@@ -348,7 +348,7 @@ def check_request(
         )
     if hold_s[0] < period_s:
         raise UsageError(
-            f"A hold of {hold_s[0]:g} s is shorter than one sample, {period_s:g} s.",
+            f"A hold of {hold_s[0]:g} s is shorter than a sample, {period_s:g} s.",
             "Make it longer.",
         )
     if duration_s < 2 * hold_s[1]:
@@ -367,7 +367,7 @@ def _unit_levels(
 ) -> FloatArray:
     """`count` levels in [-1, 1]."""
     if levels is None and latin:
-        # one level in each of `count` equal parts of the range, in random order (McKay, Beckman and
+        # a level in each of `count` equal parts of the range, in random order (McKay, Beckman and
         # Conover 1979, Technometrics 21(2)): even a short signal leaves no part of the range out
         return 2.0 * (random.permutation(count) + random.random(count)) / count - 1.0
     if levels is None:
@@ -375,7 +375,7 @@ def _unit_levels(
     order = np.empty(0, dtype=int)
     while order.size < count:
         deck = random.permutation(levels)
-        # the same level twice in a row would be one long hold
+        # the same level twice in a row would be a single long hold
         if order.size and deck[0] == order[-1]:
             deck = np.roll(deck, 1)
         order = np.concatenate([order, deck])
@@ -403,7 +403,7 @@ def _changes(values: FloatArray) -> tuple[bool, NDArray[np.intp]]:
 
 
 def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
-    """Samples from which a signal sets out, from rest or back; of a moving one without its
+    """Samples from which a signal sets out, from rest or back; of a moving signal without its
     ripple."""
     step = np.diff(values)
     way = np.where(np.abs(step) > _STEP * float(np.ptp(values)), np.sign(step), 0.0)
@@ -412,8 +412,8 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
         return begins
     turns: list[int] = []
     for turn in begins.tolist():
-        # a turn that goes on the same way takes the place of the last one; one that comes back by
-        # less than a ripple is passed over
+        # a turn that goes on the same way takes the place of the last turn; a turn that comes back
+        # by less than a ripple is passed over
         if (
             len(turns) > 1
             and (values[turn] - values[turns[-1]]) * (values[turns[-1]] - values[turns[-2]]) > 0.0
@@ -432,7 +432,7 @@ def _by_size_and_pace(
     size, times = np.abs(np.diff(values[turns])) / span, np.diff(turns) * period_s
     pace = 0.5 / times
     slow, fast = _most(pace, times)
-    ratio = max(math.sqrt(fast / slow), 2.0)  # one pace alone is one class, not all
+    ratio = max(math.sqrt(fast / slow), 2.0)  # a single pace is a single class, not all
     edges = math.sqrt(slow * fast) * np.geomspace(1.0 / ratio, ratio, CELLS + 1)
     row = np.clip((CELLS * size).astype(int), 0, CELLS - 1)
     column = np.clip(np.searchsorted(edges, pace, side="right") - 1, 0, CELLS - 1)
@@ -450,7 +450,7 @@ def _most(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
 
 def _condition(library: FloatArray) -> float | None:
     """Condition number of columns at unit length, so that it does not depend on their units; None
-    if they cannot be told apart."""
+    if they cannot be separated."""
     length = np.maximum(np.linalg.norm(library, axis=0), np.finfo(float).tiny)
     singular = np.linalg.svd(library / length, compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] * _SINGULAR > singular[0] else None

@@ -1,8 +1,8 @@
 """Experiments as the signals to send: what a rig can be excited by, and a menu of those that tell
 models apart: the general ones, after those that a rig states itself (`Rig.experiments`).
 
-Signals are drawn on a clock of their own; a bench stretches it to the pace of its rig. Minutes are
-the time at the rig, with repetitions and settings; the signals are one pass of it.
+Signals are drawn on a separate clock; a bench stretches it to the pace of its rig. Minutes are
+the time at the rig, with repetitions and settings; the signals are a single pass of it.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ EXTERNAL = "external_"
 class Bench:
     """Signals that a rig accepts.
 
-    driven: columns to excite, with centre and half range in their own unit: references of a loop,
+    driven: columns to excite, with centre and half range in their unit: references of a loop,
     or plain inputs. command: columns at rest where the loop stays open (empty on a rig without a
     loop). external: columns for a torque or force from outside. known: parameters that the rig is
     used with (name and unit as in a recording's [known]). period_s: sampling period. pace: seconds
-    at this rig per second of the signals' own clock. passes: how often, and as many times faster, a
+    at this rig per second of the signals' clock. passes: how often, and as many times faster, a
     driven shape is run through. washed: share of the length whose running mean is taken off a
     driven shape, so that what adds it up comes back (0: none). carried: columns that are sent
-    beside every excitation (samples,), repeated where it is longer.
+    with every excitation (samples,), repeated where it is longer.
     """
 
     rig: Rig
@@ -62,13 +62,13 @@ class Bench:
     carried: dict[str, Array] = field(default_factory=dict)
 
     def clock(self, seconds: float) -> Array:
-        """Sampling instants of a signal of this length, in seconds of its own clock."""
+        """Sampling instants of a signal of this length, in seconds of the signals' clock."""
         step = self.period_s / self.pace
         return step * np.arange(round(seconds / step), dtype=np.float64)
 
     def driving(self, shape: Callable[[Array], Array]) -> dict[str, Array]:
         """A shape of time within +-1 on every driven column, each a part of a pass later than the
-        one before."""
+        column before."""
         whole = self.clock(PASS_S)
         once = shape(self.passes * whole[: len(whole) // self.passes])
         waves = {
@@ -105,8 +105,8 @@ class Experiment:
     """An entry of the menu.
 
     minutes: at the rig; in_turn: for each of its loops. why: its signals, and what they show on any
-    rig; shows: the same by kind of port, for a rig that has one. signals: columns to send to a
-    bench (samples,), in their own units. commanded: needs commands past a controller. pushed: needs
+    rig; shows: the same by kind of port, for a rig that has the kind. signals: columns to send to a
+    bench (samples,), in their units. commanded: needs commands past a controller. pushed: needs
     a torque or force from outside. settings: [known] values that change, once per repetition; ()
     where the rig has nothing to change.
     """
@@ -132,14 +132,14 @@ class Experiment:
         return bool(self.settings(bench) and self.signals(bench))
 
     def columns(self, bench: Bench) -> Columns:
-        """Its signals, and what the bench carries beside them."""
+        """Its signals, and the columns that the bench carries with them."""
         sent = self.signals(bench)
         samples = len(next(iter(sent.values())))
         constant = {k: np.resize(v, samples) for k, v in bench.carried.items() if k not in sent}
         return {**sent, **constant}
 
     def minutes_on(self, bench: Bench) -> float:
-        """Time at the rig; on a rig of one's own, whose protocol is not known, the length of the
+        """Time at the rig; on a user's rig, whose protocol is not known, the length of the
         signals."""
         if bench.command:
             return self.minutes * (len(bench.command) if self.in_turn else 1)
@@ -177,7 +177,7 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
     if not needed:
         raise UsageError(
             f"rig {rig.name!r} has no loop and needs no input.",
-            f"Name one with --column: {', '.join(rig.inputs)}.",
+            f"Name an input with --column: {', '.join(rig.inputs)}.",
         )
     return needed
 
@@ -185,7 +185,7 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
 def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
     """Between these a rig lets a column be sent, in its unit: an input within its range, a command
     of a loop within the controller's limit, a reference within the range declared for the reading
-    that a recording begins with; infinite where nothing is said."""
+    that a recording begins with; infinite where nothing is stated."""
     if column in rig.ranges:
         low, high = rig.ranges[column]
         return float(low), float(high)
@@ -266,7 +266,7 @@ def at_rest(rig: Rig, samples: int) -> dict[str, Array]:
 
 def nothing_sent(rig: Rig, samples: int) -> dict[str, Array]:
     """Columns of a recording in which nothing is sent: the inputs that a rig needs, at 0; where it
-    needs none, one that is no command, for a recording has at least one column."""
+    needs none, an input that is no command, for a recording needs a column."""
     needed = [c for c in rig.inputs if c not in rig.optional]
     commands = {q.command for q in rig.loops}
     free = sorted(rig.optional, key=commands.__contains__)

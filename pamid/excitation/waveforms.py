@@ -1,8 +1,8 @@
 """Signals to send: shapes of time for the experiments of the menu, and excitations with settings,
 for several columns.
 
-An excitation keeps within a rate limit: one of steps is slowed down to it, a smooth one that would
-be bent is refused. Columns with random signals are sent together, each with a seed of its own; with
+An excitation keeps within a rate limit: steps are slowed down to it, a smooth signal that would be
+bent is refused. Columns with random signals are sent together, each with a separate seed; with
 the others they take turns, the rest of them waiting at the offset, so that what answers is known.
 """
 
@@ -61,7 +61,7 @@ def through(t: Array, *knots: tuple[float, float]) -> Array:
 
 
 def odd_multisine(t: Array, seed: int = 11) -> Array:
-    """Odd harmonics with random phases, one period in half the length, highest value 0.75."""
+    """Odd harmonics with random phases, a period in half the length, highest value 0.75."""
     n = len(t) // 2
     top = min(FASTEST_HZ, 0.1 / (t[1] - t[0])) * n * (t[1] - t[0])
     lines = np.unique(2 * (np.geomspace(1.0, max(top, 3.0), 40).astype(int) // 2) + 1)
@@ -71,7 +71,7 @@ def odd_multisine(t: Array, seed: int = 11) -> Array:
 
 
 def slow_reversals(t: Array) -> Array:
-    """Triangles nested in one another, with stops."""
+    """Triangles nested in each other, with stops."""
     waits = (1.5, 0.5, 3.0, 0.5, 2.0, 1.5, 0.5, 1.5, 1.0, 0.5, 0.5)
     values = (1.0, 1.0, -1.0, -1.0, 0.5, -0.5, -0.5, 0.25, -0.25, -0.25, 0.0)
     return through(t, *zip(waits, values, strict=True))
@@ -91,7 +91,7 @@ def amplitude_sweep(t: Array) -> Array:
 
 
 def pulses(t: Array, every: float, each: list[tuple[float, float]]) -> Array:
-    """(length s, height) after one another, one every so many seconds."""
+    """(length s, height) in sequence, a pulse every so many seconds."""
     out = np.zeros(len(t))
     for k, (length, height) in enumerate(each):
         begin = every * (k + 0.25)
@@ -100,7 +100,7 @@ def pulses(t: Array, every: float, each: list[tuple[float, float]]) -> Array:
 
 
 def paired_pulses(t: Array) -> Array:
-    """There and back for 30 to 500 ms each, one every 1.5 s, over 15 s."""
+    """There and back for 30 to 500 ms each, a pulse every 1.5 s, over 15 s."""
     return pulses(t, GAP_S, [(length, height) for length in PULSES_S for height in (1.0, -1.0)])
 
 
@@ -135,7 +135,7 @@ class Plan:
     """A signal and its settings, as the functions below take them; `plan_for` gives those not named
     their usual values.
 
-    duration_s  of all columns, those that take turns share it; 0: as long as one pass takes
+    duration_s  of all columns, those that take turns share it; 0: as long as a pass takes
     rate_limit  largest slope in units of a column per second (None: jumps)
     """
 
@@ -162,8 +162,8 @@ def prbs(plan: Plan, amplitude: float, seed: int, part: float = 0.0) -> Array:
     """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
 
     The ratio of longest to shortest hold, rounded, is the order n of the shift register, whose
-    sequence of 2^n - 1 shortest holds is repeated. `part` of that sequence by which this one begins
-    later: parts of one sequence that are sent together are as good as independent, if they lie
+    sequence of 2^n - 1 shortest holds is repeated. `part` of that sequence by which this column
+    begins later: parts of a sequence that are sent together are as good as independent, if they lie
     further apart than the rig remembers. The two levels are offset +- amplitude; it starts and
     stays at `rest` for the shortest hold, as `aprbs` does.
     """
@@ -199,9 +199,9 @@ def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
     band_hz, periods, count = plan.band_hz, plan.periods, _samples(plan, amplitude)
     if not 1 <= periods <= count // 8:
         raise UsageError(f"{periods} periods do not go into {count} samples.")
-    one = count // periods
-    base = 1.0 / (one * plan.period_s)
-    lines = np.arange(1, one // 2, 2)
+    period = count // periods
+    base = 1.0 / (period * plan.period_s)
+    lines = np.arange(1, period // 2, 2)
     lines = lines[
         (lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))
     ]
@@ -211,9 +211,9 @@ def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
             f"{band_hz[1]:g} Hz.",
             "Take fewer periods, a longer signal or a wider band.",
         )
-    spectrum = np.zeros(one // 2 + 1, dtype=complex)
+    spectrum = np.zeros(period // 2 + 1, dtype=complex)
     spectrum[lines] = np.exp(1j * _flat_phases(lines, np.random.default_rng(seed)))
-    wave = np.fft.irfft(spectrum, one)
+    wave = np.fft.irfft(spectrum, period)
     wave = np.roll(wave, -int(np.argmin(np.abs(wave))))
     return np.asarray(plan.offset + amplitude * np.resize(wave / np.abs(wave).max(), count))
 
@@ -234,7 +234,7 @@ def chirp(plan: Plan, amplitude: float) -> Array:
     cycles = length * ((high - low) / math.log(high / low) if log else 0.5 * (low + high))
     if cycles < 1.0:
         raise UsageError(
-            f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz."
+            f"{length:g} s have no room for a cycle of a sweep from {low:g} to {high:g} Hz."
         )
     whole = math.floor(cycles * (1.0 + 1e-12)) / cycles
     method, time = "logarithmic" if log else "linear", plan.period_s * np.arange(count)
@@ -305,12 +305,12 @@ def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """A column: samples (n,), the samples in which it is excited, the seed of its own or the part
+    """A column: samples (n,), the samples in which it is excited, its seed or the part
     of the sequence."""
 
     samples: Array
     turn: slice
-    own: dict[str, Any]
+    settings: dict[str, Any]
 
 
 def plan_for(
@@ -352,8 +352,8 @@ def draw(
     ramped: Collection[str] = (),
     rests: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Sent]:
-    """The columns, each with its amplitude and its offset (else the plan's), all of one length; the
-    first one of random signals is what it is alone. ramped: columns that go from level to level in
+    """The columns, each with its amplitude and its offset (else the plan's), all of equal length;
+    the first of random signals is what it is alone. ramped: columns that go from level to level in
     ramps; rests: where random steps begin (else at 0)."""
     turns = len(amplitudes) if plan.signal in IN_TURN else 1
     duration = plan.duration_s / turns
@@ -362,15 +362,15 @@ def draw(
         duration = LOOPS_S * max(1.0, slowed)
     drawn = {}
     for k, (column, amplitude) in enumerate(amplitudes.items()):
-        offset, own = offsets.get(column, plan.offset), dict[str, Any]()
+        offset, settings = offsets.get(column, plan.offset), dict[str, Any]()
         if plan.signal not in ("chirp", "torque-loops"):
             several = k and plan.signal in ("aprbs", "multisine")
-            own["seed"] = [plan.seed, k] if several else plan.seed
+            settings["seed"] = [plan.seed, k] if several else plan.seed
         if plan.signal == "prbs":
-            own["part"] = k * APART % 1.0
+            settings["part"] = k * APART % 1.0
         rest = rests.get(column, plan.rest)
-        one = replace(plan, duration_s=duration, offset=offset, rest=rest)
-        wave = _MAKERS[plan.signal](one, amplitude, **own)
+        active = replace(plan, duration_s=duration, offset=offset, rest=rest)
+        wave = _MAKERS[plan.signal](active, amplitude, **settings)
         if column in ramped and plan.signal not in SMOOTH:
             wave = ramps(wave)
         first = (k if turns > 1 else 0) * len(wave)
@@ -379,12 +379,12 @@ def draw(
         samples[turn] = wave
         if plan.rate_limit is not None:
             samples = _within(plan, column, amplitude, samples, plan.rate_limit)
-        drawn[column] = Sent(samples, turn, own)
+        drawn[column] = Sent(samples, turn, settings)
     return drawn
 
 
 def ramps(samples: Array) -> Array:
-    """Steps (n,) as ramps: each level is reached where the next one would begin, so that the speed
+    """Steps (n,) as ramps: each level is reached where the next would begin, so that the speed
     is another from ramp to ramp."""
     begins = np.flatnonzero(np.diff(samples)) + 1
     knots = np.concatenate([[0], begins, [len(samples) - 1]])

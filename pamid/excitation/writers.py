@@ -1,5 +1,5 @@
 """Excitations as files for whoever sends them: a CSV, Simulink, a PLC, a C program; and the note
-beside each.
+next to each.
 
 format      suffix  content
 csv         .csv    a recording: time_s and the columns, 9 significant digits
@@ -54,7 +54,7 @@ class Format:
 
 @dataclass(frozen=True, eq=False)
 class SentSignals:
-    """Excitation columns (n,) in the unit of their names, one sample every period_s; stem: of the
+    """Excitation columns (n,) in the unit of their names, a sample every period_s; stem: of the
     file to write; about: a line for its comments."""
 
     columns: Mapping[str, Array]
@@ -78,7 +78,7 @@ class SentSignals:
 
 
 def format_of(path: Path, chosen: str | None = None) -> str:
-    """The format to write a path in: the one chosen, else the one of its suffix, else CSV.
+    """The format to write a path in: as chosen, else that of its suffix, else CSV.
     UsageError where the suffix belongs to another."""
     suffix = path.suffix.lower()
     by_suffix = {form.suffix: name for name, form in reversed(FORMATS.items())}
@@ -102,11 +102,11 @@ def write_excitation(
     meta: Mapping[str, Any] | None = None,
     others: Mapping[Path, bytes] | None = None,
 ) -> dict[str, Any]:
-    """Write an excitation, the JSON note beside it, the tables of `meta` as TOML beside it and
+    """Write an excitation, the JSON note next to it, the tables of `meta` as TOML next to it and
     `others`: all or none.
 
     about: what to note of it, from the rig on; the note is returned. FileError for columns that are
-    not finite or whose names cannot be told apart in this format.
+    not finite or whose names cannot be separated in this format.
     """
     from importlib.metadata import version
 
@@ -128,7 +128,7 @@ def write_excitation(
 
 
 def change_points(samples: Array) -> NDArray[np.intp]:
-    """Samples at which the value differs from the one before; the first is one."""
+    """Samples at which the value differs from the sample before; the first is included."""
     return np.append(0, np.flatnonzero(np.diff(samples)) + 1)
 
 
@@ -215,7 +215,7 @@ def _c_header(signals: SentSignals) -> bytes:
         unit = _comment(_unit(column))
         lines += [
             "",
-            f"/* {_comment(column)}: {unit}, one value per sample */",
+            f"/* {_comment(column)}: {unit}, a value per sample */",
             *_c_array(word, samples),
             "",
             f"#define {word.upper()}_CHANGES {at.size}",

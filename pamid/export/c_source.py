@@ -1,6 +1,6 @@
-"""A sample step as C99: one header and one source, without allocation or globals.
+"""A sample step as C99: a header and a source, without allocation or globals.
 
-The whole state is in one struct.
+The whole state is in a single struct.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 _DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
 _HOW_TO_BUILD = (
     "it holds sources only: build it where it is to run, with `fmpy compile`, Simulink's "
-    "fmudialog.compileFMUSources or the importer's own compiler"
+    "fmudialog.compileFMUSources or the importer's compiler"
 )
 
 
@@ -185,8 +185,7 @@ def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[byt
         if done.returncode:
             return (
                 b"",
-                f"{compiler} failed: "
-                f"{(done.stderr.strip().splitlines() or ['it says nothing'])[0]}",
+                f"{compiler} failed: {(done.stderr.strip().splitlines() or ['no message'])[0]}",
             )
         return (folder / "model.bin").read_bytes(), ""
 
@@ -215,7 +214,7 @@ def _root(
         "fmiVersion": f"{version}.0",
         "modelName": step.name,
         {2: "guid", 3: "instantiationToken"}[version]: token,
-        "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
+        "description": f"Identified model of {step.name}, a step per {step.period_s!r} s",
         "generationTool": f"pamid {version_of('pamid')}",
         "variableNamingConvention": "flat",
         **more,

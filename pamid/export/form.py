@@ -27,7 +27,7 @@ class Written:
     check: PlainCheck | None = None
 
 
-def _one_file(step: Any, path: Path) -> tuple[Path, ...]:
+def _single_file(step: Any, path: Path) -> tuple[Path, ...]:
     return (path,)
 
 
@@ -44,7 +44,7 @@ class Form:
 
     ending: str
     write: Callable[[Identified, Any, tuple[Path, ...]], Written]
-    files: Callable[[Any, Path], tuple[Path, ...]] = _one_file
+    files: Callable[[Any, Path], tuple[Path, ...]] = _single_file
     sampled: bool = True
 
 

@@ -1,4 +1,4 @@
-"""A sample step as one MATLAB function file.
+"""A sample step as a single MATLAB function file.
 
 It suits MATLAB, Simulink's code generation and GNU Octave.
 """

@@ -90,7 +90,7 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
 
 
 def _rivals_note(model: Identified) -> str:
-    """Note on the effects that the recordings cannot separate from the written one."""
+    """Note on the effects that the recordings cannot separate from the written effect."""
     written = model.effects[0].label if model.effects else ""
     others = {k: v for k, v in model.rivals.items() if k != written}
     if not others:
@@ -98,5 +98,5 @@ def _rivals_note(model: Identified) -> str:
     named = ", ".join(f"{k} (P {v:.2f})" for k, v in others.items())
     return (
         f"{written} (P {model.rivals.get(written, 0.0):.2f}) is in the file; these recordings "
-        f"cannot tell it from {named}; --choose {quoted(next(iter(others)))} writes that one"
+        f"cannot separate it from {named}; --choose {quoted(next(iter(others)))} writes that effect"
     )

@@ -1,7 +1,7 @@
 """ONNX graphs node by node: names, constants, subgraphs, and equations as nodes.
 
 Everything is float64. A number is a tensor of shape (1,), so that numbers split from a vector, or
-joined to one, need no reshaping. Subgraphs see the names around them. Each constant is in the
+joined to a vector, need no reshaping. Subgraphs see the names around them. Each constant is in the
 outermost graph, once.
 """
 
@@ -40,7 +40,7 @@ class Graph:
         return f"{stem}_{self.count[0]}"
 
     def add(self, op: str, *inputs: str, **attributes: Any) -> str:
-        """Add a node with one output and return its name."""
+        """Add a node with a single output and return its name."""
         (output,) = self.several(op, 1, *inputs, **attributes)
         return output
 
@@ -78,7 +78,7 @@ class Graph:
     # ---- vectors --------------------------------------------------------------------------------
 
     def joined(self, parts: Iterable[str]) -> str:
-        """Numbers and vectors as one vector."""
+        """Numbers and vectors as a single vector."""
         names = list(parts)
         return names[0] if len(names) == 1 else self.add("Concat", *names, axis=0)
 
@@ -183,7 +183,7 @@ class Values:
         self, graph: Graph, symbols: Mapping[Symbol, str], around: Values | None = None
     ) -> None:
         self.graph, self.symbols, self.around = graph, dict(symbols), around
-        self._own: dict[Expr, str] = {}
+        self._tensors: dict[Expr, str] = {}
         self._truths: dict[Expr, str] = {}
         self._changed: dict[Expr, bool] = {}
 
@@ -194,11 +194,11 @@ class Values:
     def __call__(self, root: Expr) -> str:
         """Tensor of an expression."""
         for node in walk([root]):
-            if node not in self._own and not is_comparison(node.op) and self._is_own(node):
-                self._own[node] = self._made(node)
+            if node not in self._tensors and not is_comparison(node.op) and self._in_graph(node):
+                self._tensors[node] = self._made(node)
         return self._at(root)
 
-    def _is_own(self, node: Expr) -> bool:
+    def _in_graph(self, node: Expr) -> bool:
         """True if it belongs to this graph, not to the enclosing values."""
         if self.around is None:
             return True
@@ -206,16 +206,16 @@ class Values:
             self._changed[node] = (
                 node.value in self.symbols
                 if node.op == "symbol"
-                else any(self._is_own(a) for a in node.args)
+                else any(self._in_graph(a) for a in node.args)
             )
         return self._changed[node]
 
     def _at(self, node: Expr) -> str:
-        if self.around is not None and not self._is_own(node):
+        if self.around is not None and not self._in_graph(node):
             return self.around(node)
-        if node not in self._own:  # a comparison used as a number
-            self._own[node] = self.graph.add("Cast", self._truth(node), to=11)  # double
-        return self._own[node]
+        if node not in self._tensors:  # a comparison used as a number
+            self._tensors[node] = self.graph.add("Cast", self._truth(node), to=11)  # double
+        return self._tensors[node]
 
     def _made(self, node: Expr) -> str:
         if node.op == "const":
@@ -230,7 +230,7 @@ class Values:
 
     def _truth(self, node: Expr) -> str:
         """Boolean of a comparison, or of any number (true unless 0)."""
-        if self.around is not None and not self._is_own(node):
+        if self.around is not None and not self._in_graph(node):
             return self.around._truth(node)
         if node not in self._truths:
             if is_comparison(node.op):

@@ -1,12 +1,12 @@
 """An identified model as ONNX in float64.
 
-There is one sample, and a whole run as a Scan over it.
+There is a single sample, and a whole run as a Scan over it.
 
     <stem>-cell.onnx   inputs (nu,), state (n,) -> outputs (ny,), next_state (n,)
     <stem>.onnx        inputs (T, nu), state (n,) -> outputs (T, ny), last_state (n,)
 
 Inputs and outputs are in the units of their columns, in the order of the metadata. The metadata
-also hold the initial state ("start"). A run may be cut anywhere: the last state of one part is the
+also hold the initial state ("start"). A run may be cut anywhere: the last state of each part is the
 first of the next.
 """
 

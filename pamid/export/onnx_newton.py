@@ -75,7 +75,7 @@ class Implicit:
     ) -> str:
         """x + change.
 
-        A large change is shortened if Newton's next one would not become smaller.
+        A large change is shortened if Newton's next change would not become smaller.
         """
         full, shorter = g.inside(), g.inside()
         after = full.add("Add", x, change)

@@ -1,4 +1,4 @@
-"""One sample of a flattened model as ONNX nodes: the cell that a host calls, or a Scan repeats."""
+"""A sample of a flattened model as ONNX nodes: the cell that a host calls, or a Scan repeats."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 class Sampled:
     """A model's sample step, with its network if that is written as a network.
 
-    The state that a host carries is one vector: the model's states (SI), the memory of its cells
-    and its network, its delay lines, and last the number of samples so far.
+    The state that a host carries is a single vector: the model's states (SI), the memory of its
+    cells and its network, its delay lines, and last the number of samples so far.
     """
 
     step: SampleStep

@@ -77,7 +77,7 @@ class PlainCheck:
 
     @property
     def is_worse(self) -> bool:
-        """True if the new file has larger errors than the old one, over all channels."""
+        """True if the new file has larger errors than the old file, over all channels."""
         before, now = (
             sum(getattr(c, name) / c.spread for c in self.channels.values())
             for name in ("before", "now")
@@ -101,7 +101,7 @@ def _ratio(new: float, old: float) -> float:
 def plain_check(
     model: Identified, mechanism: Mechanism, new: MujocoFile, new_mechanism: Mechanism
 ) -> PlainCheck | None:
-    """Run the old file and the new one on the held-out part of the model's run.
+    """Run the old file and the new file on the held-out part of the model's run.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def _spread(stretches: Sequence[RecordedStretch], column: str) -> float:
 
 
 def _stated(model: Identified, fit: FitFile) -> tuple[float, dict[str, float]]:
-    """Prediction horizon from one estimated state (0: one window), and the stated errors.
+    """Prediction horizon from an estimated state (0: a single window), and the stated errors.
 
     The errors are those on held-out data by channel, in the channel's unit.
     """
@@ -242,7 +242,7 @@ def _stretches(
 
 
 def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
-    """Consecutive held-out rows of one recording."""
+    """Consecutive held-out rows of a recording."""
     change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0)
     change |= np.diff(columns["time_s"]) <= 0
     edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
@@ -257,7 +257,7 @@ def _groups(
     """(first sample, samples for the start, unscored samples, end) of every run.
 
     A window's start is estimated on its unscored samples; that of several windows on the whole
-    first one.
+    first.
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
     pieces = [(int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)]

@@ -236,7 +236,7 @@ class ModelFunctions:
         self.writer = Writer(dialect, places)
 
     def updated(self, delayed: Callable[[str, int, str, str], str]) -> list[str]:
-        """Cells, one after the other. delayed: line with the value of a delay line, from the
+        """Cells, in sequence. delayed: line with the value of a delay line, from the
         cell's name, the line's number, the value and the seconds."""
         cells, words, element = self.step.updates, self.writer.words, self.dialect.element
 

@@ -1,12 +1,12 @@
-"""An identified model flattened to what one sample does, in the units of its columns: the ground of
-every export.
+"""An identified model flattened to the computation of a sample, in the units of its columns: the
+ground of every export.
 
-One sample, as `pamid.engine.integrator.sweep` does it, with the inputs held:
+A sample, as `pamid.engine.integrator.sweep` does it, with the inputs held:
     substeps times
-        the cells, in order, from the state, the inputs and their own past; a delay line takes in
-            its value and hands out the one `seconds` ago, linear between steps
+        the cells, in order, from the state, the inputs and their past; a delay line takes in
+            its value and returns the value `seconds` ago, linear between steps
         first time only: the outputs
-        the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton where
+        the states by a Runge-Kutta step of order 4, or an SDIRK2 step with damped Newton where
             `implicit`
 Symbols of the expressions: state, cell (after its update), past (before it), input and parameter
 (in the units of their names), derived (what follows from the parameters alone) and the ticks time
@@ -21,7 +21,7 @@ from math import ceil, isclose, nan
 
 from pamid.base.errors import PamidError, UsageError
 from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
-from pamid.correction.identified_model import BESIDE, Identified
+from pamid.correction.identified_model import UNCORRECTED, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
 from pamid.excitation.experiments import held_level
 from pamid.model.bound_parameter import Bound
@@ -149,19 +149,19 @@ def step_of(model: Identified) -> SampleStep:
     """Flatten a model. UsageError if its network needs the control loop."""
     if model.network is not None and model.network.in_loop:
         raise UsageError(
-            "This network corrects the model in its own control loop, not on given commands.",
+            "This network corrects the model in its control loop, not on given commands.",
             "Leave it out with --which refitted.",
         )
     if isinstance(model.assembly.rig, StepRig):
         raise UsageError(
-            f"Rig {model.assembly.rig.name!r} is stepped by its own simulation: it has no "
+            f"Rig {model.assembly.rig.name!r} is stepped by its simulation: it has no "
             "equations that could be exported.",
             "Run it with `pamid simulate --model`.",
         )
     if moving := model.equations.linear:
         raise UsageError(
             f"{', '.join(moving)} is linear between samples in this "
-            "model, and an exported step is not given the next one.",
+            "model, and an exported step is not given the next input.",
             "Run it with `pamid simulate --model`, or fit with the input held: "
             f'between = {{"{moving[0]}": "held"}} in the rig file, or [between] in the TOML.',
         )
@@ -225,7 +225,10 @@ def step_of(model: Identified) -> SampleStep:
 
 
 def _owned(model: Identified) -> list[_Owned]:
-    parts = {"": (model.assembly, model.values), **({BESIDE: model.beside} if model.beside else {})}
+    parts = {
+        "": (model.assembly, model.values),
+        **({UNCORRECTED: model.uncorrected} if model.uncorrected else {}),
+    }
     return [
         _Owned(prefix + b.key, prefix + b.full_name, b, float(value))
         for prefix, (assembly, values) in parts.items()
@@ -260,7 +263,7 @@ def _input(rig: Rig, name: str, begins: Mapping[str, float]) -> Variable:
     """An input with its value before the first command.
 
     It is the default of the input, else the usual value in the rig. A temperature without either
-    begins at the temperature of one of the rig's states; begins: these by name, SI.
+    begins at the temperature of a state of the rig; begins: these by name, SI.
     """
     if name in rig.optional:
         return _column(name, as_column(name, rig.optional[name]))
@@ -293,7 +296,7 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
     """Initial state as a function of the parameters (SI), or as a number if it does not depend on
     them."""
     rig, formulas = model.assembly.rig, dict[str, Expr]()
-    for prefix in ("", BESIDE):
+    for prefix in ("", UNCORRECTED):
         symbols = {
             b.key: symbol("parameter", prefix + b.key)
             for b in model.assembly.parameters

@@ -27,7 +27,7 @@ MAX_COLUMNS = 64
 EXAMINED = 24  # temporary bytes per value while its channel is examined: differences, a sorted copy
 #: integers in this span count ns since 1970, from 2001 to 2100
 SINCE_1970_NS = (10**18, 41 * 10**17)
-#: names that one note lists
+#: names that a note lists
 MOST_NAMED = 100
 
 
@@ -55,7 +55,7 @@ class ChannelBuilder:
     ) -> None:
         """Add an array of numbers, booleans, dates or durations.
 
-        An array (n,) is one channel. An array (n, m) or (m, n), with n samples along the longer
+        An array (n,) is a channel. An array (n, m) or (m, n), with n samples along the longer
         axis (that of the stamps), becomes name/1 ... name/m. Other arrays are listed as left out.
         robot: role of the channel in a robot's log.
         """
@@ -73,7 +73,7 @@ class ChannelBuilder:
             return
         if array.ndim != 1:
             if array.size == 1 and array.dtype.kind in "biuf":  # a setting, perhaps the period
-                self.leave_out(f"{name} = {float(array):.6g}", "one number")
+                self.leave_out(f"{name} = {float(array):.6g}", "a single number")
             else:
                 self.leave_out(name, f"of shape {array.shape}")
             return
@@ -102,7 +102,7 @@ class ChannelBuilder:
         """Charge the budget for an array of this shape before it is read.
 
         Returns False, and leaves the array out, if it is too wide for a group of signals (an image
-        then costs no memory) or exceeds the whole budget alone. item_bytes: of one value in the
+        then costs no memory) or exceeds the whole budget alone. item_bytes: of a value in the
         file. FileError if the sum of all arrays exceeds the budget.
         """
         lengths = [int(length) for length in shape if length != 1]
@@ -152,8 +152,8 @@ def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
     """(n,) values as float64, whether they are now seconds, and a note; None unless they are
     numbers.
 
-    Dates become s since the first one, durations become s. Integers that float64 cannot represent
-    (counters of ns) are counted from the first one, so that their differences stay exact.
+    Dates become s since the first date, durations become s. Integers that float64 cannot represent
+    (counters of ns) are counted from the first value, so that their differences stay exact.
     """
     if array.dtype.kind == "M":
         ticks = array.astype("datetime64[ns]")

@@ -43,7 +43,7 @@ def channel_columns(
 
 
 def logged_unit(channel: Channel) -> str:
-    """Unit of a channel, by the log or by its name; a speed in 1/min is one in turns per minute."""
+    """Unit of a channel, by the log or by its name; a speed in 1/min is in turns per minute."""
     name, text = channel.name.rpartition("/")[2], channel.unit.strip()
     if not text or not is_readable(text):
         return _named_unit(name)[1]
@@ -82,7 +82,7 @@ def _apart(stem: str, symbol: str) -> str:
 
 
 def column_unit(text: str) -> str:
-    """Unit of a column for a channel in this unit: one of the same size, else that of SI."""
+    """Unit of a column for a channel in this unit: a unit of the same size, else that of SI."""
     wanted = read_unit(text)
     for same_size in (True, False):
         for symbol in (*FIRST, *known_symbols()):

@@ -41,7 +41,7 @@ class RobotValue:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One signal of a log.
+    """A signal of a log.
 
     values  (n,) float64, NaN for missing values
     stamps  (n,) s, or None if the channel shares the log's rows
@@ -83,7 +83,7 @@ class Log:
     """Content of a log.
 
     details  decisions of the reader, in words (encoding, delimiter, header lines, stamps)
-    part     name of one of several recordings in the file, "" for the whole file
+    part     name of the recording, if the file has several, "" for the whole file
     stated   sampling period that the text around the numbers states, if any
     """
 

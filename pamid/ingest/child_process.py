@@ -72,7 +72,7 @@ def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
 
     log = read_here(Path(path), kind)
     arrays = {f"values_{index}": channel.values for index, channel in enumerate(log.channels)}
-    stamps: dict[int, str] = {}  # channels of one group share theirs
+    stamps: dict[int, str] = {}  # channels of a group share them
     for index, channel in enumerate(log.channels):
         if channel.stamps is not None and id(channel.stamps) not in stamps:
             stamps[id(channel.stamps)] = f"stamps_{index}"

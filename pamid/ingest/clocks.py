@@ -196,10 +196,10 @@ def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> F
 def _clock(
     group: Group, place: str, mapping: Mapping, rig: Rig | None, where: str, wanted: str
 ) -> Clock:
-    """Diagnose one clock and determine the sampling instants of its rows."""
+    """Diagnose a clock and determine the sampling instants of its rows."""
     held = all(c.signal.hold for c in group.sampled)
     if held and not group.of_rows and not _regular(group.stamps):
-        # events: each value holds until the next one, so any spacing is valid
+        # events: each value holds until the next a, so any spacing is valid
         keep = np.flatnonzero(np.isfinite(group.stamps))
         keep = keep[np.argsort(group.stamps[keep], kind="stable")]
         if not keep.size:
@@ -279,7 +279,8 @@ def _choose(
 
 
 def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: str) -> None:
-    """Raise FileError if the unit of the stamps gives a sampling period far from the usual one."""
+    """Raise FileError if the unit of the stamps gives a sampling period far from the usual
+    period."""
     usual = mapping.time.period_s or (rig.period_s if rig else None)
     if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return

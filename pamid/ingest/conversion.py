@@ -1,5 +1,5 @@
 """Conversion of a raw log by a mapping: recordings between the gaps, with every column in its unit
-on one even time base."""
+on an even time base."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ColumnPieces:
 
 @dataclass(frozen=True, eq=False)
 class ConvertedRecording:
-    """One recording: time (n,) s from 0, columns by full name, and its beginning in the log, as s
+    """A recording: time (n,) s from 0, columns by full name, and its beginning in the log, as s
     of the log's clock and as a row of the leading clock."""
 
     time: FloatArray
@@ -69,7 +69,7 @@ class ConvertedRecording:
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
-    """Recordings from one log, and their derivation.
+    """Recordings from a log, and their derivation.
 
     period    sampling period, s
     stretch   seconds of the log's clock per second of the recordings
@@ -153,7 +153,7 @@ def _lead(clocks: Sequence[Clock]) -> Clock:
     if not sampled:
         raise FileError(
             "No measured signal is mapped, so there is nothing to record.",
-            "Map at least one measured signal.",
+            "Map a measured signal.",
             code="mapping",
         )
     return max(

@@ -33,7 +33,7 @@ STAGE = "ingest-unfinished"  # temporary folder, so that all files replace their
 # samples in a row at the highest or lowest value of a channel: it may be clipped there
 AT_LIMIT = 3
 
-_READ_IN_FOLDERS = (".parquet", ".json", ".yaml", ".mcap", ".db3")  # of a log that is one
+_READ_IN_FOLDERS = (".parquet", ".json", ".yaml", ".mcap", ".db3")  # of a log that is a folder
 
 
 def outputs_for(
@@ -41,8 +41,8 @@ def outputs_for(
 ) -> list[list[Path]]:
     """CSV files to write for each log.
 
-    That is `output` for one recording, and numbered files for several. In a folder the files have
-    the names of the logs. Raises FileError if two would be the same file.
+    That is `output` for a single recording, and numbered files for several. In a folder the files
+    have the names of the logs. Raises FileError if two would be the same file.
     """
     counts = [len(conversion.recordings) for conversion in conversions]
     if as_folder:
@@ -57,7 +57,7 @@ def outputs_for(
         if named.count(path) > 1:
             raise FileError(
                 f"Two logs have the same name, so both would be written to {path}.",
-                "Give one --output file, or ingest the logs into two folders.",
+                "Give a single --output file, or ingest the logs into two folders.",
                 code="exists",
             )
     return paths

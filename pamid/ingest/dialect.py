@@ -40,7 +40,7 @@ _BEHIND_NAME = re.compile(
 _NAME_LABELS = frozenset(("name", "names", "tracename", "channel", "signal", "kanal", "title"))
 _UNIT_LABELS = frozenset(("unit", "units", "vunit", "einheit", "einheiten"))
 _BEFORE_UNIT = re.compile(r"^(?:in|en|units?:?|einheit:?)\s+", re.IGNORECASE)
-#: share of cells that look like units, from which on a row is one of units
+#: share of cells that look like units, from which on a row holds units
 MOST_UNITS = 0.5
 
 
@@ -63,11 +63,11 @@ class TextDialect:
 
 @dataclass(frozen=True)
 class _Guess:
-    """Lines split at one delimiter."""
+    """Lines split at a delimiter."""
 
     delimiter: str
     rows: list[list[str]]  # cells; [] for a blank line
-    kinds: list[str]  # one letter a cell, see cells.classify
+    kinds: list[str]  # a letter for each cell, see cells.classify
     first: int
     width: int
     count: int  # rows of numbers
@@ -132,7 +132,7 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
             code="ragged",
         )
     names, units, notes = _names(path, best)
-    word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
+    word = DELIMITERS[best.delimiter] if best.width > 1 else "none, a single column"
     decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
     return TextDialect(
         best.delimiter, decimal, tuple(names), tuple(units), best.first, (decided, *notes)
@@ -252,8 +252,8 @@ def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
     raise FileError(
         f"{path}, line {guess.first + 1}: {line!r} does not show which commas are "
         "decimal marks and which are delimiters.",
-        "Write decimal points, separate the numbers by semicolons, or add a row of names, one for "
-        "each number.",
+        "Write decimal points, separate the numbers by semicolons, or add a row of names, a name "
+        "for each number.",
         code="two-commas",
     )
 
@@ -283,14 +283,14 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
             raise FileError(
                 f"{path}: line {above + 1} has {len(row)} cells, the numbers from line "
                 f"{guess.first + 1} on have {guess.width}.",
-                "If the log has several kinds of rows, extract one kind: grep '^IMU,' FILE > "
+                "If the log has several kinds of rows, extract a single kind: grep '^IMU,' FILE > "
                 "imu.csv.",
                 code="header",
             )
         raise FileError(
             f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers "
             f"from line {guess.first + 1} on have {guess.width} columns.",
-            "Give every column one name.",
+            "Give each column a single name.",
             code="header",
         )
     lowest, above = above, _line_of_names(guess, above)

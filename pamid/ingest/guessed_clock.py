@@ -42,7 +42,7 @@ FRACTION_S = 0.5  # a channel called time with smaller steps counts s
 class ClockGuess:
     """Clock of a log.
 
-    source   channel with the stamps; None without one, or if channels have separate stamps
+    source   channel with the stamps; None without stamps, or if channels have separate stamps
     unit     its unit, "?" if unknown
     stamps   (n,) s
     others   further channels that are clocks
@@ -59,7 +59,7 @@ class ClockGuess:
     stated: StatedPeriod | None = None
 
     def period(self, usual: float | None) -> float | None:
-        """Sampling period (s) by the stamps, or the usual one of the rig if the two agree.
+        """Sampling period (s) by the stamps, or the usual period of the rig if the two agree.
 
         Without stamps it is the stated period, and None if nothing shows it.
         """
@@ -97,8 +97,8 @@ def guess_clock(
 ) -> ClockGuess:
     """Clock among the channels of the log's rows.
 
-    Of several the most even one is chosen: a device samples evenly, while the time at which a host
-    receives a sample jitters.
+    Of several the most even clock is chosen: a device samples evenly, while the time at which a
+    host receives a sample jitters.
 
     usual: sampling period of the rig in s, None without a rig; stated: that of the log.
     """
@@ -128,7 +128,7 @@ def counts_rows(values: FloatArray) -> bool:
 
 
 def _unevenness(values: FloatArray, of: Callable[[FloatArray], Any] = np.median) -> float:
-    """Relative deviation of the steps from the usual one; a pause counts as one step."""
+    """Relative deviation of the steps from the usual step; a pause counts as a step."""
     steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps))
     return float(of(np.minimum(np.abs(steps / usual - 1.0), 1.0))) if usual > 0.0 else math.inf

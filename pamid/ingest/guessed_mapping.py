@@ -171,7 +171,7 @@ def _clock_and_channels(
 
 
 def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
-    """Channels for one recording, and sentences about the others.
+    """Channels for a single recording, and sentences about the others.
 
     Channels of the log's rows need the number of values that most have, and enough for a recording.
     """
@@ -304,7 +304,7 @@ def _pressure_hint(channel: Channel, guessed: str) -> str:
     """Kind of pressure that the values suggest; it is reported, never used."""
     values = channel.values[np.isfinite(channel.values)]
     if guessed == UNANSWERED or not values.size:
-        return "A gauge sensor reads 0 with the air off, an absolute one about 101 kPa."
+        return "A gauge sensor reads 0 with the air off, an absolute sensor about 101 kPa."
     low = float(values.min()) * read_unit(guessed).factor / 1e3
     seen = f"The lowest value is {low:.0f} kPa: "
     if low < -2.0:

@@ -111,11 +111,11 @@ def ingest(
     Parameters
     ----------
     logs
-        Path of one log, or of several that one mapping serves.
+        Path of a log, or of several with the same mapping.
     mapping
-        TOML file that assigns channels to columns; `guess_mapping` writes a first one.
+        TOML file that assigns channels to columns; `guess_mapping` writes a first version.
     rig
-        Name, path of a rig file (it is run), or a Rig. Default: the one that the mapping names.
+        Name, path of a rig file (it is run), or a Rig. Default: as the mapping names it.
     pressures
         "gauge" or "absolute", for all pressures that the mapping leaves open.
     period
@@ -128,7 +128,7 @@ def ingest(
     kind
         Format of the logs, where name and content do not show it.
     memory_limit
-        Memory for reading one log, GiB. Default: 1. A larger log is refused before it is read.
+        Memory for reading a log, GiB. Default: 1. A larger log is refused before it is read.
     output
         CSV file (several recordings are numbered) or folder. A TOML file and a conversion record
         are written next to each recording, all of them or none. Default: nothing is written.
@@ -147,9 +147,9 @@ def ingest(
     several = [logs] if isinstance(logs, str | os.PathLike) else logs
     paths = [Path(item) for item in several]
     if not paths:
-        raise UsageError("There is no log to read.", "Give at least one.")
+        raise UsageError("There is no log to read.", "Give a log.")
     if repair is not None and repair not in CURES:
-        raise UsageError(f"repair={repair!r} is not one of {', '.join(CURES)}.")
+        raise UsageError(f"repair={repair!r} is not among {', '.join(CURES)}.")
     file, target = Path(mapping), None if output is None else Path(output)
     parsed = load_mapping(file, pressures, _period(period))
     given = resolved_rig(rig)

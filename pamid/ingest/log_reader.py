@@ -65,7 +65,7 @@ _ARCHIVES = (
 
 
 def read_log(path: Path, kind: str | None = None) -> Log:
-    """Signals of a raw log. `kind` is one of `known_kinds`. Default: by the file's content and
+    """Signals of a raw log. `kind` is among `known_kinds`. Default: by the file's content and
     suffix.
 
     Raises FileError if the file is missing, damaged or of an unknown kind, or if the package that

@@ -1,4 +1,4 @@
-"""Mapping from the channels of a raw log to the columns of a recording: one TOML file, checked key
+"""Mapping from the channels of a raw log to the columns of a recording: a TOML file, checked key
 by key.
 
 Every error names the file, the path of the key ("map.toml: signals.pressure_1_kpa.pressure is
@@ -54,10 +54,10 @@ class TimeMap(_Table):
 
 
 class SignalMap(_Table):
-    """One column: value = sign * (source in the column's unit, or scale * source) + offset
+    """A column: value = sign * (source in the column's unit, or scale * source) + offset
     (column's unit).
 
-    rows: delay of the log in rows; -1 if a row has the value of the next one.
+    rows: delay of the log in rows; -1 if a row has the value of the next row.
     """
 
     source: str
@@ -91,13 +91,13 @@ class Mapping(_Table):
 
 @dataclass(frozen=True)
 class MappedSignal:
-    """One column of the recording, with the settings of its channel.
+    """A column of the recording, with the settings of its channel.
 
     stated     entry of the mapping
     symbol     unit of the column
     unit       unit of the channel; None if a scale replaces it
     absolute   whether it is an absolute pressure
-    hold       whether a value holds until the next one, as for commands and references
+    hold       whether a value holds until the next value, as for commands and references
     events     whether the mapping states the hold, so that a hold of any length is not a gap
     """
 
@@ -114,8 +114,8 @@ class MappedSignal:
 
 
 _GAUGE = (
-    "A log does not show it: a gauge sensor reads 0 with the air off, an absolute one about 1 bar "
-    "(101 kPa, 14.7 psi)."
+    "A log does not show it: a gauge sensor reads 0 with the air off, an absolute sensor about 1 "
+    "bar (101 kPa, 14.7 psi)."
 )
 _EXAMPLES = {
     "pressure": '"bar", "kPa", "psi"',
@@ -148,7 +148,9 @@ def load_mapping(
 
     def nearby() -> str:
         siblings = [item.name for item in path.parent.glob("*.toml")]
-        return nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
+        return (
+            nearest(path.name, siblings) or "`pamid ingest --guess` writes a first unit of a log."
+        )
 
     tables = read_toml(path, nearby)
     signals = tables.get("signals")
@@ -160,7 +162,7 @@ def load_mapping(
             raise _fault(
                 f"{path}: signals.{column}.pressure is {_shown(stated)}, but --pressures is "
                 f'"{pressures}".',
-                "Leave one of the two out.",
+                "Leave unit of the two out.",
             )
         # a unit such as barg states the kind
         marked = isinstance(text, str) and is_readable(text) and read_unit(text).pressure
@@ -353,7 +355,7 @@ def _check_column(column: str, where: str) -> None:
         )
     tail = column.rpartition("_")[2]
     if split_column(column)[1] == NONE and tail != column and is_foreign_unit(tail):
-        # the column would be read as one without a unit
+        # the column would be read as a column without a unit
         raise _fault(
             f"{where}: signals.{column}: {tail!r} is not a unit of pamid's columns.",
             "Use another unit in the name of the column, such as _kpa, _deg, _n, _nm. The source "
@@ -363,7 +365,7 @@ def _check_column(column: str, where: str) -> None:
 
 
 def _explain(error: ValidationError, where: str) -> FileError:
-    """First validation error as one sentence with the path of the key."""
+    """First validation error as a sentence with the path of the key."""
     first = error.errors(include_url=False)[0]
     path, kind = [str(part) for part in first["loc"]], first["type"]
     place, shown = f"{where}: {'.'.join(path)}", _shown(first["input"])
@@ -392,7 +394,7 @@ def _explain(error: ValidationError, where: str) -> FileError:
         "finite_number": "a finite number",
         "greater_than": "a number above 0",
         "string_type": "text in quotes",
-        "too_short": "at least one [signals.NAME]",
+        "too_short": "a [signals.NAME]",
     }
     need = wanted.get(kind, "a table" if "type" in kind else first["msg"])
     return _fault(f"{place} is {shown}; {need} is needed.")

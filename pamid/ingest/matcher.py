@@ -1,4 +1,4 @@
-"""Match of channels, or of recorded columns, to the columns of a rig: one score from 0 to 1.
+"""Match of channels, or of recorded columns, to the columns of a rig: a score from 0 to 1.
 
     name    joint, motor or sensor: equal, of the same words (Shoulder-Pan, shoulder_pan), equal
             without words like "joint", or the end of a longer name (panda_joint1, joint1)
@@ -99,7 +99,7 @@ def match_channels(
     """Column of the rig -> channel and its fit, best fits first, in the rig's order.
 
     Raises FileError (code "ambiguous") if the name of a joint fits two channels equally well, as
-    with two robots in one log.
+    with two robots in a log.
     """
     fits = channel_fits(channels, rig)
     joints = {pair: fit.score for pair, fit in fits.items() if fit.by in ("name", "place")}
@@ -112,7 +112,7 @@ def match_channels(
             parts = [part for part in re.split(r"[/_.]", first) if part and part not in second]
             raise FileError(
                 f"{log.path}: {shown} fit {column} equally well; the log may have several robots.",
-                f"Choose one of them: --only {parts[0] if parts else first}",
+                f"Choose among them: --only {parts[0] if parts else first}",
                 code="ambiguous",
             )
     pairs = best_pairs({pair: fit.score for pair, fit in fits.items()})
@@ -179,7 +179,7 @@ def channel_fits(channels: Sequence[Channel], rig: Rig) -> dict[tuple[str, int],
 
 def best_pairs(scores: Mapping[tuple[str, Candidate], float]) -> dict[str, Candidate]:
     """Column of the rig -> candidate, each at most once. The best fits are assigned first; of equal
-    fits the first one."""
+    fits the first candidate."""
     pairs: dict[str, Candidate] = {}
     for (column, given), score in sorted(scores.items(), key=lambda pair: -pair[1]):
         if score > 0.0 and column not in pairs and given not in pairs.values():
@@ -372,7 +372,7 @@ def _alike(text: str, other: str) -> int:
 
 
 def _ends(a: Words, b: Words) -> bool:
-    """Whether the words of one name are the last ones of the other; a number alone does not
+    """Whether the words of a name are the last words of another name; a number alone does not
     count."""
     short, long = sorted((a, b), key=len)
     matches = len(short) < len(long) and not all(word.isdigit() for word in short)

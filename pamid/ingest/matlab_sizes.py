@@ -20,7 +20,7 @@ MATRIX_TYPE, COMPRESSED_TYPE = 14, 15
 #: data type -> bytes of a value in the file
 SIZES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, 16: 1, 17: 2, 18: 4}
 TAKEN_BYTES = 1 << 16
-DEEPEST_ARRAY = 60  # arrays in arrays: MATLAB's own loader and scipy's recurse as well
+DEEPEST_ARRAY = 60  # arrays in arrays: MATLAB's loader and scipy's recurse as well
 
 
 class _Source(Protocol):
@@ -85,7 +85,7 @@ def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: i
     while size >= 8:
         tag = source.read(8)
         if len(tag) < 8:
-            return  # cut: the reader says so
+            return  # cut: the reader reports it
         kind, length = struct.unpack(f"{order}2I", tag)
         size -= 8
         if kind >> 16:  # a short part, whose data stand in the tag

@@ -1,4 +1,4 @@
-"""Memory budget for reading one raw log.
+"""Memory budget for reading a raw log.
 
 A file of a few kilobytes can declare more values than fit into memory. Every reader therefore
 charges the declared size before it allocates: bytes until the log is closed, and temporary bytes.
@@ -19,7 +19,7 @@ from pamid.base.files import GIB, LOG_MEMORY, size_words
 
 #: limit in GiB; also the variable of `pamid ingest --memory-limit`
 LIMIT_VARIABLE = "PAMID_INGEST_MEMORY_LIMIT"
-FLOAT = 8  # bytes of a float64: every channel becomes one
+FLOAT = 8  # bytes of a float64: every channel becomes float64
 
 
 class MemoryBudget:
@@ -45,7 +45,7 @@ class MemoryBudget:
         if needed > self.limit:
             raise FileError(
                 f"{self.path} is too large: up to {name!r} it needs {size_words(needed)} of "
-                f"memory; the limit for one log is {size_words(self.limit)}.",
+                f"memory; the limit for a log is {size_words(self.limit)}.",
                 "Check the file. Export fewer channels or a shorter part of it, or allow more: "
                 f"--memory-limit {math.ceil(needed / GIB)} (GiB; memory_limit in Python).",
                 code="too-large",

@@ -1,7 +1,7 @@
-"""Several recordings in one log, as the loops of a MAT file, the runs of a TDMS file or the
+"""Several recordings in a log, as the loops of a MAT file, the runs of a TDMS file or the
 episodes of a JSON log.
 
-Their channel names differ in one part, for which a mapping has `*`: `loops/*/angle` stands for
+Their channel names differ in a single part, for which a mapping has `*`: `loops/*/angle` stands for
 `loops/1/angle`, `loops/2/angle` ..., and each becomes a recording.
 """
 
@@ -24,8 +24,8 @@ OTHER_LENGTH = 0.02  # relative difference in length from which on runs are sepa
 
 
 def merged_parts(log: Log) -> tuple[Log, str]:
-    """The log with one channel, named with `*`, for the channels of all parts, and a sentence about
-    them; the unchanged log and "" if it is one recording."""
+    """The log with a channel, named with `*`, for the channels of all parts, and a sentence about
+    them; the unchanged log and "" if it is a single recording."""
     parts = _largest_family(log.channels)
     if not parts:
         return log, ""
@@ -38,7 +38,7 @@ def merged_parts(log: Log) -> tuple[Log, str]:
 
 
 def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
-    """One log per part if sources have a `*`, with channels named with `*`; else the log itself.
+    """A log per part if sources have a `*`, with channels named with `*`; else the log itself.
 
     `where` names the mapping in errors. Raises FileError if no channel fits a source, or if a part
     has no such channel.
@@ -123,7 +123,7 @@ def _alike(arrays: Sequence[FloatArray]) -> bool:
 
 
 def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
-    """Whether these parts are separate recordings, not channels of one.
+    """Whether these parts are separate recordings, not channels of a single recording.
 
     They are if the numbers of rows differ or each has a clock, and if the stamps do not overlap or
     the runs have different lengths.
@@ -135,7 +135,7 @@ def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
             return True
         clocks = [guess_clock(list(part.values())).source for part in parts]
         values = [clock.values for clock in clocks if clock is not None]
-        # time1, p1, time2, p2: each channel of one recording may have a copy of the stamps
+        # time1, p1, time2, p2: each channel of a recording may have a copy of the stamps
         alone = any("/" in name for name in parts[0]) or not _alike(values)
         return len(values) == len(parts) and alone
     if any(channel.stamps is None for part in parts for channel in part.values()):

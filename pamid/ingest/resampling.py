@@ -1,4 +1,4 @@
-"""Resampling of one signal by its kind. Commands and references are held. Measured signals are
+"""Resampling of a signal by its kind. Commands and references are held. Measured signals are
 interpolated smoothly, and filtered first if the new time base is coarser."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ SAME_INSTANT = 1e-6  # of a period: largest distance of an instant from the samp
 def hold(instants: FloatArray, values: FloatArray, base: FloatArray, step: float) -> FloatArray:
     """Zero-order hold: the value in the middle of each sample of `base` (n,), of length `step` (s).
 
-    The value at the beginning would be one sample late if it was logged slightly late. instants
+    The value at the beginning would be a sample late if it was logged slightly late. instants
     (m,) rising, s; values (m,) without NaN. Before the first instant the first value is used.
     """
     index = np.searchsorted(instants, base + 0.5 * step, side="right") - 1

@@ -13,9 +13,9 @@ from pamid.ingest.text_cells import classify
 _SECONDS_TEXT = re.compile(r"\d{1,12}\.\d{1,12}")
 ARROW, LONGEST_STAMP = "->", 40
 #: bounded lengths, so that the time of a match is linear in the length of the line
-_BESIDE_NAME = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
+_NUMBER = r"[+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,4})?|nan|inf"
 _LABELLED = re.compile(
-    rf"(?P<label>[^\W\d][\w./\[\]-]{{0,60}})[ \t]?[:=][ \t]?(?P<value>{_BESIDE_NAME})(?=[\s,;]|$)"
+    rf"(?P<label>[^\W\d][\w./\[\]-]{{0,60}})[ \t]?[:=][ \t]?(?P<value>{_NUMBER})(?=[\s,;]|$)"
     r"(?:[ \t](?P<unit>[^\s,;:=\d]{1,12})(?=[\s,;]|$))?"
 )
 
@@ -88,6 +88,6 @@ def _labels(line: str) -> tuple[str, ...]:
 
 
 def _most(checks: Iterable[object]) -> bool:
-    """Whether nearly all checks are true, and there is at least one."""
+    """Whether nearly all checks are true, and there are any."""
     results = [bool(check) for check in checks]
     return bool(results) and sum(results) >= SHARE_OF_ROWS * len(results)

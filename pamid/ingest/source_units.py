@@ -192,7 +192,7 @@ def require_same_quantity(source: SourceUnit, symbol: str) -> None:
 
 
 def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
-    """Factor, offset and dimension by pint, which gets only words, one-digit exponents, `*`, `/`
+    """Factor, offset and dimension by pint, which gets only words, single-digit exponents, `*`, `/`
     and parentheses: its parser evaluates expressions."""
     import pint
 

@@ -1,5 +1,5 @@
 """Stamps in several columns: whole seconds and nanoseconds (ROS, timeval), or hours, minutes and
-seconds. They are joined into one channel in seconds."""
+seconds. They are joined into a channel in seconds."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _FRACTIONS = ("ms", "us", "ns")
 
 
 def join_stamp_parts(log: Log) -> Log:
-    """Replace the parts of each clock of a log by one channel.
+    """Replace the parts of each clock of a log by a single channel.
 
     The names of the parts differ only in a unit of time. Columns without names must be adjacent,
-    with seconds since 1970 first. The finer part is always below one unit of the coarser one, and
+    with seconds since 1970 first. The finer part is always below a unit of the coarser part, and
     falls only where that advances.
     """
     rows = [c for c in log.channels if c.stamps is None]

@@ -22,22 +22,22 @@ AGES = 1e12  # s, above every clock
 FASTEST = 1e-8  # s, below every sampling period
 # rows after which a fall of the stamps is a step of the clock, not rows out of order
 OUT_OF_ORDER = 5
-MANY_STEPS = 20  # steps back in one log, from which on the channel is not a clock
-# share of differing rows with one stamp above which stamps are blocks or ticks, not errors
+MANY_STEPS = 20  # steps back in a log, from which on the channel is not a clock
+# share of differing rows with equal stamps above which stamps are blocks or ticks, not errors
 BLOCK_SHARE = 0.02
-ROWS_OF_SLOPE = 4  # rows before and behind rows with one stamp that give the slope there
+ROWS_OF_SLOPE = 4  # rows before and behind rows with equal stamps that give the slope there
 MOVING = 4.0  # factor by which a slope must exceed its noise
-FEWEST_ADVANCES = 5  # slopes needed to separate samples from readings of one instant
+FEWEST_ADVANCES = 5  # slopes needed to separate samples from readings of an instant
 LATE_WINDOW = 100  # rows ahead that separate a dropped sample from a late stamp
 FOLLOW = 0.02  # share of a deviation by which the even clock follows it, per row
-LAST = 5  # rows at the end in which a late stamp cannot be distinguished from a missing one
+LAST = 5  # rows at the end in which a late stamp cannot be distinguished from a missing stamp
 ROWS_AROUND_STEP = 20  # rows before and behind a step back that show whether the clock was set back
 LACKING = 0.7  # of a period: smallest fall of their level if it was
 DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
 
 def repair(what: str, count: int, detail: str) -> ClockRepair:
-    """One kind of repair: a stable word, the number of repairs, and a sentence."""
+    """A kind of repair: a stable word, the number of repairs, and a sentence."""
     return ClockRepair(what=what, count=count, detail=detail)
 
 
@@ -68,8 +68,8 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
     """Sort the rows of a log and drop repeated ones.
 
     stamps    s, (n,)
-    signals   (n,) each; they show whether rows with one stamp are several samples or several
-              readings of one sample
+    signals   (n,) each; they show whether rows with equal stamps are several samples or several
+              readings of the same sample
     place     name of the channel in errors
 
     Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
@@ -157,7 +157,7 @@ def _rising(
 def _written_twice(
     keep: IntArray, twice: IntArray, signals: Sequence[FloatArray]
 ) -> NDArray[np.bool_]:
-    """Whether a row that shares its stamp with the next one (at these places) equals it in every
+    """Whether a row that shares its stamp with the next row (at these places) equals it in every
     signal."""
     same = np.ones(twice.size, dtype=bool)
     for values in signals:
@@ -167,13 +167,13 @@ def _written_twice(
 
 
 def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntArray) -> bool:
-    """Whether rows with the stamp of the next one (at these places) are separate samples, a period
-    apart, and not readings of one instant.
+    """Whether rows with the stamp of the next row (at these places) are separate samples, a period
+    apart, and not readings of the same instant.
 
     A smooth signal advances from sample to sample by its slope. The steps between such rows are
     regressed on the steps expected from the rows around, c = sum(step due) / sum(due^2), with the
-    standard error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of one
-    instant. If no signal moves enough, the spacing of the stamps around decides. Rows are also
+    standard error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of the
+    same instant. If no signal moves enough, the spacing of the stamps around decides. Rows are also
     samples if most rows share their stamp, as in blocks.
     """
     parts = [_advance(values, twice) for values in signals]
@@ -189,7 +189,7 @@ def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntAr
 
 def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArray]:
     """(step to the row with the same stamp, step expected from the rows around), relative to the
-    usual step, at places where the signal moves visibly and in one direction."""
+    usual step, at places where the signal moves visibly and in a constant direction."""
     around = ROWS_OF_SLOPE
     at = twice[(twice > around) & (twice + around + 2 < values.size)]
     bends = np.abs(np.diff(values, 2))
@@ -207,7 +207,7 @@ def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArra
 
 
 def _take_time(stamps: FloatArray) -> bool:
-    """Whether the stamps around rows with one stamp leave enough time for so many samples."""
+    """Whether the stamps around rows with equal stamps leave enough time for so many samples."""
     steps = np.diff(stamps)
     usual = float(np.median(steps[steps > 0.0]))
     first, last = runs_of(steps == 0.0)
@@ -237,7 +237,7 @@ def rough_period(rows: Rows) -> float:
     and late stamps. Raises DataError if the stamps have none."""
     steps = np.concatenate([np.diff(rows.stamps[piece]) for piece in rows.pieces()])
     middle = float(np.median(steps)) if steps.size else 0.0
-    # a late stamp makes one step longer and the next shorter: leave out both or none
+    # a late stamp makes a step longer and the next shorter: leave out both or none
     single = steps[np.abs(steps - middle) < 0.7 * middle]
     if (
         rows.blocks
@@ -298,12 +298,12 @@ def fit_clock(
 ) -> tuple[float, FloatArray]:
     """(period in s, start of each piece in s) of the even clock through the middle of the stamps.
 
-    The fit is least squares without the latest twentieth of the stamps. Of rows with one stamp only
-    the last counts, because it waited least.
+    The fit is least squares without the latest twentieth of the stamps. Of rows with equal stamps
+    only the last counts, because it waited least.
     """
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
-    # one slope for all pieces, each about its mean; a pass gives the latest twentieth for the next
+    # a common slope for all pieces, each about its mean; a pass gives the next latest twentieth
     for _ in range(3):
         above = below = 0.0
         for piece in pieces:
@@ -416,7 +416,7 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
     """Late stamps lowered until all rise by at least a thousandth of a period, since a sample is
-    older than the stamp of any later one."""
+    older than the stamp of any later sample."""
     restored, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)

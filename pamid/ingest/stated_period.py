@@ -36,13 +36,13 @@ class StatedPeriod:
     quote: str
 
     def agrees(self, period_s: float) -> bool:
-        """Whether a period equals the stated one."""
+        """Whether a period equals the stated period."""
         return abs(period_s / self.period_s - 1.0) < AGREE_TO
 
 
 def stated_period(lines: Iterable[str]) -> StatedPeriod | None:
-    """Period that lines of text state; None without one, with several, or with a duration without
-    unit."""
+    """Period that lines of text state; None if none is stated, with several, or with a duration
+    without unit."""
     matches = [match for line in lines for match in _STATED.finditer(line)]
     stated = [item for item in map(_read, matches) if item is not None]
     return stated[0] if stated and all(stated[0].agrees(item.period_s) for item in stated) else None

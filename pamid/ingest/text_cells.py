@@ -19,7 +19,7 @@ _WITH_UNIT = (
 _TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"  # noqa: E501
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
-    r"|(?P<one>\d{1,2})(?P<other_mark>[-/.])(?P<two>\d{1,2})[-/.](?P<late_year>\d{4}|\d{2}))"
+    r"|(?P<day_or_month>\d{1,2})(?P<other_mark>[-/.])(?P<month_or_day>\d{1,2})[-/.](?P<late_year>\d{4}|\d{2}))"
 )
 _ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 _MOMENT = re.compile(
@@ -70,7 +70,7 @@ def moment_kind(cell: str) -> str:
 
 
 def decimal_mark(cells: list[str], place: str) -> str:
-    """Decimal mark, point or comma, of cells with numbers; the more frequent one if both occur.
+    """Decimal mark, point or comma, of cells with numbers; the more frequent if both occur.
 
     Raises FileError if each comma may also separate thousands.
     """
@@ -84,7 +84,7 @@ def decimal_mark(cells: list[str], place: str) -> str:
 
 
 def add_column(builder: ChannelBuilder, name: str, series: Any, unit: str, decimal: str) -> None:
-    """Enter one column of a table that pandas has read with this decimal mark.
+    """Enter a column of a table that pandas has read with this decimal mark.
 
     Raises FileError if its cells are ambiguous.
     """
@@ -142,7 +142,7 @@ def _numbers(
     if len(marks["."]) and len(marks[","]):
         raise FileError(
             f"{place}: it contains both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r}.",
-            "Use one decimal mark in a column.",
+            "Use the same decimal mark in the whole column.",
             code="decimal-mark",
         )
     if len(other):
@@ -211,7 +211,7 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
 
 
 def _parts(text: Any) -> Any:
-    """Named parts of dates and times, one column each.
+    """Named parts of dates and times, a column each.
 
     The columns are categories, because separate texts would need a kilobyte per row.
     """
@@ -231,7 +231,7 @@ def _parts(text: Any) -> Any:
 def _days(parts: Any, part: Any, place: str) -> FloatArray:
     """Days since 1970; NaN without a date. Raises FileError if the month is ambiguous."""
     nan = float("nan")
-    first, second = part("one", missing=nan), part("two", missing=nan)
+    first, second = part("day_or_month", missing=nan), part("month_or_day", missing=nan)
     year = part("late_year", missing=nan)
     year = np.where(year < 100, year + 2000, year)
     if np.isnan(first).all():

@@ -4,7 +4,7 @@ need opposite repairs.
 *Late stamps*: sampling is even, and a host writes each stamp with a variable delay. Repair: the
 even clock, through the earliest of the stamps. *Jittered sampling*: the samples themselves are
 taken unevenly and the stamps are true. Repair: resample by the stamps. The wrong repair is about a
-hundred times worse than the right one.
+hundred times worse than the right repair.
 
 A moving signal distinguishes them. Let d be the deviation of a stamp from an even clock and y' the
 slope of a signal. If sampling jitters, a sample deviates from the local course of its neighbours by
@@ -57,13 +57,13 @@ LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
 JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
 # largest deviation of the earliest stamps from an even clock, periods; beyond it there is none
 MOST_WANDER = 3.0
-# a gap splits the recording if it is longer than this many periods, unless the mapping says
+# a gap splits the recording if it is longer than this many periods, unless the mapping sets it
 GAP_PERIODS = 10
 
 
 @dataclass(frozen=True)
 class StampDiagnosis:
-    """Condition of the stamps of one clock.
+    """Condition of the stamps of a clock.
 
     cure is None if the data do not decide; why is a sentence with the numbers; numbers has the same
     for scripts (s, ppm, dimensionless). witnesses: for each moving signal the coefficient of y' d
@@ -176,7 +176,7 @@ class _EvenClock:
     samples   sample index of each row
     late      delay of each stamp relative to an even clock of this period, s
     wanders   whether the sampling rate varies, so that there is no even clock; the period is then
-              the mean one, and missing samples are not counted, because a longer step does not
+              the mean period, and missing samples are not counted, because a longer step does not
               show them
     """
 
@@ -250,7 +250,7 @@ def _by_signals(
     if not heard:
         why = f"{shape}; no signal moves enough to separate late stamps from jittered sampling"
         return StampDiagnosis("undecided", None, why, period, numbers)
-    # weights are inverse variances, with a floor of 0.02 on the error. Signals of one log share its
+    # weights are inverse variances, with a floor of 0.02 on the error. Signals of a log share its
     # disturbances, so their mean is not more certain than the most certain of them.
     weights = np.array([1.0 / max(w.error, 0.02) ** 2 for w in heard])
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
@@ -300,7 +300,7 @@ def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> 
 
 
 def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockWitness | None:
-    """The regression of the module's head for one signal; None if it hardly moves.
+    """The regression of the module's head for a single signal; None if it hardly moves.
 
     Deviation and slope are local (against a parabola through 2 * HALF + 1 rows), so that it does
     not matter whether a clock drifts or the errors of a sampling add up. Windows with a missing

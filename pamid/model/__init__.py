@@ -1,2 +1,2 @@
-"""The two nouns, rig and effect, and the one mechanism, ports: from equations to a runnable
+"""The two nouns, rig and effect, and the mechanism, ports: from equations to a runnable
 model."""

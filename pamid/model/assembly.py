@@ -1,4 +1,4 @@
-"""Rig + effects = one flat system of equations, checked when it is put together and never while
+"""Rig + effects = a flat system of equations, checked when it is put together and never while
 solving."""
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Assembly:
                 cheaper
     outputs     only these outputs of the rig (empty: all): what a recording lacks need not be
                 computed
-    ranges      lowest and highest value (SI) of parameters by key, in place of their own
+    ranges      lowest and highest value (SI) of parameters by key, in place of the declared range
     """
 
     rig: Rig
@@ -67,7 +67,7 @@ class Assembly:
     ranges: Mapping[str, Range] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Sent to another process without what was compiled in this one."""
+        """Sent to another process without what was compiled here."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     # ---- parameters -----------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class Assembly:
         return out
 
     def known_objections(self, known: Mapping[str, float]) -> list[KnownObjection]:
-        """Known values of the rig's own parameters that lie outside their bounds."""
+        """Known values of the rig's parameters that lie outside their bounds."""
         objections = []
         for name, value in known.items():
             i, factor = self.place_of(name)
@@ -171,7 +171,7 @@ class Assembly:
         names = [b.full_name for b in self.parameters]
         raise FileError(
             f"rig {self.rig.name!r} has no parameter {name!r}",
-            nearest(name, names) or f"parameters: {', '.join(names)}",
+            nearest(name, names) or f"Name a parameter that it has: {', '.join(names)}.",
         )
 
     def knows(self, name: str) -> bool:
@@ -188,7 +188,7 @@ class Assembly:
         return np.array([begin.get(name, 0.0) for name in self.program.states])
 
     def begin(self, p: Array) -> dict[str, float]:
-        """The rig's own states at the beginning of a recording, by name (SI)."""
+        """The rig's states at the beginning of a recording, by name (SI)."""
         values = {b.key: float(p[i]) for i, b in enumerate(self.parameters) if not b.owner}
         given = self.rig.start(Names(values, "parameter"))
         return {s.name: given.get(s.name, s.start) for s in self.rig.states}
@@ -220,21 +220,21 @@ class Assembly:
     @cached_property
     def keeps_memories(self) -> bool:
         """Whether an equation holds a play or a bristle. Its deflection fades over travel, not over
-        time: a wide one keeps its initial value for good."""
+        time: a wide bristle keeps its initial value for good."""
         t = self.traced
         cells = [e for c in t.cells for e in (c.update, c.joined) if isinstance(e, Expr)]
         return any(n.op in MEMORIES for n in walk([*t.rates.values(), *t.outputs.values(), *cells]))
 
     @cached_property
     def even_states(self) -> tuple[int, ...]:
-        """Places of the rig's own states whose size the outputs show, but not their sign: the speed
+        """Places of the rig's states whose size the outputs show, but not their sign: the speed
         behind a reading |v|. Found by trying it, at points drawn at random."""
         n, random = len(self.rig.states), np.random.default_rng(0)
         even, shown = np.ones(n, bool), np.zeros(n, bool)
         for _ in range(EVEN_DRAWS):
             x = random.standard_normal(n)
             u = random.standard_normal(len(self.traced.inputs))
-            if not even.any():  # one point is enough to show a sign
+            if not even.any():  # a single point is enough to show a sign
                 break
             readings = self._read(x, u)
             for i in np.flatnonzero(even):
@@ -262,7 +262,7 @@ class Assembly:
         return outputs[0]
 
     def program_with(self, extra: dict[str, Expr]) -> Executable:
-        """Compiled equations with further outputs, in the order of `extra`, after the rig's own.
+        """Compiled equations with further outputs, in the order of `extra`, after the rig's.
         These have no sensitivities, and where there are any, no parameter has."""
         sensitive = frozenset[str]() if extra else self.sensitive
         return program_of(

@@ -13,7 +13,7 @@ from pamid.model.rig import Port, Rig
 
 @dataclass(frozen=True)
 class Attachment:
-    """An effect at one or more ports of a rig. `label` is how it is reported: the name, or
+    """An effect at ports of a rig. `label` is how it is reported: the name, or
     name@port."""
 
     effect: Effect
@@ -37,9 +37,9 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Addition:
-    """Contribution of a candidate to a model: one effect, or the same effect in several joints.
+    """Contribution of a candidate to a model: an effect, or the same effect in several joints.
 
-    Each joint has parameters of its own: the joints of a robot all rub, but not alike.
+    Each joint has separate parameters: the joints of a robot all rub, but not alike.
     """
 
     members: tuple[Attachment, ...]
@@ -70,12 +70,12 @@ class Addition:
 
 
 # kinds of ports at which an effect acts everywhere: all joints of a robot rub; stores, sensors and
-# commands have their faults one by one
+# commands have their faults separately
 JOINT_KINDS = ("motion",)
 
 
 # Kinds at which an effect only changes a value that passes: at several of them it costs little more
-# than at one. Behind flexible transmissions the equations of all joints change.
+# than at a single port. Behind flexible transmissions the equations of all joints change.
 VALUE_KINDS = ("command", "reading")
 FEWEST_ALIKE = 3  # ports of such a kind at which an effect is first tried together
 
@@ -91,8 +91,8 @@ def wholes_of(rig: Rig, additions: Iterable[Addition]) -> list[Addition]:
 
 
 def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
-    """Attachments as candidates add them: the same effect at joints of one unit is one addition.
-    Ports that are kin are tried by themselves and, with one set of parameters, together.
+    """Attachments as candidates add them: the same effect at joints of the same unit is a single
+    addition. Ports that are kin are tried separately and, with common parameters, together.
     """
     groups: dict[tuple[str, ...], list[Attachment]] = {}
     for a in attached:
@@ -113,8 +113,8 @@ def fits(effect: type[Effect], port: Port) -> bool:
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
-    """Every way in which effects can be attached to the rig: at every port by itself and, with one
-    set of parameters, at ports that are kin. A special case stays away where its general form fits.
+    """Every way in which effects can be attached to the rig: at every port separately and, with
+    common parameters, at ports that are kin. A special case stays away where its general form fits.
     """
     known = list(effects)
     result: list[Attachment] = []
@@ -149,12 +149,12 @@ def needed_port(effect: type[Effect]) -> str:
     article = "an" if kinds.startswith("a") else "a"
     passed = f" in {effect.unit}" if effect.unit else ""
     passed += f" not in {' or '.join(effect.excluded_units)}" if effect.excluded_units else ""
-    offered = f" offering {'; and one offering '.join(needed)}" if needed[0] else ""
+    offered = f" offering {'; and another offering '.join(needed)}" if needed[0] else ""
     return f"{article} {kinds} port{passed}{offered}"
 
 
 def _together(effect: type[Effect], rig: Rig, ports: list[str]) -> list[Attachment]:
-    """One copy at all ports that play a part, in the order of the parts; none where a part is
+    """A copy at all ports that play a part, in the order of the parts; none where a part is
     left."""
     cast = [[n for n in ports if set(role) <= set(rig.ports[n].signals)] for role in effect.roles]
     if not all(cast):

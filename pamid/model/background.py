@@ -1,7 +1,7 @@
 """Tolerance-sized nuisance terms: the deviations of every real specimen, part of every model that
 is compared.
 
-They are effects like any other, one copy per place, with a prior as wide as the tolerance. An
+They are effects like any other, a copy per place, with a prior as wide as the tolerance. An
 effect of the catalogue counts only beyond their contribution.
 
     background = {"muscle": SmoothGain("force_map", ("position", 0.0, 0.25), tolerance=0.03)}
@@ -64,7 +64,7 @@ def _largest(strains: Sequence[float]) -> float:
 
 
 class SmoothGain(Background):
-    """value * (1 + level + a smooth function of one signal, of a second one, and a slow drift),
+    """value * (1 + level + a smooth function of a signal, of a second signal, and a slow drift),
     within the tolerance.
 
     over     (signal, low, high): Chebyshev terms of degree 1..degree over that range; from the
@@ -151,14 +151,15 @@ class RoughMap(Background):
 
         sum over i = 1 .. waves of c_i cos(i pi s)
 
-    with one prior for all c_i, so that its root mean square is the tolerance: a smooth random
+    with a common prior for all c_i, so that its root mean square is the tolerance: a smooth random
     function by the first terms of its trigonometric series (Wahba 1990, Spline Models for
-    Observational Data, chapter 2). A single term may be all of it, as the slots of a motor are one
-    wave. REACH therefore bounds the root mean square, and a single term may reach that bound.
+    Observational Data, chapter 2). A single term may be all of it, as the slots of a motor are a
+    single wave. REACH therefore bounds the root mean square, and a single term may reach that
+    bound.
 
     over      "value", what passes, or a signal of the port, as far as the recordings reach
     of        "value", or a signal in the same unit of which the curve is a share: where what passes
-              is a balance of forces or flows, one of these
+              is a balance of forces or flows, any of these
     positive  the signal is never below zero
     waves     terms: two make a whole period over the range
     """

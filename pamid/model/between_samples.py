@@ -1,9 +1,9 @@
-"""Inputs between two samples: held, or linear to the next one.
+"""Inputs between two samples: held, or linear to the next sample.
 
 A converter sends a zero-order hold; a measured or filtered input moves between samples. A straight
 line through its samples follows it to second order, where the hold lags by half a sample. The rig
-states which (`between = {"drive_v": "linear"}`), and a recording's TOML may override it for its own
-([between]); the default is held. Its [free] releases parameters that the rig holds.
+states which (`between = {"drive_v": "linear"}`), and a recording's TOML may override it for its
+inputs ([between]); the default is held. Its [free] releases parameters that the rig holds.
 
 An output may depend on an input of the same instant, as a current on the voltage. Most logs send
 the command of a row and then read; `between = {"current_a": "before"}` states that a reading of a
@@ -35,7 +35,7 @@ def other(way: str) -> str:
 
 
 def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
-    """The rig with these inputs held or linear, in place of its own choice; the same one where
+    """The rig with these inputs held or linear, in place of its choice; the same rig where
     nothing changes."""
     if all(between_of(rig, column) == way for column, way in ways.items()):
         return rig
@@ -90,9 +90,9 @@ def _with_parameters(rig: Rig, parameters: tuple[Parameter, ...]) -> Rig:
 
 
 def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
-    """The rig in the form that the recordings need, unless it has one. Inputs are held or linear,
-    outputs read before the command of their row, and parameters released, as the recordings' TOML
-    files state. FileError where two of them differ."""
+    """The rig in the form that the recordings need, unless it has a form. Inputs are held or
+    linear, outputs read before the command of their row, and parameters released, as the
+    recordings' TOML files state. FileError where two of them differ."""
     recordings = list(recordings)
     if rig.forms is not None and not rig.form:
         rig = rig.forms.suiting(recordings) or rig
@@ -115,7 +115,7 @@ def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
                 raise FileError(
                     f"[between] {column} is {ways[column]!r} in {by[column].path}, but {way!r} in "
                     f"{recording.path}.",
-                    "Fit recordings of one kind together, or state it in the rig alone.",
+                    "Fit recordings of the same kind together, or state it in the rig alone.",
                 )
             by[column] = recording
     return stated(rig, ways)

@@ -66,7 +66,7 @@ def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
 
 def _known_size(port: Port, name: str, signal: str, sizes: Sizes) -> float | None:
     size = sizes.get(("", signal)) or sizes.get((name, signal)) or port.size.get(signal)
-    if not size and signal == TRAVEL:  # stated of the position, for one that goes about its zero
+    if not size and signal == TRAVEL:  # stated of the position, for motion about its zero
         return _known_size(port, name, TRAVELLED, sizes)
     return size
 
@@ -136,8 +136,8 @@ Range = tuple[float, float]  # lowest and highest value, SI
 
 
 def within(bound: Bound, given: Range | None) -> Bound:
-    """The parameter with another range, where one is given; its prior's middle goes to the other
-    side of zero where the range lies there."""
+    """The parameter with another range, where a range is given; its prior's middle goes to the
+    other side of zero where the range lies there."""
     if given is None:
         return bound
     low, high = given

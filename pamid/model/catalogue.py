@@ -20,15 +20,15 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
 SIGN = (
-    "a value counts along its port's own position: pass what acts on the moving part, and an "
+    "a value counts along its port's position: pass what acts on the moving part, and an "
     "effect takes friction off along the velocity. Where a bench imposes the motion and reads "
-    "the force, the reading is the opposite of what passes. `pamid check RIG.py` says it for "
+    "the force, the reading is the opposite of what passes. `pamid check RIG.py` states it for "
     "every port."
 )
 HOLD_OR_RELEASE = (
     "a parameter that is not marked as held is fitted. In the TOML file next to a recording, "
     "`NAME = VALUE` under [known] holds it at this value, and `NAME = DEVIATION` under [free] "
-    "fits one that is held, within this standard deviation. A held zero may be missing in the "
+    "fits a held parameter, within this standard deviation. A held zero may be missing in the "
     "machine all the same: a diagnosis tries friction and stiffness as effects, at all joints "
     "together."
 )
@@ -38,11 +38,11 @@ ON_REQUEST = (
 )
 MANY_TERMS = 6  # of a background: longer lists are printed as the first and the last
 MOST_EQUATION_LINES = 250  # of the shipped rigs fewer; of a robot of seven joints 600
-LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
+LONG = 6  # nodes: an expression used twice and larger than this is given a name
 
 
 def effect_row(effect: type[Effect]) -> result.EffectRow:
-    """One line of the list."""
+    """A line of the list."""
     return result.EffectRow(**_row(effect))
 
 
@@ -62,7 +62,7 @@ def _row(effect: type[Effect]) -> dict[str, Any]:
 def effect_story(
     effect: type[Effect], rigs: Iterable[Rig], known: Iterable[type[Effect]]
 ) -> result.EffectStory:
-    """Everything about one effect: its story, parameters, look-alikes, and where on the rigs it
+    """Everything about an effect: its story, parameters, look-alikes, and where on the rigs it
     fits."""
     known = list(known)
     return result.EffectStory(
@@ -97,7 +97,7 @@ def effect_story(
 
 
 def rig_row(rig: type[Rig]) -> result.RigRow:
-    """One line of the list."""
+    """A line of the list."""
     return result.RigRow(
         name=rig.name,
         title=_title(rig),
@@ -118,7 +118,7 @@ def _variants(rig: type[Rig]) -> tuple[str, ...]:
 def rig_story(
     rig: Rig, known: Iterable[type[Effect]], rigs: Mapping[str, type[Rig]]
 ) -> result.RigStory:
-    """Everything about one rig: signals, ports, parameters, background, equations, effects that
+    """Everything about a rig: signals, ports, parameters, background, equations, effects that
     fit, and those that fit other rigs for the same quantities."""
     known = list(known)
     fit = attachments(rig, known)
@@ -264,13 +264,11 @@ def effects_text(rows: Sequence[result.EffectRow]) -> str:
         for row in families[family]:
             kinds = ", ".join(k for k, f in row.families.items() if f == family)
             lines.append(f"  {row.name:<31} {kinds:<19} {row.title}"[: WIDTH + 20])
-    return "\n".join(
-        [*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0].name}"]
-    )
+    return "\n".join([*lines, "", f"{len(rows)} effects. Details: pamid effects {rows[0].name}"])
 
 
 def effect_text(story: result.EffectStory) -> str:
-    """The whole story of one effect."""
+    """The whole story of an effect."""
     lines = [
         f"{story.name}: {story.story.get('title', '')}",
         "",
@@ -282,7 +280,10 @@ def effect_text(story: result.EffectStory) -> str:
         + (f", offering {', '.join(story.signals)}" if story.signals else ""),
         *(f"{s} may be offered as {', '.join(names)}" for s, names in story.stand_ins.items()),
         *(
-            ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in story.roles)]
+            [
+                "ports together: "
+                + "; ".join(f"a port offering {' and '.join(r)}" for r in story.roles)
+            ]
             if story.roles
             else []
         ),
@@ -313,7 +314,7 @@ def effect_text(story: result.EffectStory) -> str:
 
 
 def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
-    """The whole story of one rig; its equations only up to `MOST_EQUATION_LINES`, unless everything
+    """The whole story of a rig; its equations only up to `MOST_EQUATION_LINES`, unless everything
     is wanted."""
     lines = [f"{story.name}: {story.title}"]
     if story.variants:

@@ -1,7 +1,7 @@
 """Effects whose signals the recordings determine.
 
 A state is determined if a measured output or the rate of another determined state depends on it. A
-state that acts back on its own rate is determined, too. The absolute angle of a shaft is not
+state that acts back on its rate is determined, too. The absolute angle of a shaft is not
 determined if only the speed is measured: its rate is known, its zero is not. An effect that acts on
 increments alone (a bristle, a stop) needs no zero and remains a candidate. An effect that acts on
 the value itself (a spring, cogging) is left out, because each window would have a different zero.
@@ -70,7 +70,7 @@ def undetermined_states(traced: Traced, outputs: Collection[str]) -> frozenset[s
     """Return integrator states that these outputs do not determine.
 
     Neither the outputs nor the rates of states behind them depend on such a state. A state that
-    acts back on its own rate is excluded, because it forgets its initial value: the input of a
+    acts back on its rate is excluded, because it forgets its initial value: the input of a
     filter determines its state.
     """
     unobserved = unobserved_states(traced, outputs)
@@ -107,7 +107,7 @@ def _at_rest(traced: Traced, candidate: Attachment, inputs_at_rest: frozenset[st
 
 
 def _signal(passages: list[Passage], effect: Effect, name: str) -> list[Expr]:
-    """Expressions of an effect's signal, one per port that offers it."""
+    """Expressions of an effect's signal, an expression per port that offers it."""
     expressions = []
     for passage in passages:
         offered = dict(passage.signals)

@@ -11,7 +11,7 @@
             return value - p.level * stop(at.position, p.give) / p.give
 
 `value` is what passes through the port, `at` holds the signals offered there, `p` the parameters
-(SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
+(SI) and `z` the effect's states. `act` returns the new value, or (value, {state: rate}).
 
 Three further properties are class attributes, where they are needed:
     general_parameters  other sizes and bounds at ports of `general_kinds`, or at those that offer
@@ -56,7 +56,7 @@ class State:
 
 
 class Signals:
-    """Signals of a port at one place: at.velocity, at.pressure, ...
+    """Signals of a port at a place: at.velocity, at.pressure, ...
 
     at.offers("law"): whether a signal is there; at.time, in s; at.step and at.period, of the
     integrator and of the recording, in s; at.kind: kind of the port; rig_period_s: the rig's usual
@@ -101,7 +101,7 @@ class Effect:
     # family where the port is of another kind than kinds[0]
     families: ClassVar[dict[str, str]] = {}
     kinds: ClassVar[tuple[str, ...]] = ()  # ports it is at home at
-    # ports it also serves on rigs without a catalogue of their own
+    # ports it also serves on rigs without a separate catalogue
     general_kinds: ClassVar[tuple[str, ...]] = ()
     signals: ClassVar[tuple[str, ...]] = ()  # signals it cannot do without
     unit: ClassVar[str] = ""  # only at ports of this SI unit
@@ -110,15 +110,15 @@ class Effect:
     # kinds of ports at which its derivatives are those of its mean course, for fits to follow:
     # those of a staircase say nothing of where it leads
     mean_slope_at: ClassVar[tuple[str, ...]] = ()
-    everywhere: ClassVar[bool] = False  # one copy acts on all matching ports together
+    everywhere: ClassVar[bool] = False  # a single copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    # signals that make a port its home: without them the port is one of general_kinds
+    # signals that make a port its home: without them the port belongs to general_kinds
     home_signals: ClassVar[tuple[str, ...]] = ()
     # the same names with the sizes and bounds that hold at ports of general_kinds
     general_parameters: ClassVar[tuple[Parameter, ...]] = ()
     # signal -> names under which a port may offer it instead; the first offered is taken
     stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {}
-    # it acts at several ports together, with one set of parameters: the signals of each part
+    # it acts at several ports together, with common parameters: the signals of each part
     roles: ClassVar[tuple[tuple[str, ...], ...]] = ()
     states: ClassVar[tuple[State, ...]] = ()
     # amounts without which it is another, plainer effect
@@ -132,8 +132,8 @@ class Effect:
     def __init_subclass__(cls, sensor: str = "", **kwargs: Any) -> None:
         """Name the effect after its class.
 
-        sensor: SI unit of the readings to which the effect is confined, as a special case of one
-        that acts on any reading.
+        sensor: SI unit of the readings to which the effect is confined, as a special case of an
+        effect that acts on any reading.
         """
         super().__init_subclass__(**kwargs)
         if sensor:
@@ -144,7 +144,7 @@ class Effect:
     def act(
         self, value: Expr, at: Any, p: Any, z: Any
     ) -> Number | tuple[Number, dict[str, Number]]:
-        """The value after the effect, and the rates of its own states if it has any."""
+        """The value after the effect, and the rates of its states if it has any."""
         raise NotImplementedError
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
@@ -168,7 +168,7 @@ class Effect:
 
     @classmethod
     def offered_as(cls, signal: str, offered: Collection[str]) -> str:
-        """The name under which a port that offers these signals offers this one (itself where it
+        """The name under which a port that offers these signals offers this signal (itself where it
         does not)."""
         names = (signal, *cls.stand_ins.get(signal, ()))
         return next((n for n in names if n in offered), signal)
@@ -192,7 +192,7 @@ class Hints:
     port where the model's states are those of the recording (SI); periods: of the gap's spectrum
     over the position at the port, strongest first (unit of the position); timescale_s: correlation
     time of the recordings, of which parameters in time are multiples (nan: not known); plateaus:
-    spacing of those on which the recorded values of a reading rest, where they do, and one of them
+    spacing of those on which the recorded values of a reading rest, where they do, and any of them
     (SI); period_s: sampling period of the recordings (nan: not known); extremes: lowest and highest
     recorded value of a reading, per recording (SI).
     """

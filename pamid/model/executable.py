@@ -77,7 +77,7 @@ def program_of(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
 ) -> Executable:
-    """Program of these outputs; parameters: all keys, the rig's own first. See
+    """Program of these outputs; parameters: all keys, the rig's first. See
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):
         return _stepped(rig, traced, outputs, parameters, sensitive)
@@ -91,7 +91,7 @@ def program_of(
 def lane_program_of(
     rig: Rig, traced: Traced, outputs: Mapping[str, Expr], parameters: tuple[str, ...]
 ) -> Lanes:
-    """The same for several hypotheses side by side, or one after the other where a simulator steps
+    """The same for several hypotheses side by side, or in sequence where a simulator steps
     the rig."""
     if isinstance(rig, StepRig):
         return SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
@@ -119,12 +119,12 @@ def _stepped(
     parameters: tuple[str, ...],
     sensitive: frozenset[str] | None,
 ) -> SteppedProgram:
-    equation_states = tuple(rig.rated())
+    equation_states = tuple(rig.differential_states())
     simulated = [e for e in traced.rates.values() if e.op == SIMULATED]
     if len(simulated) > len(equation_states):
         raise UsageError(
-            f"rig {rig.name!r} is stepped: one model cannot contain it twice",
-            "a correction at a port needs a rig with equations; one of a channel does not",
+            f"rig {rig.name!r} is stepped: a model cannot contain it twice",
+            "a correction at a port needs a rig with equations; a correction of a channel does not",
         )
     goes_in: dict[str, Expr] = {}
     for node in simulated:

@@ -1,5 +1,5 @@
 """The force compensator of a fluidic muscle: a safety valve that blows off air above a force. Its
-data sheet and its equation, for the effect of that name and for rigs whose muscles have one.
+data sheet and its equation, for the effect of that name and for rigs whose muscles have it.
 
 Source: operating manual of the maker's fluidic muscle with force compensator (fluidic muscle MAS).
 """
@@ -24,5 +24,6 @@ def blown_off(
     rate: Expr, force: Number, outflow: Number, opening: Number, limit: Number, blend: Number
 ) -> Expr:
     """The rate of change of a muscle's pressure (Pa/s) with the valve: it opens to `opening` vent
-    valves as the force (N) passes the limit (N) by blend (N). outflow: of one vent valve, Pa/s."""
+    valves as the force (N) passes the limit (N) by blend (N). outflow: of a single vent valve,
+    Pa/s."""
     return rate - opening * smooth_step((force - limit) / blend) * outflow

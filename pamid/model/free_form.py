@@ -64,7 +64,7 @@ class FreeFormEffect(Effect):
         return tuple(p.name for p in cls.parameters if p.fitted)
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        """One function of x per coefficient."""
+        """A function of x per coefficient."""
         raise NotImplementedError
 
     def added_up(self, shapes: Sequence[Number], value: Expr, p: Any) -> Number:
@@ -100,7 +100,7 @@ class FreeCurve(FreeFormEffect):
 def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> list[Expr]:
     """Functions that rise from 0 to 1 between two neighbouring knots (shares of half, from 0 on)
     above the middle, and fall from 0 to -1 between the same below it: an odd function has the same
-    coefficients on both sides, an even one opposite ones."""
+    coefficients on both sides, an even function opposite coefficients."""
     share = (expression(x) - middle) / half
     columns = []
     for side in (1.0, -1.0):
@@ -114,8 +114,8 @@ def rises(
     knots: Sequence[float], spread: float, most: float, size: str = "value"
 ) -> tuple[Parameter, ...]:
     """Coefficients of `ramps`: the rises above the middle, then those below. spread: of the whole
-    way to the last knot, of which every rise has its share (a random walk); most: of one of
-    them; both in multiples of the size."""
+    way to the last knot, of which every rise has its share (a random walk); most: of any single
+    rise; both in multiples of the size."""
     return tuple(
         coefficient(f"{side}_{place}", spread * math.sqrt((after - before) / knots[-1]), most, size)
         for side in ("above", "below")

@@ -1,15 +1,16 @@
-"""Structural isolability: ports that a set of sensors can separate, by the rig's own equations.
+"""Structural isolability: ports that a set of sensors can separate, by the rig's equations.
 
 Every port is cut at every place: the value that leaves it is an unknown, with the equation cut =
-f(states, inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every
-measured output is one equation more. The sensors check the part with more equations than unknowns
+f(states, inputs, other cuts) + fault. A state and its rate are an unknown with an equation; every
+measured output adds an equation. The sensors check the part with more equations than unknowns
 (Dulmage and Mendelsohn, Canad. J. Math. 10, 1958, 517). A fault hides behind another if it leaves
 that part once the other's equation is taken away (Krysander, Aslund and Nyberg, IEEE Trans. SMC-A
 38, 2008, 197).
 
-One place is at fault at a time and parameters count as known. The analysis uses only the occurrence
-of unknowns in equations, in any regime; gains, noise and the form of an effect do not count. It is
-thus a bound for an effect of unknown form, and a known form may separate ports that hide here.
+A single place is at fault at a time and parameters count as known. The analysis uses only the
+occurrence of unknowns in equations, in any regime; gains, noise and the form of an effect do not
+count. It is thus a bound for an effect of unknown form, and a known form may separate ports that
+hide here.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ MOST_SENSORS = 5
 
 @dataclass(frozen=True)
 class Split:
-    """Gain by one further sensor (or one at each place of a port).
+    """Gain by a further sensor (or a sensor at each place of a port).
 
     splits  the groups that it takes apart
     shows   port groups that become visible
@@ -50,13 +51,13 @@ class Isolability:
     """Structural isolability of a set of outputs; names in the order of the rig's ports.
 
     groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons
-                   included, less what is part of a larger set; they overlap where one group has
+                   included, less what is part of a larger set; they overlap where a group has
                    ports or places in several classes
     unseen         port groups none of whose places can be checked
     sensors        further sensors, outputs of the rig first, best first
     redundancy     equations beyond the unknowns in the checked part: independent checks that the
                    outputs allow
-    places         classes of port places (muscle_1) that cannot be separated where one of them is
+    places         classes of port places (muscle_1) that cannot be separated where any of them is
                    at fault
     unseen_places  port places that cannot be checked
     """
@@ -96,7 +97,7 @@ def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
 
 @dataclass(frozen=True)
 class Structure:
-    """A system of equations, each one the set of the unknowns in it."""
+    """A system of equations, each the set of the unknowns in it."""
 
     equations: tuple[frozenset[Unknown], ...]
 
@@ -255,7 +256,7 @@ class _View:
 
 
 def _further(view: _View) -> list[tuple[str, _View]]:
-    """The outputs not measured yet, those that one port returns taken together; then what leaves
+    """The outputs not measured yet, those that a port returns taken together; then what leaves
     each port."""
     sensors: dict[tuple[str, ...], list[str]] = {}
     for name in view.rig.outputs:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pamid.model.bound_parameter import Bound
 
-#: One step between SI prefixes (g for kg, mm for m). Bounds hold every specimen that the author of
+#: A step between SI prefixes (g for kg, mm for m). Bounds hold every specimen that the author of
 #: the rig expects; a value farther off than that is a slip of the unit or of the exponent, no
 #: specimen.
 IMPOSSIBLE_FACTOR = 1e3
@@ -52,8 +52,8 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
 
 
 def _far(b: Bound, size: float) -> bool:
-    """Whether the size is beyond the largest bound, or below the smallest of bounds of one sign, by
-    more than the factor."""
+    """Whether the size is beyond the largest bound, or below the smallest of bounds of the same
+    sign, by more than the factor."""
     small, large = sorted((abs(b.low), abs(b.high)))
     below = b.low * b.high > 0.0 and size < small / IMPOSSIBLE_FACTOR
     return below or size > IMPOSSIBLE_FACTOR * large

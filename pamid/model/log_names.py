@@ -14,7 +14,7 @@ class LogName:
     quantity    position, velocity or effort, "" where it can be any
     sent        a command
     places      in the vectors of a simulator: its name -> from 0
-    per_effort  what is sent (column's unit) per N m or N at the joint, where the model says that a
+    per_effort  what is sent (column's unit) per N m or N at the joint, where in the model a
                 measured effort is nothing else; None: it does not
     """
 

@@ -1,9 +1,9 @@
 """Effects for which a rig has no place, while a rig of the catalogue for the same quantities has
-one: a motor with one inertia has no place for play between motor and load.
+a place: a motor with a single inertia has no place for play between motor and load.
 
-A rig for the same quantities takes what this one takes, by its unit, reads something that this one
-reads, and has as many states at least. A recording of the machine could be diagnosed with either.
-Rigs with a catalogue of their own are left out, and so is a command without a unit, which any
+A rig for the same quantities takes the same inputs, by unit, has a reading in
+common, and has as many states at least. A recording of the machine could be diagnosed with either.
+Rigs with a separate catalogue are left out, and so is a command without a unit, which any
 machine may take.
 """
 
@@ -28,7 +28,7 @@ def no_place_words(row: NoPlaceRow) -> str:
 def no_places(
     rig: Rig, effects: Iterable[type[Effect]], others: Mapping[str, type[Rig]]
 ) -> list[NoPlaceRow]:
-    """Return the effects that fit a rig for the same quantities and not this one.
+    """Return the effects that fit a rig for the same quantities and not this rig.
 
     Parameters
     ----------

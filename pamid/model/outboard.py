@@ -12,7 +12,7 @@ against the joint, and the rate of that angle. It returns what holds in that pos
 its motor, the load's `free_fall`, and its `usual` size. The share is then that of the load, of
 which what is not on the far side turns with the motor; the angle is share t, which is exact where
 nothing or all of the load is on the far side, and to the first order of t between. Pull is given
-for the usual load: what springs has one stiffness in all poses.
+for the usual load: what springs has the same stiffness in all poses.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ CARRIED_SHARE = replace(
 @dataclass(frozen=True)
 class Outboard:
     """The two sides of a port: torque that reaches them, their inertia, the share of it on the far
-    side, the acceleration of that side let go, and its usual size over the present one."""
+    side, the acceleration of that side let go, and the ratio of its usual to its present size."""
 
     torque: Expr
     inertia: Expr

@@ -14,23 +14,23 @@ from pamid.base.units import unit as unit_of
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a model.
+    """A numeric parameter of a model.
 
     The common kinds have constructors: `level`, `share`, `slope`, `width`, `time` for effects,
     `positive` and `held` for rigs as well; `with_source` adds where the numbers come from. Further
     fields are passed on by keyword.
 
-    name       as the equations read it, `p.<name>`; one that ends in a unit, as columns do
-               ("area_cm2"), has this unit
+    name       as the equations read it, `p.<name>`; a name that ends in a unit, as columns
+               do ("area_cm2"), has this unit
     value      data-sheet value (prior mean); for an effect the typical size used when nothing else
-               is said
+               is stated
     unit       unit of value, low, high, spread and null. The equations see SI, p.area_cm2 = 5e-4
                for 5 cm2, and the outside sees `<name>_<suffix>` ("inertia" in "kg m2" ->
-               inertia_kg_m2; "area_cm2" stays as it is). Without one, here and in the name, the
+               inertia_kg_m2; "area_cm2" stays as it is). Without a unit, here and in the name, the
                number is used as written; "1" states that it has none although the name seems to end
-               in one ("side_l")
+               in a unit ("side_l")
     low, high  bounds
-    spread     one standard deviation of the prior (default: a quarter of the range); with log=True
+    spread     a standard deviation of the prior (default: a quarter of the range); with log=True
                a factor
     null       effects only: the value at which the effect vanishes exactly
     size       effects only: name of the port's signal ("value", "velocity", ...) that this
@@ -38,20 +38,20 @@ class Parameter:
                size and its unit is the signal's; "travel": half of the way along the position,
                wherever that is counted from; "timescale", "1/timescale", "period": of the
                correlation time of the recordings, of its inverse, of the rig's sampling period
-    tries      further starting values for the fit, where one basin is not enough
+    tries      further starting values for the fit, where a single basin is not enough
     scan       effects only: (step, count) or (step, count, power): the values
-               high (1 + step k)^power, k below the count, are tried by one run each, where the
+               high (1 + step k)^power, k below the count, are tried by a run each, where the
                misfit has many narrow minima; there a fit begins. The power is -1 unless stated
     at_least   effects only: (size, multiple): the range ends at this multiple of another size or
                later ("time" is the duration of the longest recording), and the prior is half as
                wide
     hard       effects only: the bounds are physics, or tell the effect from another; where a fit
-               ends at one it is not widened
+               ends at such a bound it is not widened
     softens    effects only, with log=True: the equation grows softer as the value falls (a spring's
-               own frequency), so that the lower bound is widened, too; that of other factors stays,
-               below which an equation grows stiff
+               natural frequency), so that the lower bound is widened, too; that of other factors
+               stays, below which an equation grows stiff
     fitted     False: held at its value unless a fit frees it
-    inner      rigs only: a coordinate without a meaning of its own, such as a factor of a matrix;
+    inner      rigs only: a coordinate without a separate meaning, such as a factor of a matrix;
                in its place the combinations (`Rig.combinations`) that hold it are reported
     """
 
@@ -101,15 +101,15 @@ class Parameter:
         self._settle_unit()
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """A spread that is not stated is one and the same NaN in every process: what has been sent
+        """A spread that is not stated is the same NaN in every process: what has been sent
         stays equal to what it was."""
         for name, value in state.items():
             unstated = name == "spread" and math.isnan(value)
             object.__setattr__(self, name, math.nan if unstated else value)
 
     def _settle_unit(self) -> None:
-        """One rule for all names: the unit at the end of the name is that of the value, and another
-        one beside it is refused, as is one that is unknown or counts from another zero."""
+        """A rule for all names: the unit at the end of the name is that of the value, and another
+        in `unit` is refused, as is a unit that is unknown or counts from another zero."""
         named = split_column(self.name)[1]
         if self.size:
             if named != NONE:
@@ -138,7 +138,7 @@ class Parameter:
     ) -> Parameter:
         """Level in multiples of what passes the port; zero without the effect.
 
-        Outside it bears the port's own name: `torque_nm`, and `sine_torque_nm` for a level `sine`.
+        Outside it bears the port's name: `torque_nm`, and `sine_torque_nm` for a level `sine`.
         """
         label = "{value}" if name == "level" else f"{name}_{{value}}"
         return cls(name, value, low, high, size="value", null=0.0, label=label, **fields)
@@ -190,7 +190,7 @@ class Parameter:
     ) -> Parameter:
         """Time in s, or in multiples of `size` ("timescale", "period", "time").
 
-        One that may be zero vanishes there (null); any other is known within a `factor`.
+        A level that may be zero vanishes there (null); any other is known within a `factor`.
         """
         unit = "" if size else "s"
         if low > 0.0:

@@ -1,4 +1,4 @@
-"""Connections between the ports of a rig, read from its own equations, for a block diagram.
+"""Connections between the ports of a rig, read from its equations, for a block diagram.
 
 Every port is cut, as in `isolability`. A port follows another where its value holds the value that
 leaves the other, or a state whose rate, through further states, does.
@@ -16,7 +16,7 @@ from pamid.symbolic.vocabulary import Expr
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
-    """Ports of the rig in its own order, the places of a port taken together, each with the ports
+    """Ports of the rig in its order, the places of a port taken together, each with the ports
     that it leads to; outputs: those that were measured. A port that leads to none of them is left
     out, as that of a sensor that was not recorded.
 
@@ -68,7 +68,7 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
 
 
 def _cuts_behind_states(traced: Traced) -> dict[str, set[str]]:
-    """State -> the cuts that its rate holds, its own or through the rates of other states."""
+    """State -> the cuts that its rate holds, directly or through the rates of other states."""
     unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
     by_state = {}
     for name in unknowns:

@@ -35,7 +35,7 @@ GUIDE = {
         "as it is sent; effects delay, clip, scale or shift it, whatever its sign",
     ),
     "flow": KindOfPort(
-        "the flow through one valve or pump, of a volume or of a mass",
+        "the flow through a single valve or pump, of a volume or of a mass",
         "positive into the store that it feeds",
     ),
     "rate": KindOfPort(
@@ -44,7 +44,7 @@ GUIDE = {
     ),
     "actuator-force": KindOfPort(
         "the force or torque that an actuator makes, before it meets the mechanism",
-        "along its own `position`: a muscle's pull with its contraction, a cylinder's push with "
+        "along its `position`: a muscle's pull with its contraction, a cylinder's push with "
         "its stroke. What the actuator loses in itself is taken off against that motion",
     ),
     "motion": KindOfPort(
@@ -79,14 +79,14 @@ SIGNALS = {
     "driven": "what the drive exerts more where it stands behind, as a function of an angle",
     "stored": "what is in the store, counted from where nothing leaves it: gauge pressure, level "
     "above the outlet, temperature above the surroundings",
-    "upstream": "what is in the store that runs over into this one; the other port offers "
+    "upstream": "what is in the store that runs over into this store; the other port offers "
     "`downstream`",
-    "downstream": "what is in the store that catches what this one spills; the other port offers "
+    "downstream": "what is in the store that catches what this store spills; the other port offers "
     "`upstream`",
-    "stretch": "how far a coupling is extended or twisted: the driving side less the driven one",
+    "stretch": "how far a coupling is extended or twisted: the driving side less the driven side",
     "outflow": "what leaves the store by itself, in the value's unit, positive",
     "side": "1 or -1: which of two opposed actuators or directions it is",
-    "law": "the actuator's own force law, as a function of position and pressure",
+    "law": "the actuator's force law, as a function of position and pressure",
     "rate": "rate of change of the reading",
     "supply": "pressure of the supply",
     "drawn": "flow that all consumers draw from the supply",
@@ -155,12 +155,12 @@ def _of(rig: Rig, name: str) -> str:
 
 
 def _is_balance(passage: Passage) -> bool:
-    """Whether the value follows both the port's own motion or store and something else: a balance
+    """Whether the value follows both the port's motion or store and something else: a balance
     of resistance and drive. A spring's force follows the former alone."""
     zeros = {e: const(0.0) for s, e in passage.signals if s in RESISTING and isinstance(e, Expr)}
     try:
         (rest,) = substitute([passage.value], zeros)
-    except EquationError:  # not defined there: nothing can be said
+    except EquationError:  # not defined there: no answer
         return False
     driven = any(space in ("state", "input") for space, _ in symbols([rest]))
     return driven and rest is not passage.value
@@ -203,7 +203,7 @@ def tolerance_words(rig: Rig) -> list[str]:
         ]
     return [
         "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
-        "passes for a missing effect, or hides one. A map allows for it, but within its tolerance "
+        "passes for a missing effect, or hides it. A map allows for it, but within its tolerance "
         f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
         f"{stated_roughness(rig, *mapped)}"
     ]
@@ -281,11 +281,11 @@ def _imposed(rig: Rig) -> set[str]:
 
 def driven_by_speed(rig: Rig) -> dict[str, float]:
     """Ports of motion whose value grows with the `velocity` that is offered there, with the slope
-    in SI, from one unit backwards to one forwards: at the data sheet's values, in the states of the
-    start, with inputs at 0.
+    in SI, from a unit backwards to a unit forwards: at the data sheet's values, in the states of
+    the start, with inputs at 0.
 
     What acts on a moving part opposes its motion, so that the value falls with the velocity; where
-    it grows, the sign of the port is most likely the wrong one, and every friction would drive.
+    it grows, the sign of the port is most likely wrong, and every friction would drive.
     """
     assembly = Assembly(rig)
     p = assembly.values()
@@ -302,7 +302,7 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
                 substitute(substitute([passage.value], {velocity: const(v)}), known)[0]
                 for v in (1.0, -1.0)
             )
-        except EquationError:  # not defined there: nothing can be said
+        except EquationError:  # not defined there: no answer
             continue
         if ahead.op == back.op == "const" and ahead.value > back.value:
             resistances[passage.port] = 0.5 * (ahead.value - back.value)
@@ -312,7 +312,7 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
 def driving_words(rig: Rig) -> list[str]:
     """A sentence for each port of `driven_by_speed`, and how to mend it."""
     return [
-        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} for one unit of "
+        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} per unit of "
         "it), as if damping drove the part. Pass what acts on the moving part along its position, "
         "and give a sensor that reads the force which moves it the negative."
         for port, slope in driven_by_speed(rig).items()
@@ -342,7 +342,7 @@ def ports_text(rows: list[dict[str, Any]]) -> list[str]:
 def grouped_ports_text(rows: list[dict[str, Any]], most: int) -> list[str]:
     """`ports_of` on a few lines: like ports together, with the effects that act there.
 
-    most: lines per group, the first one included.
+    most: lines per group, the first included.
     """
     groups: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
     for row in rows:

@@ -69,7 +69,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
     """Run a user's Python file and return it as a module; errors name the file and the line.
 
     The file is read once and what was read is run: no compiled copy next to it (`__pycache__`),
-    which may be another's, and no other content than the one of this SHA-256, if it is given.
+    which may be another's, and no other content than the content of this SHA-256, if it is given.
     """
     if not path.is_file():
         raise FileError(
@@ -82,7 +82,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
 
 
 def _source_of(path: Path, sha256: str) -> bytes:
-    """Content of a file; FileError where its SHA-256 is another than the one given, if any."""
+    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -90,7 +90,7 @@ def _source_of(path: Path, sha256: str) -> bytes:
     if sha256 and hashlib.sha256(source).hexdigest() != sha256:
         raise FileError(
             f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
-            "Put the old one back, or make the run again.",
+            "Restore the old file, or make the run again.",
             code="changed",
         )
     return source
@@ -119,7 +119,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
             "Take nouns from `pamid` and functions from `pamid.equations` "
             f"({', '.join(FUNCTIONS)}); what lies inside may move."
             if inner
-            else ""
+            else "Correct that line."
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
@@ -140,8 +140,8 @@ def resolved_rig(rig: RigLike | None) -> str | Rig | None:
 
 
 def rig_named(name: str | Rig) -> Rig:
-    """The rig that a user named: of the catalogue, or by the path of a file that holds one, which
-    is run, or of a model file, which is read; a rig itself stands for itself."""
+    """The rig that a user named: of the catalogue, or by the path of a file that holds a rig,
+    which is run, or of a model file, which is read; a rig itself stands for itself."""
     if isinstance(name, Rig):
         check_rig(name, type(name).__name__)
         return name
@@ -163,7 +163,7 @@ def name_of(rig: str | Rig) -> str:
 
 
 def in_catalogue(name: str) -> bool:
-    """Whether this word names a rig of the catalogue, or a variant of one. No file is run for
+    """Whether this word names a rig of the catalogue, or a variant of it. No file is run for
     it."""
     return name.partition(":")[0] in rigs()
 
@@ -219,7 +219,7 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     if len(kinds) > 1:
         raise FileError(
             f"{path} holds {len(kinds)} rigs: {', '.join(c.__name__ for c in kinds)}",
-            "keep one rig in one file",
+            "keep a single rig in each file",
         )
     rig: Rig = kinds[0]()
     check_rig(rig, str(path))
@@ -276,7 +276,7 @@ def _file_of(spec: str) -> str:
 
 
 def rig_of(recordings: list[Recording]) -> str:
-    """The rig that the recordings' TOML files name; where they name none, the usual one of the
+    """The rig that the recordings' TOML files name; where they name none, the usual rig of the
     catalogue (`Rig.usual`).
 
     Only names of the catalogue: a rig file is code, and naming it in a data file must not run it

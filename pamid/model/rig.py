@@ -21,7 +21,7 @@ Inputs and outputs are columns of a recording, with the SI unit in which the equ
 name ends in the unit of its column, "pressure_bar": "Pa". Parameters likewise: `mass_kg` is stated
 in kg, `area_cm2` in cm2, and p.area_cm2 is in m2.
 
-`between = {"drive_v": "linear"}` states that an input leads from one sample to the next in a
+`between = {"drive_v": "linear"}` states that an input leads between samples in a
 straight line (a measured force, a filtered voltage) instead of being held (what a converter sends);
 `ranges = {"valve": (0.0, 1.0)}` what an input can be, in the unit of its column.
 """
@@ -64,7 +64,7 @@ Array = NDArray[np.float64]
 class Port:
     """A named place where physics may be added.
 
-    Sign: a value counts along the port's own `position`. What dissipates is taken off along
+    Sign: a value counts along the port's `position`. What dissipates is taken off along
     `velocity`, what holds along `position`, what is lost from what fills a store. So pass what
     acts ON the moving part, in the direction in which position counts. A bench that imposes the
     motion and reads the reaction reads the opposite of that: pass everything but the force that is
@@ -74,15 +74,15 @@ class Port:
     kind, unit (SI)  what passes through
     signals          what the rig offers there: names, or names with their SI units
     places           several like places that share an effect's parameters (muscle 1 and 2); () is
-                     one place
-    group            the name reported for it, where several ports count as one (default: its own
+                     a single place
+    group            the name reported for it, where several ports count together (default: its
                      name)
-    kin              a name that like ports share: an effect may act at one of them or, with one set
-                     of parameters, at all of them
+    kin              a name that like ports share: an effect may act at any of them or, with common
+                     parameters, at all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording
                      where absent. Effects begin at, and are bounded by, shares of it: state it
                      where the data sheet's run does not show it (the model rests, a value of 0)
-    general          False on rigs with a catalogue of their own: the general catalogue stays away
+    general          False on rigs with a separate catalogue: the general catalogue stays away
     called           what people call a signal where it has another name than here
     """
 
@@ -97,7 +97,7 @@ class Port:
     called: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Units as pamid writes them, so that "Nm" is a torque wherever one is looked for."""
+        """Units as pamid writes them, so that "Nm" is a torque wherever a torque is looked for."""
         object.__setattr__(self, "unit", _si_unit(self.unit))
         if isinstance(self.signals, dict):
             signals = {name: _si_unit(symbol) for name, symbol in self.signals.items()}
@@ -147,7 +147,7 @@ class Loop:
 
 
 class RigForms(Protocol):
-    """Forms of one rig, with the same parameters and columns, of which recordings decide."""
+    """Forms of a rig, with the same parameters and columns, of which recordings decide."""
 
     def named(self, form: str) -> Rig:
         """The rig in a form; FileError for a name that is none."""
@@ -162,7 +162,7 @@ class RigForms(Protocol):
 
 
 class Rig:
-    """Base of all rigs. See the module's docstring for a whole one."""
+    """Base of all rigs. See the module's docstring for a whole example."""
 
     name: ClassVar[str] = ""
     inputs: ClassVar[dict[str, str]] = {}
@@ -196,13 +196,13 @@ class Rig:
     excited: ClassVar[dict[str, float]] = {}
     # centre of an excitation where that is not 0, column's unit
     centre: ClassVar[dict[str, float]] = {}
-    # usual shortest and longest time at one level of an excitation, s
+    # usual shortest and longest time at a level of an excitation, s
     hold_s: ClassVar[tuple[float, float]] = (0.4, 1.6)
     # inputs that cannot jump, such as an imposed position: sent in ramps from level to level
     ramped: ClassVar[tuple[str, ...]] = ()
     # what is driven by itself -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
-    # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
+    # `pamid.excitation.experiments.Experiment`s of the rig, offered before the general ones
     experiments: ClassVar[tuple[Any, ...]] = ()
     # [known] parameter that can be changed at the rig -> another value for it, its name's unit: an
     # experiment is repeated with the first of them
@@ -214,16 +214,16 @@ class Rig:
     # what a robot's log calls a column, and how long the vectors are that such logs hold
     log_names: ClassVar[dict[str, LogName]] = {}
     vector_sizes: ClassVar[dict[str, int]] = {}
-    # the method that a user has written in the place of another one
+    # the method that a user has written in the place of another
     written_as: ClassVar[dict[str, str]] = {}
-    # forms in which it can be run, None where there is one; that which recordings have decided, by
-    # its name in a run; and why, as a sentence
+    # forms in which it can be run, None if there is a single form; that which recordings have
+    # decided, by its name in a run; and why, as a sentence
     forms: ClassVar[RigForms | None] = None
     form: ClassVar[str] = ""
     form_note: ClassVar[str] = ""
     # remarks in addition to its tables: how it was made, what it leaves out
     remarks: ClassVar[tuple[str, ...]] = ()
-    # of the catalogue, the one that is meant where a recording names none
+    # of the catalogue, the default where a recording names no rig
     usual: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -241,16 +241,16 @@ class Rig:
         """Every output, in the unit declared for it."""
         raise NotImplementedError
 
-    def told(self) -> dict[str, Expr]:
+    def auxiliary_signals(self) -> dict[str, Expr]:
         """Further signals of the equations, by name; nothing by default."""
         return {}
 
-    def rated(self) -> list[str]:
+    def differential_states(self) -> list[str]:
         """States that `rates` gives a rate of."""
         return [s.name for s in self.states]
 
     def start(self, p: Any) -> dict[str, float]:
-        """State (SI) in which a recording begins, where it differs from the states' own start; p
+        """State (SI) in which a recording begins, where it differs from the states' start; p
         holds numbers."""
         return {}
 
@@ -264,7 +264,7 @@ class Rig:
         """Drawing of the rig: polylines in metres, name -> (samples, points, 2); nothing by
         default.
 
-        y: outputs by name (SI), one value per sample; p: parameters (SI).
+        y: outputs by name (SI), a value per sample; p: parameters (SI).
         """
         return {}
 

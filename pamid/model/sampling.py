@@ -23,7 +23,7 @@ def stated_period(rig: Rig) -> float | None:
 
 def as_sampled(rig: Rig, periods_s: Sequence[float]) -> Rig:
     """The rig with the median of its recordings' sampling periods (s) where it states none; the
-    same one where it does, or where there is no recording."""
+    same rig where it does, or where there is no recording."""
     if not periods_s or stated_period(rig) is not None:
         return rig
     changed = copy.copy(rig)

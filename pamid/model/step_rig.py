@@ -54,13 +54,13 @@ Array = NDArray[np.float64]
 
 SIMULATED = "simulated"  # the operator of values that only a simulation has
 TRIED_POINTS = 4  # points at which dependences are tried
-# of a slope: what a quarter of the step leaves of one that goes by way of another state; what is
+# of a slope: what a quarter of the step leaves of a dependence through another state; what is
 # there at all, of the largest in its row
 BY_WAY, THERE = 0.5, 1e-5
 
 
 class StepRig(Rig):
-    """Base of all rigs that are stepped. See the module's docstring for a whole one.
+    """Base of all rigs that are stepped. See the module's docstring for a whole example.
 
     Members that cannot be sent to another process (a window, a library's handle) belong into a
     `cached_property`, which each process computes anew.
@@ -93,7 +93,7 @@ class StepRig(Rig):
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
     ) -> tuple[Array, Array]:
-        """See `pamid.engine.simulator.Simulator`; one copy after the other. into: names of what
+        """See `pamid.engine.simulator.Simulator`; copies in sequence. into: names of what
         goes in."""
         states, parameters = self._named
         after = np.array(
@@ -112,7 +112,7 @@ class StepRig(Rig):
         return after, self.reads(after, p)
 
     def reads(self, x: Array, p: Array) -> Array:
-        """See `pamid.engine.simulator.Simulator`; one copy after the other."""
+        """See `pamid.engine.simulator.Simulator`; copies in sequence."""
         wanted, (states, parameters) = tuple(self.readings), self._named
         if not wanted:
             return np.empty((len(x), 0))
@@ -153,7 +153,7 @@ class StepRig(Rig):
     def _failed(
         self, method: str, wanted: tuple[str, ...], given: tuple[Any, ...], error: Exception
     ) -> FileError:
-        """Error for an exception in the user's own code: where, why, and at which states."""
+        """Error for an exception in the user's code: where, why, and at which states."""
         where_ = f"rig {self.name!r}, {method}()"
         if isinstance(error, FileError):
             return FileError(f"{where_}: {error.message}", error.hint, code=error.code)
@@ -166,12 +166,12 @@ class StepRig(Rig):
         frames = traceback.extract_tb(error.__traceback__)
         line = f", line {frames[-1].lineno} of {frames[-1].filename}" if len(frames) > 1 else ""
         states = ", ".join(f"{k} = {v:.4g}" for k, v in vars(given[0]).items())
-        hint = "it must return numbers for any states that a fit may try, NaN where there are none"
+        hint = "Return numbers for any states that a fit may try, NaN where there are none."
         if isinstance(error, AttributeError) and error.name:
             known = [
                 n for value in given if isinstance(value, SimpleNamespace) for n in vars(value)
             ]
-            hint = nearest(error.name, known) or f"there are {', '.join(known)}"
+            hint = nearest(error.name, known) or f"Use a name that exists: {', '.join(known)}."
         return FileError(
             f"{where_}{line}: {type(error).__name__}: {error} (at {states})",
             hint,
@@ -193,10 +193,10 @@ class StepRig(Rig):
         """Runner of whole runs for a simulation in another process."""
         return None
 
-    def rated(self) -> list[str]:
-        return list(map(_read, self.readings)) if self.carries else super().rated()
+    def differential_states(self) -> list[str]:
+        return list(map(_read, self.readings)) if self.carries else super().differential_states()
 
-    def told(self) -> dict[str, Expr]:
+    def auxiliary_signals(self) -> dict[str, Expr]:
         """Readings, of which it is known which states they depend on."""
         if self.carries:
             return {name: symbol("state", _read(name)) for name in self.readings}
@@ -220,7 +220,7 @@ class StepRig(Rig):
         forces = {name: expression(value) for name, value in into.items()}
         states, names = self._named[0], tuple(forces)
         if self.carries:  # whatever is inside may lead from anywhere to anywhere
-            anything = (*self.told().values(), *forces.values())
+            anything = (*self.auxiliary_signals().values(), *forces.values())
             return {
                 _read(name): Expr(SIMULATED, anything, ("rate", name, names, names))
                 for name in self.readings
@@ -235,7 +235,7 @@ class StepRig(Rig):
 
     @cached_property
     def _dependence(self) -> NDArray[np.bool_]:
-        """Dependence of the readings (rows) on the states, found by trying it."""
+        """Dependence of the readings (rows) on the states, by trial."""
         linked = np.zeros((len(self.readings), len(self.states)), bool)
         for x in _draws(self):
             n, size = len(x), self.sizes(())[0]
@@ -283,7 +283,7 @@ class StepRig(Rig):
         return states, forces
 
     def __getstate__(self) -> dict[str, Any]:
-        """Sent to another process without what was made in this one."""
+        """Sent to another process without what was made here."""
         names = (k for k in vars(self) if k != "_known_links" and not _is_cached(type(self), k))
         return {k: vars(self)[k] for k in names}
 
@@ -360,7 +360,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
         name = rig._named[0][int(np.argmax(first != repeated))]
         raise FileError(
             f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
-            "another call: it keeps a memory that is not one of its states",
+            "another call: it keeps a memory that is not among its states",
             "set everything from x at the beginning of step(), or declare it as a state",
             code="simulation",
         )

@@ -25,13 +25,20 @@ from pamid.symbolic.vocabulary import (
     rate_of,
 )
 
-#: (port, place) -> the effects that act there, with the owner of each one's parameters, in order
+#: (port, place) -> the effects that act there, with the owner of each effect's parameters, in order
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
 
 
 def _with_functions(hint: str) -> str:
-    """A hint; one that sends to `pamid.equations` with the functions that there are."""
+    """A hint; if it refers to `pamid.equations` with the functions that there are."""
     return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
+
+
+def _cure(error: Exception) -> str:
+    """Hint for an error that a user's equations raised."""
+    if isinstance(error, ZeroDivisionError):
+        return "Correct that line: it divides by a number that is 0."
+    return f"Correct that line. {FUNCTIONS_HINT}"
 
 
 class Names:
@@ -97,7 +104,7 @@ class _Tracer:
 
     def run(self) -> Traced:
         states = {s.name: symbol("state", s.name) for s in self.rig.states}
-        x = Names(states | self.rig.told(), "state")
+        x = Names(states | self.rig.auxiliary_signals(), "state")
         p = Names({q.name: symbol("parameter", q.name) for q in self.rig.parameters}, "parameter")
         columns: dict[str, Expr] = {c: symbol("input", c) for c in self.rig.inputs}
         if self.controller:
@@ -105,7 +112,7 @@ class _Tracer:
                 self.inputs.remove(loop.command)
                 columns[loop.command] = symbol("cell", loop.command)
         u = Names(columns, "input")
-        rates = self._call("rates", x, u, p, self.rig.rated())
+        rates = self._call("rates", x, u, p, self.rig.differential_states())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
         outputs = self._as_logged(outputs, columns)
         if self.controller:
@@ -146,7 +153,7 @@ class _Tracer:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, line {line}: {type(error).__name__}: {error}",
-                FUNCTIONS_HINT,
+                _cure(error),
             ) from error
         if not isinstance(values, dict):
             raise FileError(
@@ -197,7 +204,8 @@ class _Tracer:
             ]:
                 raise EquationError(
                     f"two different values pass through port {name!r} {place}".rstrip(),
-                    "a value passes through its port exactly once; give the other one its own port",
+                    "a value passes through its port exactly once; give the other value a separate "
+                    "port",
                 )
             return before.result
         result = value
@@ -242,7 +250,7 @@ class _Tracer:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
             raise FileError(
                 f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
-                FUNCTIONS_HINT,
+                _cure(error),
             ) from error
         after, rates = result if isinstance(result, tuple) else (result, {})
         if set(rates) != {s.name for s in effect.states}:
@@ -255,7 +263,7 @@ class _Tracer:
 
     def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
         """PD with filtered derivative on the measured reading, as section [controller] of a
-        recording says."""
+        recording states."""
         c = self.controller
         unit = f"{loop.reading.rsplit('_', 1)[-1]}"
         noise = f"noise_{loop.reading}"
@@ -306,7 +314,7 @@ def trace(
     return _Tracer(rig, effects_at, controller, upper_bounds or {}).run()
 
 
-# ---- several models as one ---------------------------------------------------------------------
+# ---- several models combined ---------------------------------------------------------------------
 
 
 def signals_of(traced: Traced) -> dict[str, Expr]:
@@ -320,7 +328,7 @@ def signals_of(traced: Traced) -> dict[str, Expr]:
 
 def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
     """A model's equations with prefixed states and parameters, driven by the inputs of another
-    one."""
+    model."""
     driven, roots = signals_of(other), [*model.rates.values(), *model.outputs.values()]
     new = {
         symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
@@ -337,7 +345,7 @@ def prefixed_model(model: Traced, other: Traced, prefix: str) -> Traced:
 def with_input_replaced(
     driven: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]
 ) -> Traced:
-    """Both models as one: the outputs of the first, with this value in the place of one of its
+    """Both models combined: the outputs of the first, with this value in the place of any of its
     inputs."""
     put = {symbol("input", name): value}
     rates = dict(zip(driven.rates, substitute(driven.rates.values(), put), strict=True))

@@ -1,2 +1,2 @@
-"""Networks that describe the residual of a grey-box model, one file per network, and the core that
+"""Networks that describe the residual of a grey-box model, a file per network, and the core that
 trains them."""

@@ -5,7 +5,7 @@ Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inpu
 [-1, 1]
     layer 1  membership, per input k and set i: gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)), with
              t = (x_k - centre)/width
-    layer 2  firing: product of one membership per input, for every combination of sets
+    layer 2  firing: product of a membership per input, for every combination of sets
     layer 3  firing normalised: all rules sum to 1
     layer 4  rule: firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
     layer 5  output y: sum over rules
@@ -13,7 +13,7 @@ A product over a full grid normalises input by input: the share of a rule is the
 sets' shares, each a softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1]
 count as its edge.
 
-Weights are one flat vector. Premises first: for input k, for set i: centre, log width (bell: log
+Weights are a flat vector. Premises first: for input k, for set i: centre, log width (bell: log
 slope after it), as deviations from the untouched grid. Then the consequents: for rule r (the last
 input's set running fastest) bias, slope_1 .. slope_m. All zero is the untouched grid with output
 zero.
@@ -76,7 +76,7 @@ class Sets(NamedTuple):
 
 @dataclass(frozen=True)
 class Anfis(Network):
-    """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout:
+    """An ANFIS' sizes; weights are passed to every verb as a flat float64 vector (layout:
     module).
 
     `inputs` m, `sets` membership sets per input, `shape` "gaussian" or "bell". sets^m rules.
@@ -124,7 +124,7 @@ class Anfis(Network):
                 f"{MOST_RULES}.",
                 "Name fewer with --inputs, or use --sets 2.",
             )
-        # A grid that is too coarse only costs accuracy. One that is too fine has rules without
+        # A grid that is too coarse only costs accuracy. A grid that is too fine has rules without
         # data.
         grids = (sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
         return cls(inputs, max(grids))
@@ -156,7 +156,7 @@ class Anfis(Network):
     def initial(self, seed: int) -> Array:
         """Random start without data: premises a little off the grid, consequents zero."""
         weights = np.zeros(self.n_weights)
-        # The grid itself would be a start as well, but the same one for every seed.
+        # The grid itself would be a start as well, but the same for every seed.
         weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(
             self.premises
         )
@@ -177,7 +177,7 @@ class Anfis(Network):
             self.inputs, self.sets, self._per_set
         )
         limits = np.array(LIMITS[: self._per_set])
-        # A smooth limit needs no bounds in the optimiser, and its slope at zero is one.
+        # A smooth limit needs no bounds in the optimiser, and its slope at zero is 1.
         bent = np.tanh(deviation / limits)
         moved = limits * bent
         return Sets(
@@ -200,7 +200,7 @@ class Anfis(Network):
         # wild trial weights may overflow: the caller judges the outcome
         with np.errstate(all="ignore"):
             for start in range(0, len(u), CHUNK):
-                # Samples run along the last axis, so that every operation on a set is one
+                # Samples run along the last axis, so that every operation on a set is a
                 # contiguous vector.
                 x = np.ascontiguousarray(u[start : start + CHUNK].T)
                 firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
@@ -359,13 +359,13 @@ class Anfis(Network):
             np.multiply(firing, away[self._rule_sets[:, k]], out=rows[:, k + 1])
 
     def planes(self, consequents: Array) -> tuple[Array, Array]:
-        """Every rule's own linear function of the inputs: slopes (rules, m) and constants (rules,),
+        """Every rule's linear function of the inputs: slopes (rules, m) and constants (rules,),
         from its consequents (rules, m + 1)."""
         slopes = consequents[:, 1:] / self.spacing
         return slopes, consequents[:, 0] - np.sum(slopes * self._grid[self._rule_sets], axis=1)
 
     def _rule_outputs(self, consequents: Array, x: Array) -> Array:
-        """Every rule's own linear function (rules, n) of x (m, n)."""
+        """Every rule's linear function (rules, n) of x (m, n)."""
         slopes, constant = self.planes(consequents)
         return slopes @ x + constant[:, None]
 

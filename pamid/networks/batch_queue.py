@@ -1,4 +1,5 @@
-"""Where starts that run side by side meet, so that one batch serves the passes of all of them."""
+"""Where starts that run side by side meet, so that a single batch serves the passes of all of
+them."""
 
 from collections.abc import Sequence
 from threading import Condition, get_ident
@@ -13,7 +14,7 @@ Sums = tuple[float, Array, Array]
 
 
 class BatchQueue:
-    """Each of `parties` threads requests a pass and waits until all have requested one or left.
+    """Each of `parties` threads requests a pass and waits until all have requested a pass or left.
 
     Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same
     training gives the same batches. An error in a batch is raised in every thread that waits for
@@ -33,7 +34,7 @@ class BatchQueue:
         self.answers: dict[int, Sums | BaseException] = {}
 
     def normal_equations(self, record: int, weights: Array) -> Sums:
-        """(sum of e^2, J'J, J'e) over one recording, by its number."""
+        """(sum of e^2, J'J, J'e) over a recording, by its number."""
         me = get_ident()
         with self.changed:
             self.requests[me] = (record, weights)
@@ -47,7 +48,8 @@ class BatchQueue:
     def leave(self) -> None:
         """Take part in no further batch."""
         with self.changed:
-            # The others may all be waiting for this one, so that its leaving can complete a batch.
+            # The others may all be waiting for this thread, so that its leaving can complete a
+            # batch.
             self.parties -= 1
             self._serve()
 

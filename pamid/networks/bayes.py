@@ -37,7 +37,7 @@ class Evidence:
 
 
 def evidence_of(gamma: float, samples: float, sse: float, ssw: float) -> Evidence:
-    """One step of the fixed-point iteration at weights that gave `sse` and `ssw`. Before any
+    """A step of the fixed-point iteration at weights that gave `sse` and `ssw`. Before any
     Hessian all weights count as effective (the start of Foresee and Hagan's algorithm)."""
     # as many effective weights as samples leave no degree of freedom to measure noise with: keep a
     # sliver
@@ -92,7 +92,7 @@ def _scaled_factor(matrix: Array, alpha: float) -> tuple[Array | None, Array]:
 
 def _counted(values: Array, alpha: float) -> float:
     """gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)."""
-    # Without weight decay every weight counts, also one of which the data show nothing.
+    # Without weight decay every weight counts, also a weight of which the data show nothing.
     return float(np.sum(values / (values + alpha))) if alpha else float(len(values))
 
 

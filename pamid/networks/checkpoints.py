@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 
 
 class TrainingStep(NamedTuple):
-    """One row of the trace, after an accepted step (row 0: the start).
+    """A row of the trace, after an accepted step (row 0: the start).
 
     `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the
     damping the next step begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights;
-    `trials` how many steps were simulated until one was accepted. No times: the same training
+    `trials` how many steps were simulated until a step was accepted. No times: the same training
     always gives the same rows.
     """
 
@@ -39,7 +39,7 @@ class TrainingStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Attempt:
-    """One random start: the weights it has reached, its trace, and why it stopped ("" while it
+    """A random start: the weights it has reached, its trace, and why it stopped ("" while it
     runs)."""
 
     start: int
@@ -72,7 +72,7 @@ def save_checkpoint(path: Path, problem: str, attempts: Iterable[Attempt]) -> No
             len(a.steps), len(TrainingStep._fields)
         )
         arrays[f"why_{k}"] = np.array(a.why)
-    # In memory first: the file is replaced in one step, so that an interruption leaves the
+    # In memory first: the file is replaced as a whole, so that an interruption leaves the
     # checkpoint before.
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]

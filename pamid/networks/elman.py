@@ -1,11 +1,11 @@
-"""Elman network: one hidden tanh layer that feeds its own state back, one linear output.
+"""Elman network: a hidden tanh layer that feeds its state back, a linear output.
 
 Equations (Hosovsky, Mizakova, Pitel: improved modeling of pneumatic muscle actuator, eq. 9-10)
     x(k+1) = tanh(Cw x(k) + Iw u(k) + b1),   x(0) = 0                                (eq. 9)
     y(k)   = Lw x(k+1) + b2                                                          (eq. 10)
 where the output sees the state that u(k) has entered already.
 
-Weights are one flat vector, unit by unit:
+Weights are a flat vector, unit by unit:
     for hidden unit i = 0 .. h-1:  Cw[i, 0..h-1], Iw[i, 0..m-1], b1[i]
     then Lw[0..h-1], then b2;
 so 5 inputs and 10 hidden units make 10 (10 + 5 + 1) + 10 + 1 = 171.
@@ -74,7 +74,7 @@ class ElmanLayers(NamedTuple):
 
 @dataclass(frozen=True)
 class Elman(Network):
-    """An Elman network's sizes; weights are passed to every verb as one flat float64 vector
+    """An Elman network's sizes; weights are passed to every verb as a flat float64 vector
     (layout: module)."""
 
     kind: ClassVar[str] = "elman"
@@ -108,8 +108,8 @@ class Elman(Network):
     def initial(self, seed: int) -> Array:
         """Random start without data, for inputs and target scaled into [-1, 1].
 
-        The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time
-        constants spread over `TIME_CONSTANTS`, with input weights that bring each
+        The hidden units begin as damped oscillators in pairs (an odd last unit as a lag), their
+        time constants spread over `TIME_CONSTANTS`, with input weights that bring each
         to about half of tanh's bend; the output weights are nearly zero.
         """
         draw = np.random.default_rng(seed)
@@ -130,7 +130,7 @@ class Elman(Network):
             else:
                 context[pair, pair], loss[pair] = decay, 1.0 - decay
         # sqrt(3 / m) times a uniform number has variance 1 / m, so that m inputs add up to the size
-        # of one; `loss` takes off the static gain 1 / |1 - pole|, which is large for a slow unit
+        # of 1; `loss` takes off the static gain 1 / |1 - pole|, which is large for a slow unit
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
         # Nearly zero, so that the first output is near the target's middle whatever the states do.
@@ -154,7 +154,7 @@ class Elman(Network):
         layers = self.layers(self.initial(seed))
         modes = find_modes(records, washout, self.hidden // 2, seed)
         largest = np.max(
-            # Over all recordings: a mode that is small in one of them would otherwise saturate in
+            # Over all recordings: a mode that is small in a recording would otherwise saturate in
             # another.
             [np.abs(modes.states(u)).max(axis=0, initial=1e-300) for u, _ in records],
             axis=0,
@@ -267,16 +267,16 @@ class Elman(Network):
             return np.concatenate([gradient.ravel(), bend @ states])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
-        chunk but one."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten two chunks
+        later."""
         layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
         # Two copies, the state before and after: the recursion reads all units while it writes
-        # one.
+        # half.
         sensitivity = aligned(2, h, _multiple_of_lanes(carried))
         size = min(CHUNK, max(len(u), 1))
-        # Two buffers in turn, so that a second thread can add up one chunk while the next is
+        # Two buffers in turn, so that a second thread can add up a chunk while the next is
         # computed.
         buffers = [(np.empty(size), aligned(size * self.n_weights + LANES)) for _ in range(2)]
         columns = _padded(layers.units.T)

@@ -1,4 +1,4 @@
-"""One start of a training: Levenberg-Marquardt steps, alpha and beta re-estimated at each.
+"""A start of a training: Levenberg-Marquardt steps, alpha and beta re-estimated at each.
 
 With e = target - y the errors, J = dy/dw and w the weights the objective is
     F = beta sum(e^2) + alpha sum(w^2)                 (MacKay 1992; Foresee and Hagan 1997)
@@ -11,10 +11,10 @@ F/2 damped by mu (Levenberg, Marquardt). Four things are added to the textbook's
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`);
   * a bounded context: a step after which a small disturbance of the context would grow by more than
     `GROWTH` along a recording (`_bounded`) is not taken, however far it lowers F.
-`TrainingOptions.plain` leaves out all but the third, a `Damping.decrease` that one. Trial steps
-cost simulations, accepted ones a pass with derivatives, and a second one where J'J does not hold
+`TrainingOptions.plain` keeps only the third, and `Damping.decrease` omits that as well. Trial steps
+cost simulations, accepted steps a pass with derivatives, and a second pass where J'J does not hold
 enough (root_sums.py). The iteration is not that of engine/damped_gauss_newton.py, which minimises
-one fixed cost: here F itself changes with alpha and beta after every step, the trial steps of one
+a fixed cost: here F itself changes with alpha and beta after every step, the trial steps of a
 point are computed side by side, and an attempt has to be resumable after each of them.
 
 References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992),
@@ -123,7 +123,7 @@ def fresh(problem: TrainingProblem, start: int) -> Attempt:
     weights = np.array(begun, dtype=np.float64)
     if not problem.options.regularise:
         return Attempt(start, weights, mu, Evidence(float(len(weights)), 0.0, 1.0), ())
-    # The first alpha and beta need errors, and errors of arbitrary output weights say nothing. One
+    # The first alpha and beta need errors, and errors of arbitrary output weights say nothing. A
     # projection settles both.
     weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
     return Attempt(start, weights, mu, _first(problem, weights, errors), ())
@@ -138,7 +138,7 @@ def _first(problem: TrainingProblem, weights: Array, errors: Errors) -> Evidence
 def levenberg_marquardt_steps(
     problem: TrainingProblem, attempt: Attempt, iterations: int
 ) -> Iterator[Attempt]:
-    """Yield the attempt after every accepted step; the last one has the reason of its end."""
+    """Yield the attempt after every accepted step; the last attempt has the reason of its end."""
     point = _evaluate(
         problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights)
     )
@@ -235,10 +235,11 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
     or no more than before the step.
 
     The poles of the context's weights are no measure of this: in the range where its units are
-    bent, a context with a pole of 1.3 forgets its start within 30 samples, while one of 1.0035
-    never does (40 s of the first paper's twin). Keeping every pole below 1, by the projection that
-    costs least in the metric of the step, was tried as well. It left twice the mean squared error
-    after 60 steps (median of five seeds), and 1.5 times after 150 steps on 200 s (three).
+    bent, a context with a pole of 1.3 forgets its start within 30 samples, while a context of
+    1.0035 never does (40 s of the first paper's twin). Keeping every pole below 1, by the
+    projection that costs least in the metric of the step, was tried as well. It left twice the mean
+    squared error after 60 steps (median of five seeds), and 1.5 times after 150 steps on 200 s
+    (three).
     """
     if problem.plain:
         return True
@@ -249,9 +250,9 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
 
 
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
-    """Trials with rising mu; with more than one thread some are computed ahead, whether they are
+    """Trials with rising mu; with several threads some are computed ahead, whether they are
     wanted or not."""
-    # All trials of one point share its normal equations; only the damping differs.
+    # All trials of a point share its normal equations; only the damping differs.
     right = point.descent
     mu = [point.attempt.mu]
     while mu[-1] * problem.options.damping.increase <= problem.options.damping.largest:
@@ -270,7 +271,7 @@ def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
 
 def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _Trial:
     step, old = point.step(mu), point.attempt
-    # the quadratic's own decrease of F: 2 v'g - v'Hv = v'(mu v + g), since (H + mu I) v = g
+    # the quadratic's decrease of F: 2 v'g - v'Hv = v'(mu v + g), since (H + mu I) v = g
     promised = float(step @ (mu * step + right))
     pulled = None if problem.plain else problem.curvature(old.weights, step)
     # Where the second derivative overflows the plain step is still a descent direction.

@@ -92,7 +92,7 @@ def _random_poles(random: np.random.Generator) -> Complex:
 
 
 def _mode_responses(inputs: Array, pole: complex) -> Array:
-    """Regressors of the real and the imaginary parts of the residues of one mode (N, 2 m).
+    """Regressors of the real and the imaginary parts of the residues of a mode (N, 2 m).
 
     Divided by the static gain 1 / |1 - p|, so that slow modes do not look large: the ridge then
     weighs the residues of all alike.

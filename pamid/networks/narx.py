@@ -1,15 +1,15 @@
-"""NARX network: one hidden tanh layer that sees past inputs and the network's own past outputs, one
-linear output.
+"""NARX network: a hidden tanh layer that sees past inputs and the network's past outputs, a linear
+output.
 
 Equations (Chen, Billings, Grant 1990, Int. J. Control 51(6); run free, so that it fits the
 simulated output)
     y(k) = Lw tanh(W z(k) + b1) + b2
     z(k) = [u(k), u(k-s), ..., u(k-ns), y(k-s), y(k-2s), ..., y(k-ls)]
-n input lags, l output lags, s samples of stride between taps. The y fed back are the network's own:
+n input lags, l output lags, s samples of stride between taps. The y fed back are the network's:
 the target is not known when it predicts. Before the record begins the inputs hold their first value
 and the outputs are zero.
 
-Weights are one flat vector, unit by unit:
+Weights are a flat vector, unit by unit:
     for hidden unit i = 0 .. h-1:  W[i, .] for u(k) (m entries), u(k-s) (m), ..., then for y(k-s),
     ..., y(k-ls), b1[i] then Lw[0..h-1], then b2
 so 5 inputs, 10 hidden units and two lags of each make 10 (15 + 2 + 1) + 10 + 1 = 191.
@@ -52,10 +52,10 @@ class NarxLayers(NamedTuple):
 
 @dataclass(frozen=True)
 class Narx(Network):
-    """A NARX network's sizes; weights are passed to every verb as one flat float64 vector (layout:
+    """A NARX network's sizes; weights are passed to every verb as a flat float64 vector (layout:
     module).
 
-    `input_lags` counts the delayed taps of every input after the present one, `output_lags` those
+    `input_lags` counts the delayed taps of every input after the present tap, `output_lags` those
     of the output. `stride` is the number of samples between taps; 10 are 30 ms at 3 ms.
     Neighbouring samples are nearly the same, so that the recursion must be right to many digits,
     while a wide stride overlooks what happens between taps. Mean squared errors on the first of the
@@ -125,12 +125,12 @@ class Narx(Network):
         (10000 samples, held random levels), 4 starts each, 100 steps. The first, with a saturated
         input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10 units: 4e-5 to
         1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to 1.5e-3
-        (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of taps
-        sets the floor. Starts of which half the units are a linear recursion with drawn poles came
-        no lower.
+        (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So a single start usually does, and the grid of
+        taps sets the floor. Starts of which half the units are a linear recursion with drawn poles
+        came no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
-        # of variance 1 / (number of taps), so that what a unit sees adds up to size one
+        # of variance 1 / (number of taps), so that what a unit sees adds up to size 1
         scale, output = (
             np.sqrt(3.0 / (self._taps + self.output_lags)),
             layers.output / np.sqrt(self.hidden),
@@ -170,7 +170,7 @@ class Narx(Network):
         ]
         driven = weighted(layers.feedback, back, weighted(layers.taps, taps, layers.bias))
         (output,) = weighted(layers.output[None], [tanh(d) for d in driven], [layers.output_bias])
-        # Every sample between the taps has a cell, because a shift register moves by one sample at
+        # Every sample between the taps has a cell, because a shift register moves by a sample at
         # a time.
         cells = _chain(f"{name}_output", output, before=ZERO, length=self._reach)
         for n, u in zip(seen, inputs, strict=True):
@@ -208,8 +208,8 @@ class Narx(Network):
         return output, g.joined([*past_inputs, output, *older])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
-        chunk but one."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten two chunks
+        later."""
         layers, u, reach = self.layers(weights), self.table(inputs), self._reach
         rows = reach + min(CHUNK, len(u))
         buffers = [(np.zeros(rows), np.zeros((rows, self.n_weights))) for _ in range(2)]

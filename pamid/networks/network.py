@@ -2,7 +2,7 @@
 them.
 
 A kind of network is a module with a frozen dataclass derived from `Network`, its sizes as fields
-(`repr` ties a checkpoint to them, network.json holds them). Weights are one flat float64 vector,
+(`repr` ties a checkpoint to them, network.json holds them). Weights are a flat float64 vector,
 passed to every method; inputs and target are scaled into [-1, 1]. Choose weights whose natural
 value is zero: regularisation pulls them there.
 """
@@ -99,7 +99,7 @@ class Network(ABC):
         return self.initial(seed)
 
     def random_start(self, seed: int) -> Array:
-        """The start of a training as in the first paper: one without data."""
+        """The start of a training as in the first paper: a start without data."""
         return self.initial(seed)
 
     @abstractmethod
@@ -118,14 +118,14 @@ class Network(ABC):
 
     @property
     def memory_size(self) -> int:
-        """Numbers that `onnx_nodes` carries from one sample to the next, all zero before the
+        """Numbers that `onnx_nodes` carries between samples, all zero before the
         first."""
         return 0
 
     def onnx_nodes(
         self, g: OnnxNodes, weights: Array, given: str, memory: str, first: str
     ) -> tuple[str, str]:
-        """The same sample in matrices, which ONNX runs faster than equations one by one: scaled
+        """The same sample in matrices, which ONNX runs faster than single equations: scaled
         output (1,) and next memory (memory_size,), for scaled inputs given (m,); `first` is true at
         the first sample. Without memory that name is passed on. DataError where a kind of network
         has only its equations: a model with it is written with those."""
@@ -133,7 +133,7 @@ class Network(ABC):
 
     @property
     def in_matrices(self) -> bool:
-        """Whether it has `onnx_nodes` of its own."""
+        """Whether it has separate `onnx_nodes`."""
         return type(self).onnx_nodes is not Network.onnx_nodes
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
@@ -150,7 +150,7 @@ class Network(ABC):
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact.
 
-        Arrays may be overwritten by the next chunk but one.
+        Arrays may be overwritten two chunks later.
         """
 
     def require_sizes(self, **least: int) -> None:
@@ -171,7 +171,7 @@ class Network(ABC):
         flat = np.ascontiguousarray(weights, dtype=np.float64)
         if flat.shape != (self.n_weights,):
             raise DataError(
-                f"{self!r} has {self.n_weights} weights in one vector, not an array of shape "
+                f"{self!r} has {self.n_weights} weights in a vector, not an array of shape "
                 f"{flat.shape}."
             )
         return flat
@@ -191,10 +191,11 @@ class Network(ABC):
         washout: int = 0,
         threads: int = 1,
     ) -> tuple[float, Array, Array]:
-        """One pass: (sum of e^2, J'J, J'e) over samples `washout` .. N-1; J is never held whole.
+        """A pass: (sum of e^2, J'J, J'e) over samples `washout` .. N-1; J is never held whole.
 
         Sensitivities run from sample 0 on, so washed-out samples only leave the sums. With two
-        threads one makes a chunk while the other adds the one before: the same result in less time.
+        threads the first makes a chunk while the second adds the chunk before: the same result in
+        less time.
         """
         sums = RootSums(self.n_weights)
         self.add_to(sums, weights, inputs, target, washout, threads)
@@ -209,7 +210,7 @@ class Network(ABC):
         washout: int = 0,
         threads: int = 1,
     ) -> None:
-        """Add the normal equations of one recording to those of the others."""
+        """Add the normal equations of a recording to those of the others."""
         wanted = np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(np.asarray(inputs)),):
             raise DataError(
@@ -245,8 +246,8 @@ class Network(ABC):
 
 
 def _computed_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
-    """The same chunks, each computed while the one before is in use."""
-    # One chunk ahead is enough to keep both threads busy, and two buffers hold it.
+    """The same chunks, each computed while the chunk before is in use."""
+    # A chunk ahead is enough to keep both threads busy, and two buffers hold it.
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, chunks, None)
         while (chunk := coming.result()) is not None:

@@ -1,7 +1,7 @@
-"""Networks of several channels in one run: `network.json` is the one that was trained last, those
-of other channels lie in `networks/CHANNEL/` with the same files.
+"""Networks of several channels in a run: `network.json` is the network that was trained last,
+those of other channels lie in `networks/CHANNEL/` with the same files.
 
-The name of a folder comes from data: only plain words of a channel's form are taken for one.
+The name of a folder comes from data: only plain words of a channel's form are taken for a channel.
 """
 
 from __future__ import annotations

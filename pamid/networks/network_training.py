@@ -1,9 +1,9 @@
 """Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this
 package.
 
-The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core each,
-as a race. At the iterations `GATES` the worse half of the running ones is stopped, and the last one
-has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
+The steps of a start are in levenberg_marquardt.py. Several starts run in parallel, a core each,
+as a race. At the iterations `GATES` the worse half of the running starts is stopped, and the last
+start has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
 """
 
 import math
@@ -44,8 +44,8 @@ _CHECKPOINT_SECONDS = 5.0
 class Training:
     """The best start of a training; nothing in it depends on the clock.
 
-    `trace` holds one array per field of `TrainingStep` (empty where the start diverged); `why` says
-    in words what ended the training; `samples` counts the errors in the objective and
+    `trace` holds an array per field of `TrainingStep` (empty where the start diverged); `why`
+    states in words what ended the training; `samples` counts the errors in the objective and
     `effective_samples` how many independent ones they are worth; `supported_weights` is gamma when
     only these are counted. `starts_mse` is every start's last mse, `best` the number of the start
     kept.
@@ -108,7 +108,7 @@ def train(
     `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from
     a zero state. The starts race (module), and the winner is kept. KeyboardInterrupt, in
     `options.progress` or anywhere, ends the training with what it has. engine: computes the passes
-    of all starts that are running in one batch (default: that of `options.device`).
+    of all starts that are running in a batch (default: that of `options.device`).
 
     A failure to converge is reported in the result; DataError is for data that cannot be fitted,
     FileError for a checkpoint of another training, UsageError for a device that is not there.
@@ -150,7 +150,7 @@ class _Race:
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
         """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
         step."""
-        # One thread alone writes attempts and reports progress, so that neither needs a lock.
+        # A single thread writes attempts and reports progress, so that neither needs a lock.
         messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
         stop = Event()
         open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
@@ -158,7 +158,7 @@ class _Race:
             return
         count, problem = len(open_starts), self.problem
         threads = max(problem.options.threads, 1)
-        if self.engine:  # one batch serves all: every start has to be there to ask for its pass
+        if self.engine:  # a batch serves all starts: each has to be there to request its pass
             queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, count)
             problem, threads = replace(problem, batch_queue=queue_of_all), count
         problem = replace(problem, threads=max(1, threads // count))
@@ -212,7 +212,7 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
         steps = attempts[start].steps
         return steps[min(gate, len(steps) - 1)].mse if steps else math.inf
 
-    # The error at the gate, not the last one: a start that ran ahead after a resume must not win
+    # The error at the gate, not the last error: a start that ran ahead after a resume must not win
     # by that.
     order = sorted(running, key=lambda s: (standing(s), s))
     staying = order[: (len(order) + 1) // 2]
@@ -266,7 +266,7 @@ def _finite(value: float) -> float | None:
 
 
 class _Clock:
-    """Writes the checkpoint when enough time has passed since the last one."""
+    """Writes the checkpoint when enough time has passed since the last checkpoint."""
 
     def __init__(self, path: Path | None, problem: str) -> None:
         self.path, self.problem, self.last = path, problem, -math.inf

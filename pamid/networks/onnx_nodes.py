@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 
 class OnnxNodes(Protocol):
-    """A graph under construction, in float64; every value is the name of a tensor, a number one of
+    """A graph under construction, in float64; every value is the name of a tensor, a number has
     shape (1,)."""
 
     def add(self, op: str, *inputs: str, **attributes: Any) -> str:
-        """A node with one output."""
+        """A node with a single output."""
 
     def array(self, values: ArrayLike) -> str:
         """A constant tensor."""
@@ -26,13 +26,13 @@ class OnnxNodes(Protocol):
         """Constant whole numbers, as indices and shapes."""
 
     def joined(self, parts: Iterable[str]) -> str:
-        """Numbers and vectors as one vector."""
+        """Numbers and vectors as a single vector."""
 
     def parts(self, vector: str, sizes: Iterable[int]) -> list[str]:
         """A vector cut into vectors of these sizes, in order; none of them empty."""
 
     def choose(self, condition: str, yes: str, no: str) -> str:
-        """One of two tensors."""
+        """Either of two tensors."""
 
 
 def affine(g: OnnxNodes, matrix: ArrayLike, vector: str, added: str) -> str:

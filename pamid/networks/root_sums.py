@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 LOST = 1e-4
 # largest trace of G beyond its start: it keeps eps times this, relative to every direction
 GROWN = 1e7
-# column blocks of the triangular product: 5/8 of a full one
+# column blocks of the triangular product: 5/8 of a full product
 BLOCKS = 4
 
 

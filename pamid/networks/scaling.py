@@ -16,7 +16,7 @@ class Scaling:
     """Columns mapped linearly so that `low` becomes -1 and `high` becomes 1; values outside go
     beyond, unclipped.
 
-    `low` and `high` hold one number per column, in the column's own unit.
+    `low` and `high` hold a number per column, in the column's unit.
     """
 
     low: tuple[float, ...]
@@ -25,7 +25,7 @@ class Scaling:
     def __post_init__(self) -> None:
         if len(self.low) != len(self.high) or not self.low:
             raise DataError(
-                f"A scaling needs as many lows as highs, at least one: {self.low} and {self.high}."
+                f"A scaling needs as many lows as highs, and not none: {self.low} and {self.high}."
             )
         ordered = all(a < b for a, b in zip(self.low, self.high, strict=True))
         if not ordered or not all(np.isfinite([*self.low, *self.high])):
@@ -34,7 +34,7 @@ class Scaling:
             )
 
     def forward(self, values: ArrayLike) -> Array:
-        """(N, columns), or (N,) for one column, in own units -> the same shape in [-1, 1]."""
+        """(N, columns), or (N,) for a single column, in its units -> the same shape in [-1, 1]."""
         low, span = self._low_and_span(values)
         return 2.0 * (np.asarray(values, dtype=np.float64) - low) / span - 1.0
 
@@ -56,7 +56,7 @@ class Scaling:
 
 
 def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
-    """The scaling that just spans the data, (N, len(names)) or (N,) with one name.
+    """The scaling that just spans the data, (N, len(names)) or (N,) with a single name.
 
     DataError names the column that is constant, or the row and column of a value that is not
     finite.

@@ -1,11 +1,11 @@
 """Passes of many starts of an Elman or NARX network by torch, all at once: on a CUDA device or,
 with the same arithmetic, on the processor.
 
-Both networks are a tanh layer x = tanh(W z + b), y = l x + c that sees values v of its own past:
-its states one sample before (Elman), or its outputs s, 2 s, ... samples before (NARX). Samples less
+Both networks are a tanh layer x = tanh(W z + b), y = l x + c that sees values v of its past:
+its states a sample before (Elman), or its outputs s, 2 s, ... samples before (NARX). Samples less
 than s apart do not see each other there, so that a NARX record is s independent records of every
-s-th sample, its phases; an Elman record is one. Once all x are known, the derivatives V = dv/dw
-obey a recursion that is linear in V,
+s-th sample, its phases; an Elman record is a single phase. Once all x are known, the derivatives V
+= dv/dw obey a recursion that is linear in V,
     V(t+1) = P(t) V(t) + Q(t),
 so that the record is cut into blocks of equal length that advance side by side, for all starts and
 phases at once, each from V = 0 and with the transition Phi from its beginning as further columns. A
@@ -46,7 +46,7 @@ def require_device(name: str) -> str:
     if not known:
         raise UsageError(
             f"There is no device {name!r}.",
-            "Give cpu, cuda, or one of several GPUs, such as cuda:1.",
+            "Give cpu, cuda, or any of several GPUs, such as cuda:1.",
         )
     if name == "cpu":
         return name
@@ -88,7 +88,7 @@ def engine_on(
 
 
 class _Run(NamedTuple):
-    """A simulation of all starts, step by step: of one sample of every phase.
+    """A simulation of all starts, step by step: of a sample of every phase.
 
     w: the weights (S, n); seen: what a unit sees, its bias' 1 included, in the order of its weights
     (S, steps, phases, per unit); hidden: x (S, steps, phases, h); y (S, steps, phases).
@@ -107,7 +107,7 @@ class TorchPasses(ABC):
 
     `block` is the longest block in steps; `memory` the bytes of Jacobian rows held on the device at
     once, which is most of what a pass takes there (a fixed number, so that sums are added up in the
-    same order on every device). One block of all starts is held in any case.
+    same order on every device). A block of all starts is held in any case.
     """
 
     network: Any
@@ -140,7 +140,7 @@ class TorchPasses(ABC):
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Outputs (S, N) for inputs (N, m), each from a zero state."""
         u = self.network.table(inputs)
-        with _one_thread():
+        with _single_thread():
             y: Array = self._run(weights, u)[0].y.flatten(1)[:, : len(u)].cpu().numpy()
         return y
 
@@ -157,7 +157,7 @@ class TorchPasses(ABC):
         u, wanted = self.network.table(inputs), np.ascontiguousarray(target, dtype=np.float64)
         if wanted.shape != (len(u),):
             raise DataError(f"Target has shape {wanted.shape} for {len(u)} samples of input.")
-        with _one_thread():
+        with _single_thread():
             run, length = self._run(weights, u)
             counted = torch.zeros(run.y[0].shape, dtype=torch.bool, device=self.device)
             counted.view(-1)[washout : len(u)] = True
@@ -185,7 +185,7 @@ class TorchPasses(ABC):
                 jtj.baddbmm_(jacobian.mT, jacobian)
                 jte.baddbmm_(jacobian.mT, e.flatten(1).unsqueeze(2))
             # A batched product may round its two triangles differently, and a Cholesky factor reads
-            # one of them.
+            # a single triangle.
             symmetric = torch.tril(jtj) + torch.tril(jtj, -1).mT
             sse = error.square().sum(dim=(1, 2))
             return sse.cpu().numpy(), symmetric.cpu().numpy(), jte[:, :, 0].cpu().numpy()
@@ -201,7 +201,7 @@ class TorchPasses(ABC):
                 f"{self.network.n_weights}), not {flat.shape}."
             )
         steps = math.ceil(len(u) / self.phases)
-        # Nearly equal blocks leave little padding in the last one. A block begins with values of
+        # Nearly equal blocks leave little padding in the last block. A block begins with values of
         # the block before it alone.
         length = max(_equal_part(steps, self.block), self.fed)
         steps = length * math.ceil(steps / length)
@@ -357,9 +357,9 @@ def _equal_part(total: int, largest: int) -> int:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """One thread for torch's products on the processor: with several, the last digits would depend
-    on their number."""
+def _single_thread() -> Iterator[None]:
+    """A single thread for torch's products on the processor: with several, the last digits would
+    depend on their number."""
     import torch
 
     before = torch.get_num_threads()

@@ -1,4 +1,4 @@
-"""A trained network with everything needed to use it on signals in their own units, and its two
+"""A trained network with everything needed to use it on signals in their units, and its two
 files.
 
 `network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, names and scaling of
@@ -7,7 +7,7 @@ holds the weights at full precision. Loading reads strict JSON and plain arrays;
 file is ever run. The same network gives the same bytes.
 
 A kind of network is a module of this package of that name, holding a dataclass with that `kind`: a
-new network is one new file.
+new network is a single new file.
 """
 
 import hashlib
@@ -47,8 +47,8 @@ class TrainedNetwork:
 
     Names carry their unit after the last underscore (`angle_deg`), as in a recording; the scalings
     are in these units and in the order of the network's inputs. `period_s` is the sampling period
-    of the training, the only one the network is valid for. `summary` describes the training; it is
-    not needed to predict.
+    of the training, the only period for which the network is valid. `summary` describes the
+    training; it is not needed to predict.
     """
 
     network: Network
@@ -65,10 +65,10 @@ class TrainedNetwork:
             set(self.input_names)
         ) != len(self.input_names):
             raise DataError(
-                "A trained network needs one scaling for each of its differently named inputs."
+                "A trained network needs a scaling for each of its differently named inputs."
             )
         if len(self.output_scaling.low) != 1:
-            raise DataError("A trained network has one output and one scaling for it.")
+            raise DataError("A trained network has a single output and a scaling for it.")
         if not (np.isfinite(self.period_s) and self.period_s > 0.0):
             raise DataError(f"The sampling period must be positive, not {self.period_s} s.")
         if (
@@ -80,9 +80,9 @@ class TrainedNetwork:
         self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))
 
     def predict(self, inputs: ArrayLike | Signals) -> Array:
-        """The output (N,) in its own unit, from a zero state, for inputs sampled every `period_s`.
+        """The output (N,) in its unit, from a zero state, for inputs sampled every `period_s`.
 
-        `inputs` is an array (N, len(input_names)) in the inputs' units, or one array (N,) per input
+        `inputs` is an array (N, len(input_names)) in the inputs' units, or an array (N,) per input
         name (others are ignored). DataError names a signal that is missing or of another length, or
         a value that is not finite.
         """
@@ -111,11 +111,11 @@ def train_on_signals(
     period_s: float,
     options: TrainingOptions = TrainingOptions(),  # noqa: B008 (frozen)
 ) -> tuple[TrainedNetwork, Training]:
-    """Scale, train and bind together: `signals` by name in own units, in the order of the network's
-    inputs.
+    """Scale, train and bind together: `signals` by name in their units, in the order of the
+    network's inputs.
 
-    Several recordings are lists of signals and of outputs; one scaling spans them all. DataError as
-    in `scaling_of` and `train`.
+    Several recordings are lists of signals and of outputs; a common scaling spans them all.
+    DataError as in `scaling_of` and `train`.
     """
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
@@ -124,8 +124,8 @@ def train_on_signals(
         raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
     tables = [_columns(recording, names) for recording in recordings]
-    # One scaling for all recordings: with one each, the same input would mean something else in
-    # every file.
+    # The same scaling for all recordings: with a scaling each, the same input would mean something
+    # else in every file.
     input_scaling = scaling_of(np.concatenate(tables), names)
     output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
     scaled = (
@@ -147,7 +147,7 @@ def train_on_signals(
 
 
 def trace_csv(training: Training) -> bytes:
-    """The trace as the bytes of trace.csv: one header row, one row per accepted step, numbers in
+    """The trace as the bytes of trace.csv: a header row, a row per accepted step, numbers in
     full precision."""
     rows = [header_line(list(training.trace)).rstrip("\n")]
     for values in zip(*training.trace.values(), strict=True):

@@ -79,7 +79,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Goals:
-    """When a training has converged: any one of mse, gradient, or promise together with drift.
+    """When a training has converged: any of mse, gradient, or promise together with drift.
 
     `mse` is the mean squared error (below the default, float64 signals in [-1, 1] are fitted
     exactly and beta would run away); `gradient` the norm of dF/dw; `promise` the share of F that a
@@ -110,7 +110,7 @@ class TrainingOptions:
     compiled kernels do, and the sums differ in the last digits. progress(step, start) is called
     after every step. checkpoint: a file rewritten every few seconds and at the end; with `resume`
     the training goes on from it (from the beginning where there is none yet) and ends with the very
-    numbers of an undisturbed one; more `iterations` than before are allowed.
+    numbers of an undisturbed training; more `iterations` than before are allowed.
     """
 
     iterations: int = 1000
@@ -133,8 +133,8 @@ class TrainingOptions:
 class TrainingProblem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
-    threads: for one pass; batch_queue: computes the passes of several starts together; None where
-    every start computes its own.
+    threads: for each pass; batch_queue: computes the passes of several starts together; None where
+    every start computes its pass.
     """
 
     network: Network
@@ -250,7 +250,7 @@ class TrainingProblem:
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
-    """One recording or a list of them as checked pairs; DataError names recording, row and
+    """A recording or a list of them as checked pairs; DataError names recording, row and
     column."""
     several = isinstance(inputs, list | tuple) and len(inputs) > 0 and np.ndim(inputs[0]) == 2
     us, ts = (inputs, target) if several else ([inputs], [target])
@@ -283,7 +283,7 @@ def check_problem(problem: TrainingProblem) -> None:
         raise DataError(
             f"A washout of {problem.washout} samples leaves nothing of a recording of {shortest}."
         )
-    # Regularisation would still give an answer, but one that the prior alone decides.
+    # Regularisation would still give an answer, but an answer that the prior alone decides.
     if problem.samples < problem.network.n_weights:
         raise DataError(
             f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",

@@ -1,13 +1,13 @@
 """Jobs on a Dask cluster: workers on other machines that a scheduler hands them to.
 
 What a job needs, recordings and fitted models, goes to the scheduler once and from there to every
-worker that asks for it; a worker that dies is replaced by another one, and only the jobs it held
+worker that requests it; a worker that dies is replaced by another, and only the jobs it held
 are done again. A job that ends its workers `distributed.scheduler.allowed-failures` + 1 times
 (four, unless the scheduler is configured otherwise) is given up.
 
 Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results
 are pickles, which run code where they are unpacked, on the workers and here. At a tls:// address
-only who has a certificate is let in; which ones are used stands in Dask's own configuration
+only who has a certificate is let in; which are used stands in Dask's configuration
 (`distributed.comm.tls`).
 """
 
@@ -58,7 +58,7 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
     """The cluster whose scheduler listens at an address such as tcp://host:8786.
 
     FileError where distributed is not installed, nobody answers in time, there is no worker, or the
-    workers run another pamid than this one.
+    workers run another pamid than here.
     """
     patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
@@ -76,8 +76,8 @@ def _connected(address: str, patience_s: float) -> Client:
         message = "--cluster needs the package distributed, which is not installed."
         raise FileError(message, "pip install 'pamid[cluster]'", code="missing-package") from None
     try:
-        # asked first: a port on which something else listens keeps a client waiting whatever its
-        # own limit
+        # checked first: a port on which something else listens keeps a client waiting whatever its
+        # limit
         asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
         return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
     # the first: time limits, certificates
@@ -119,13 +119,13 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
             hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
             raise _refused(f"the scheduler at {address} has no workers", hint)
         time.sleep(0.1)
-    own = fingerprint()
+    expected = fingerprint()
     try:
         fingerprints = client.run(fingerprint)
     except (ImportError, AttributeError) as error:
         message = f"the workers of {address} cannot load pamid: {error}"
         raise _refused(message, "Install the same version there.") from error
-    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != own)
+    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
     if other:
         raise _refused(
             f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
@@ -182,7 +182,7 @@ class Cluster:
                 executor.shutdown(wait=False)
 
     def _part(self, value: Any) -> DaskFuture:
-        """Something that many jobs need, as a task of its own: where every worker that held it has
+        """Something that many jobs need, as a separate task: where every worker that held it has
         died, the scheduler still knows it."""
         key = f"part-{digest(value)}"
         if key not in self.sent:
@@ -238,7 +238,7 @@ def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Packed 
     """On a worker; code: that of the machine which asks (a worker may have been replaced since they
     were compared)."""
     _hold_blas()
-    work, one = _unpickled(kind)(**parts), _unpickled(item)
+    work, unpacked = _unpickled(kind)(**parts), _unpickled(item)
     if code != code_sha256():
-        return Failed(work.label(one), "its worker runs another pamid")
-    return packed_or_failure(work, one)
+        return Failed(work.label(unpacked), "its worker runs another pamid")
+    return packed_or_failure(work, unpacked)

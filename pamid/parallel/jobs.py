@@ -1,4 +1,4 @@
-"""Independent jobs: pure functions, done one after the other, on this machine's cores or on a
+"""Independent jobs: pure functions, done in sequence, on this machine's cores or on a
 cluster.
 
 Whoever does them, a result is known by the digest of all that went into it and is the same to the
@@ -6,7 +6,7 @@ last bit: it does not depend on who did the job, how many did, or whether it was
 earlier attempt. A job done in this process hands its result over as it is; from another process or
 a file it comes packed (`pamid.parallel.packing`). The compiled sweeps release Python's lock, so
 threads share the work where little else runs; a diagnosis, in which much else does, shares the
-cores as processes. BLAS is held to one thread per job: the matrices are small.
+cores as processes. BLAS is held to a single thread per job: the matrices are small.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ ATTEMPTS = 3  # times that a job's process may die before the job is held to be 
 
 
 class Work(Generic[T, R]):
-    """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass
+    """A kind of job: a pure function of an item and of its fields. Derive a frozen dataclass
     from it.
 
     Its result is made of plain data, of objects of pamid, and of parts of the item and the work
@@ -168,7 +168,7 @@ class WorkerPool:
         return stored[0] if stored else self._here(work, item, key)
 
     def _stored(self, key: str, work: Work[T, R], item: T) -> tuple[R] | tuple[()]:
-        """The result in the store, where there is one."""
+        """The result in the store, if any."""
         packed = self.store.get(key) if self.store else None
         if packed is not None:
             with contextlib.suppress(LookupError, TypeError, ValueError, AttributeError):
@@ -215,13 +215,13 @@ def attempted(work: Work[T, Any], item: T, do: Callable[[], R]) -> R | Failed:
         return do()
     except PamidError as error:
         return Failed(work.label(item), str(error))
-    # the tool's own fault, or an effect file's: it must not cost the other jobs
+    # the tool's fault, or an effect file's: it must not cost the other jobs
     except Exception as error:
         return Failed(work.label(item), fault_text(error))
 
 
 def fault_text(error: Exception) -> str:
-    """An error nobody expected in one line: what, and where it was raised."""
+    """An error nobody expected in a line: what, and where it was raised."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
 
@@ -229,11 +229,11 @@ def fault_text(error: Exception) -> str:
 @dataclass(frozen=True)
 class LocalJobs:
     """Processes of this machine that inherit all there is, so that only results are sent; threads
-    where there are no such processes. One that dies costs its own job an attempt, and other jobs
+    where there are no such processes. A process that dies costs its job an attempt, and other jobs
     no more than their time.
 
     Of the jobs that were going on when a process died any may be the reason. Each of them is done
-    again in a process of its own.
+    again in a separate process.
     """
 
     count: int
@@ -295,7 +295,8 @@ def _workers(
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin, (work, items))
 
     def submit(number: int) -> Future[Packed | Failed]:
-        # A signal that comes before a process is ready would end it with this one's answer to it.
+        # A signal that comes before a process is ready would end it with this process's answer to
+        # it.
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
         try:
             return pool.submit(_done_here, number)
@@ -318,7 +319,7 @@ _given: list[tuple[Work[Any, Any], Sequence[Any]]] = []  # to this process, if i
 
 
 def _begin(work: Work[T, Any], items: Sequence[T]) -> None:
-    # Ctrl-C reaches every process of a terminal; the first one decides
+    # Ctrl-C reaches every process of a terminal; the first decides
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)

@@ -1,4 +1,4 @@
-"""A function of pamid in a process of its own, with limits on its time and its memory.
+"""A function of pamid in a separate process, with limits on its time and its memory.
 
 Foreign code that reads a file can crash, hang, or take all memory, and native code hears no signal.
 Here it runs in another process, which ends at its limits, with its parent, or on Ctrl-C. Arguments
@@ -135,7 +135,7 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
 
 
 def serve() -> None:
-    """Answer the one request on stdin; the entry point of the child process."""
+    """Answer the request on stdin; the entry point of the child process."""
     request = json.load(sys.stdin)
     _end_with(request["parent"])
     folder = Path(request["folder"])
@@ -147,8 +147,8 @@ def serve() -> None:
         answer = {"answer": function(**request["arguments"], folder=folder)}
         text = json.dumps(answer)
     except PamidError as error:
-        told = {n: getattr(error, n) for n in ("message", "hint", "code", "exit_code")}
-        text = json.dumps({"error": told})
+        failure = {n: getattr(error, n) for n in ("message", "hint", "code", "exit_code")}
+        text = json.dumps({"error": failure})
     except MemoryError:
         os._exit(_OUT_OF_MEMORY)
     (folder / _ANSWER).write_text(text, encoding="utf-8")
@@ -178,5 +178,5 @@ def _limit(seconds: float, memory: int) -> None:
         data = int(statm.read_text().split()[5]) * resource.getpagesize()
         wanted["RLIMIT_DATA"] = (data + memory, data + memory)
     for name, limits in wanted.items():
-        with contextlib.suppress(OSError, ValueError):  # a stricter one holds already
+        with contextlib.suppress(OSError, ValueError):  # a stricter limit holds already
             resource.setrlimit(getattr(resource, name), limits)

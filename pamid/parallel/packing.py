@@ -2,7 +2,7 @@
 
 A result is broken down to numbers, strings and arrays. The question (the work and its item) is not
 copied; a path refers to each of its objects. A receiver with the same question rebuilds the result
-from its own objects. Unpacking imports no module and calls no constructor: classes are those of the
+from its objects. Unpacking imports no module and calls no constructor: classes are those of the
 question, or classes of pamid that are already loaded.
 """
 

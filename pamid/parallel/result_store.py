@@ -1,10 +1,10 @@
-"""Results of independent jobs, each in a file of its own under the digest of everything that went
+"""Results of independent jobs, each in a separate file under the digest of everything that went
 into it.
 
 A job is a pure function of what it is given, so its result is known by the digest of the function,
 of its arguments and of the code: who has the same question finds the answer, whichever process or
 machine has worked it out. Files hold plain arrays and strict JSON, never pickle, and vouch for
-themselves: one that is damaged, or stands under another's name, is worked out again.
+themselves: a file that is damaged, or stands under another's name, is worked out again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _DECIDE = ("numpy", "scipy", "numba", "llvmlite", "threadpoolctl", "pysindy")
 
 @dataclass(frozen=True)
 class Store:
-    """The results in one folder. Several processes may share it: files appear whole."""
+    """The results in a folder. Several processes may share it: files appear whole."""
 
     folder: Path
 
@@ -67,7 +67,7 @@ class Store:
         line = json.dumps({"key": key, "what": what}) + "\n"
         try:
             with open(self.folder / JOURNAL, "ab", buffering=0) as journal:
-                # appended in one piece, also where several processes write
+                # appended as a whole, also where several processes write
                 journal.write(line.encode())
         except OSError as error:
             refuse_write(self.folder / JOURNAL, error)
@@ -96,11 +96,12 @@ def _digest_of(result: Packed) -> str:
 
 
 def digest(*things: object) -> str:
-    """One sha256 over values, arrays, objects and the code of classes, the same in every process.
+    """A single sha256 over values, arrays, objects and the code of classes, the same in every
+    process.
 
     Of an object its class and fields count, but not what is computed from them (cached properties,
     fields declared with compare=False); of a class or function outside pamid the file that defines
-    it, of one inside only its name: the code of pamid has a digest of its own. Not seen are modules
+    it, of code inside only its name: the code of pamid has a separate digest. Not seen are modules
     that such a file imports, and files that it reads later on.
     """
     return _Digests().of(things).hex()
@@ -153,8 +154,8 @@ class _Digests:
         name = f"{cls.__module__}.{cls.__qualname__}"
         if _ours(cls.__module__) or cls.__module__ == "builtins":
             return _sha(b"class", name.encode())
-        own = [(k, v) for k, v in vars(cls).items() if not k.startswith("__")]
-        return self._all("class", name, _source(cls.__module__) or own, *cls.__bases__)
+        members = [(k, v) for k, v in vars(cls).items() if not k.startswith("__")]
+        return self._all("class", name, _source(cls.__module__) or members, *cls.__bases__)
 
     def _function(self, f: Any) -> bytes:
         name = f"{f.__module__}.{f.__qualname__}"
@@ -212,7 +213,7 @@ def _source(module: str) -> bytes:
 
 @lru_cache
 def code_sha256() -> str:
-    """Digest of pamid's own files and of the versions of what it computes with."""
+    """Digest of pamid's files and of the versions of what it computes with."""
     folder = Path(__file__).parent.parent
     files = sorted(p for pattern in ("*.py", "*.json") for p in folder.rglob(pattern))
     parts = [

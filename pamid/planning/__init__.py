@@ -1,1 +1,2 @@
-"""Experiments: which effects one would show or confuse before it is made, and which comes next."""
+"""Experiments: which effects an experiment would show or confuse before it is made, and which comes
+next."""

@@ -13,14 +13,14 @@ refitted model from the noise floor by the factor
 
     v_ec = sqrt(1 + |P D_e|_c^2 / n)
 
-its visibility, which has to exceed the margin that a diagnosis calls no gap. Beside another effect
+its visibility, which has to exceed the margin that a diagnosis calls no gap. Next to another effect
 f, which may take any size and the derivatives T_f of its parameters,
 
     z_(e|f) = min over a, b of |P (D_e - a D_f - T_f b)|
 
 and f is confused with e where little of z_e is left. Silvey (1980), Optimal Design, for information
-about some parameters beside others; Atkinson and Fedorov (1975), Biometrika 62:57, for that about
-models.
+about some parameters in addition to others; Atkinson and Fedorov (1975), Biometrika 62:57, for that
+about models.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SIZES = (0.1, 0.3, 1.0, 3.0)
 USUAL = SIZES.index(1.0)
 # visibility from which an effect shows: a diagnosis calls a smaller error no gap
 SEEN = 1.0 + DEFAULT.floor_margin
-# standard errors below which nothing is said of an effect, nor two told apart
+# standard errors below which an effect is not reported, nor two separated
 SURE = 3.0
 ROWS = 6000  # residuals at most, thinned evenly
 FINER = 3  # times that the steps are halved where an effect is too stiff
@@ -87,8 +87,10 @@ def experiment_power(
     progress("comparing effects")
     everything = _Projected.of(ground, np.ones(len(ground.away), bool))
     channels = evidence.channels
-    own = {c: ground.channel == k for k, c in enumerate(channels)}
-    only = {c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in own.items()}
+    channel_rows = {c: ground.channel == k for k, c in enumerate(channels)}
+    only = {
+        c: _Projected.of(ground, rows | (ground.channel < 0)) for c, rows in channel_rows.items()
+    }
     samples = {c: float(sum(t.seen[k] * len(t) for t in tracks)) for k, c in enumerate(channels)}
     inner = _inner(everything, responses)
     effects = []
@@ -110,9 +112,11 @@ def experiment_power(
             )
         elif not isinstance(r, Failed):
             tried = [everything(r.columns[:, k]) for k in range(len(SIZES))]
-            visible = [max(visibility(x[own[c]], samples[c]) for c in channels) for x in tried]
+            visible = [
+                max(visibility(x[channel_rows[c]], samples[c]) for c in channels) for x in tried
+            ]
             by_channel = {
-                c: visibility(q(r.columns[:, USUAL])[own[c][q.counted]], samples[c])
+                c: visibility(q(r.columns[:, USUAL])[channel_rows[c][q.counted]], samples[c])
                 for c, q in only.items()
             }
             least = least_size(visible)
@@ -155,7 +159,7 @@ def visibility(changed: Array, samples: float) -> float:
 
 
 def linearised(base: Fit, problem: Problem, p: Array, *, derivatives: bool = True) -> LinearRows:
-    """The rows of a model at p, beside a fit; with finer steps where an effect is too stiff for
+    """The rows of a model at p, next to a fit; with finer steps where an effect is too stiff for
     those of the rig."""
     at = replace(base, problem=problem, p=p)
     for _ in range(FINER):
@@ -169,7 +173,8 @@ def linearised(base: Fit, problem: Problem, p: Array, *, derivatives: bool = Tru
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """Change of the rows by an effect, a column per size, then one per parameter of its own."""
+    """Change of the rows by an effect, a column per size, then a column per parameter of the
+    effect."""
 
     columns: Array
     amount: UsualAmount | None
@@ -187,10 +192,10 @@ class _Responding(Work[Attachment, _Change]):
 
     def __call__(self, item: Attachment) -> _Change:
         assembly = model_with(self.evidence, (item,), self.sizes)
-        own = [b for b in assembly.parameters if b.owner == item.label]
-        # derivatives by the effect's own parameters are all that is asked of it, those by the rig's
+        effect_parameters = [b for b in assembly.parameters if b.owner == item.label]
+        # derivatives by the effect's parameters are enough for it, those by the rig's
         # are the ground's: of an arm, or of a simulation that is stepped, they cost most by far
-        fitted = frozenset(b.key for b in own if b.fitted)
+        fitted = frozenset(b.key for b in effect_parameters if b.fitted)
         assembly = replace(assembly, sensitive=fitted)
         tracks = self.evidence.tracks(assembly)
         free = free_parameters(assembly, tracks)
@@ -199,7 +204,7 @@ class _Responding(Work[Attachment, _Change]):
         columns, tangents = list[Array](), np.zeros((len(self.ground), len(mine)))
         for size in SIZES:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
-            for b in own:
+            for b in effect_parameters:
                 if b.null is not None:
                     usual = b.null + size * (b.value - b.null)
                     p[assembly.keys[b.key]] = min(max(usual, b.low), b.high)
@@ -211,8 +216,8 @@ class _Responding(Work[Attachment, _Change]):
             if size == 1.0:
                 tangents[:common] = rows.by_parameters[:common]
         amount = None
-        # the first of its parameters at whose null the effect vanishes says how large it is
-        if first := next((b for b in own if b.null is not None), None):
+        # the first of its parameters at whose null the effect vanishes states how large it is
+        if first := next((b for b in effect_parameters if b.null is not None), None):
             usual = first.value / first.factor
             amount = UsualAmount(parameter=first.name, unit=first.unit, usual=usual, least=None)
         return _Change(np.column_stack([*columns, tangents]), amount)
@@ -234,21 +239,21 @@ class _Projected:
         return cls(counted, orthonormal_span(columns))
 
     def __call__(self, columns: Array) -> Array:
-        own = columns[self.counted]
-        return np.asarray(own - self.spanned @ (self.spanned.T @ own))
+        counted = columns[self.counted]
+        return np.asarray(counted - self.spanned @ (self.spanned.T @ counted))
 
 
 def _inner(projected: _Projected, responses: dict[str, Array]) -> dict[str, tuple[Array, Array]]:
     """Of every effect that stays finite: its response at the usual size, projected, and an
-    orthonormal base of it with the derivatives by its own parameters."""
+    orthonormal base of it with the derivatives by its parameters."""
     spans = {}
     for label, columns in responses.items():
         with np.errstate(over="ignore", invalid="ignore"):  # slopes of what runs away may be large
             size = np.square(columns).sum()
         if not np.isfinite(size):
             continue
-        own = projected(np.column_stack([columns[:, USUAL], columns[:, len(SIZES) :]]))
-        spans[label] = own[:, 0], orthonormal_span(own)
+        inner = projected(np.column_stack([columns[:, USUAL], columns[:, len(SIZES) :]]))
+        spans[label] = inner[:, 0], orthonormal_span(inner)
     return spans
 
 
@@ -258,7 +263,7 @@ def _confused(
     inner: dict[str, tuple[Array, Array]],
     a: Attachment,
 ) -> tuple[str, ...]:
-    """Effects of other families that leave little of this one, the least first."""
+    """Effects of other families that leave little of this effect, the least first."""
     response = inner[a.label][0]
     whole = float(np.linalg.norm(response))
     if whole < SURE:

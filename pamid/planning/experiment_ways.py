@@ -1,5 +1,5 @@
 """The ways to run an experiment that leave a rig about where it was recorded, as its models
-predict, and what is sent beside the excitation.
+predict, and what is sent with the excitation.
 
 Without a loop a push adds up: a mass that is pushed by what a controller sent drifts off, and so
 does the way of a speed that is imposed. An excitation that would lead away is therefore made
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 # in which an experiment without a loop is tried: share of the recorded range, times faster
 WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
-WASHOUTS = (0.3, 0.1, 0.03)  # shares of the length, whose mean is taken off one that leaves it
+WASHOUTS = (0.3, 0.1, 0.03)  # shares of the length, whose mean is taken off a signal that leaves it
 # independent samples of a recorded input, four in a cycle of a sine: what has fewer in every
 # recording passes through less than three cycles
 SLOWEST = 12.0
@@ -42,12 +42,12 @@ NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")
 Models = Sequence[CandidateModel]
 
 
-# ---- what is predicted beside what was recorded -------------------------------------------------
+# ---- what is predicted next to what was recorded ------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PredictedReach:
-    """From where to where a channel goes in an experiment as predicted, and as recorded, in its own
+    """From where to where a channel goes in an experiment as predicted, and as recorded, in its
     unit; or the way of an imposed speed (`way`), of which only the span is known, in m or rad."""
 
     name: str
@@ -59,7 +59,7 @@ class PredictedReach:
 
     def leaves(self, share: float) -> bool:
         """Does it leave what was recorded, widened by this share of its span? A model begins where
-        its rig says, which counts as recorded; how far it swings counts from anywhere."""
+        its rig states, which counts as recorded; how far it swings counts from anywhere."""
         low, high = self.recorded
         room = share * (high - low)
         if self.high - self.low > high - low + 2.0 * room:
@@ -118,7 +118,7 @@ def _added_up(speed: Array, r: Recording) -> Array:
     return np.concatenate([[0.0], np.cumsum(speed) * r.sampling_period_s])
 
 
-# ---- what is sent beside ------------------------------------------------------------------------
+# ---- what is sent in addition --------------------------------------------------------------------
 
 
 def drifts(evidence: DataSplit, column: str) -> bool:
@@ -222,8 +222,8 @@ def ways_to_run(
     models: Models,
 ) -> list[Way]:
     """The ways to run these experiments: as they are where a loop holds the rig, else those of
-    several amplitudes and rates that leave it about where it was recorded, as every one of these
-    models predicts; with no more of the slow part taken off than that needs."""
+    several amplitudes and rates that leave it about where it was recorded, as each of these models
+    predicts; with no more of the slow part taken off than that needs."""
     if bench.command:
         return [Way(bench, e) for e in entries]
     evidence = predictions.evidence
@@ -293,7 +293,7 @@ def led_away(predictions: Predictions, bench: Bench, e: Experiment, models: Mode
 
 
 def reference_recording(evidence: DataSplit) -> Data:
-    """The recording after which an experiment is set up: the first one that was commanded, if
+    """The recording after which an experiment is set up: the first that was commanded, if
     any."""
     commands = [q.command for q in evidence.rig.loops]
     return next(
@@ -303,7 +303,8 @@ def reference_recording(evidence: DataSplit) -> Data:
 
 
 def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
-    """Excitations of an experiment, one per setting, in the loop of the rig for references."""
+    """Excitations of an experiment, an excitation per setting, in the loop of the rig for
+    references."""
     bench, columns = way.bench, way.columns
     closed = any(q.reference in columns for q in bench.rig.loops)
     time = bench.period_s * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
@@ -324,8 +325,8 @@ def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
 
 
 def _recorded(c: CandidateModel, excitations: list[Recording]) -> list[Recording | None]:
-    """Noise-free recordings of excitations of one length in one loop; None where the model blows
-    up."""
+    """Noise-free recordings of excitations of equal length in the same loop; None where the model
+    blows up."""
     controller = tuple(sorted(excitations[0].controller.items()))
     model = replace(c.assembly, controller=controller) if controller else c.assembly
     p = np.repeat(c.fit.p[:, None], len(excitations), axis=1)

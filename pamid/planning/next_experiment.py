@@ -1,4 +1,4 @@
-"""The next experiment: the one that best discriminates between the models still tied.
+"""The next experiment: that which best discriminates between the models still tied.
 
 For a pair (i, j) model i simulates the experiment without noise; the separation is the rms residual
 of model j in noise standard deviations, after j was re-adjusted to it as far as the recordings that
@@ -7,7 +7,7 @@ it was fitted to allow (T-optimality, Atkinson and Fedorov 1975, Biometrika 62:5
     T(e) = min over pairs, min_p ||y_i(e) - y_j(e; p)|| / sigma
 
 Without re-adjustment the residual is an upper bound of T. Experiments are therefore taken in order
-of that bound, and the search ends when a re-adjusted one exceeds the bounds of all others.
+of that bound, and the search ends when a re-adjusted experiment exceeds the bounds of all others.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Proposal:
     meta: dict[str, Any] = field(repr=False)
 
     def write(self, claim: Callable[..., list[Path]]) -> None:
-        """Write the excitation once per setting, each with the TOML beside it; claim: where those
+        """Write the excitation once per setting, each with the TOML next to it; claim: where those
         of these names go (`Run.claim`)."""
         period_s = float(self.meta["recording"]["sampling_period_s"])
         time = period_s * np.arange(len(next(iter(self.columns.values()))), dtype=np.float64)
@@ -115,8 +115,8 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     for way in ways:
         bounds = separations(predictions, way, pairs)
         race.append((next(bounds), bounds, way))
-    # best first (branch and bound): the leader's bound is tightened until another one leads, or
-    # until it has no tighter one and is its value; then no other can exceed it
+    # best first (branch and bound): the leader's bound is tightened until another leads, or
+    # until it has no tighter bound and is its value; then no other can exceed it
     while race:
         k = max(
             range(len(race)),
@@ -146,7 +146,7 @@ class Proposing(Work[Diagnosis, Proposal | WithheldExperiment | None]):
 
 
 def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
-    """Pairs of models to discriminate, the better ranked one first, one model of each family: every
+    """Pairs of models to discriminate, the better ranked first, a model of each family: every
     pair of those that are tied, else the chosen model and each of its nearest rivals. Of causes
     only the rivals that tie with them: the others are decided."""
     ranking = [c for c in d.ranking if c.label not in d.set_aside]
@@ -157,7 +157,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     firsts: dict[str, CandidateModel] = {}
     for c in [c.model for c in d.answer.causes] if tied else ranking:
         firsts.setdefault(c.family, c)
-    # of one cause, rivals of its own family and of the leading one are no alternatives
+    # of a single cause, rivals of its family and of the leading model are no alternatives
     known = {best.family} if tied else {best.family, ranking[0].family}
     others = [
         c
@@ -165,7 +165,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
         if family not in known and (d.cause is None or tied or d.comparison.is_tied(c, best))
     ]
     models = [best, *others][:COMPARED_MODELS]
-    return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
+    return [(model, other) for model, other in combinations(models, 2) if tied or model is best]
 
 
 def models_to_keep(
@@ -209,8 +209,8 @@ def _withheld(
         return None
     return WithheldExperiment(
         f"{WITHHELD}: without a loop that holds the rig, each on the menu would lead "
-        f"it beyond what was recorded, {name} even at its tamest ({away}). Record one in a "
-        "position loop, or between stops that may be met."
+        f"it beyond what was recorded, {name} even at its tamest ({away}). Record an experiment in "
+        "a position loop, or between stops that may be met."
     )
 
 
@@ -262,7 +262,7 @@ def separations(
     predictions: Predictions, way: Way, pairs: list[tuple[CandidateModel, CandidateModel]]
 ) -> Iterator[Array]:
     """Ever tighter upper bounds of what separates the nearest pair: RMS difference per channel, in
-    noise standard deviations. First pair after pair as fitted, then one after the other
+    noise standard deviations. First pair after pair as fitted, then in sequence
     re-adjusted; the last bound is the separation. Zeros where a model cannot be simulated."""
     rivals, separation, evidence = [], [], predictions.evidence
     for truth, other in pairs:

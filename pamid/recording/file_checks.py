@@ -2,8 +2,8 @@
 
 Refused: missing, empty or header-only file; a first column other than `time_s`; a column twice or
 without a name; a cell that is empty, no number, not finite or beyond 1e30 in any unit; a row of the
-wrong length; stamps repeated, unsorted, with a gap or uneven by more than 1 %, too large to tell
-their own spacing, or as far apart as no clock ticks; broken TOML, values of the wrong kind, a
+wrong length; stamps repeated, unsorted, with a gap or uneven by more than 1 %, too large for their
+spacing, or as far apart as no clock ticks; broken TOML, values of the wrong kind, a
 sampling period that the stamps contradict.
 """
 
@@ -33,7 +33,7 @@ TINY, HUGE = 1e-30, 1e30
 # faster samples no converter, slower ones than every thirty years no experiment
 PERIODS_S = (1e-12, 1e9)
 # of the spacing of the stamps: where doubles of their size lie farther apart, neighbours cannot be
-# told from each other
+# separated from each other
 STAMP_RESOLUTION = 0.5
 PERIOD_TO = 1e-3  # a stated sampling period may differ from the stamps by 0.1 %
 _INGEST = "`pamid ingest` repairs the time base of raw logs."
@@ -48,12 +48,12 @@ _KEYS: dict[str, tuple[str, ...] | None] = {  # None: any key
     "controller": ("kp_per_deg", "kd_s_per_deg", "derivative_filter_s", "command_limit"),
     "between": None,
 }
-BETWEEN = ("held", "linear")  # what an input may do from one sample to the next
+BETWEEN = ("held", "linear")  # what an input may do between samples
 BEFORE = "before"  # an output is read before the command of its row is sent
 
 
 def require_file(path: Path, wanted: str) -> None:
-    """FileError unless `path` is a file with an end; `wanted` says what it should be."""
+    """FileError unless `path` is a file with an end; `wanted` describes the file."""
     if path.is_file():
         return
     if path.is_dir():
@@ -124,7 +124,7 @@ def check_header(path: Path, names: Sequence[str]) -> None:
         if fault := name_fault(name):
             refuse(f"column {index + 1}, {name!r}, {fault}", RENAME)
         if name in seen:
-            refuse(f"column {name!r} occurs twice", "Rename or delete one of them.")
+            refuse(f"column {name!r} occurs twice", "Rename or delete either of them.")
         seen.add(name)
 
 
@@ -217,7 +217,7 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
 
 
 def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> dict[str, Any]:
-    """Checked content of the TOML beside the CSV `path`, if any, by the fields of a Recording.
+    """Checked content of the TOML next to the CSV `path`, if any, by the fields of a Recording.
     FileError with the key or line that is wrong."""
     source = path.with_suffix(".toml")
     tables = read_toml(source) if source.exists() else {}
@@ -228,11 +228,11 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> d
         elif not isinstance(table, dict):
             raise FileError(
                 f"{source}: {title!r} must be a table, written [{title}].",
-                f"Write [{title}] on a line of its own, its entries below.",
+                f"Write [{title}] on a separate line, its entries below.",
                 code="toml",
             )
         elif (valid := _KEYS[title]) is not None:
-            # a rig of one's own may have its gains in other units: only what they are is held
+            # a user's rig may have its gains in other units: only what they are is held
             # against the list
             stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
             warnings += [
@@ -268,7 +268,7 @@ def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[st
             raise FileError(
                 f"{path}: [between] {column} is {way!r:.60}.",
                 'Write "held" (each value stays until the next sample) or "linear" (a straight '
-                'line to the next one) for an input, "before" for a reading that is taken before '
+                'line to the next sample) for an input, "before" for a reading taken before '
                 "the command of its row is sent.",
                 code="toml",
             )
@@ -340,7 +340,7 @@ def _numbers(path: Path, title: str, table: dict[str, Any]) -> dict[str, float]:
 
 
 def _period(path: Path, table: dict[str, Any], time: NDArray[np.float64]) -> float:
-    """The sampling period in s: the mean spacing of the stamps, or the stated one where the two
+    """The sampling period in s: the mean spacing of the stamps, or the stated period where the two
     agree."""
     measured = float(time[-1] - time[0]) / (time.size - 1)
     if "sampling_period_s" not in table:

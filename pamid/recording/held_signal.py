@@ -9,7 +9,7 @@ from pamid.recording.file_checks import TINY
 from pamid.recording.noise import quantisation_step
 
 ALONE = 0.9  # of the changes have a standstill before and after
-OF_ONE_STEP = 0.5  # of the changes at most: else it is a coarse sensor that creeps
+MAX_SMALLEST_STEPS = 0.5  # of the changes at most: else it is a coarse sensor that creeps
 FEWEST_CHANGES = 5
 REGULAR = 0.8  # of the standstills last equally long: a sensor that is sampled more slowly
 STANDING_STILL = 0.9  # of the time it stands still between jumps
@@ -17,8 +17,8 @@ WIDE_STEP = 0.05  # of its range: what moves in steps goes so far
 
 
 def held_by_jumps(values: NDArray[np.float64]) -> bool:
-    """Do the values (n,) jump from one standstill to the next, after times that differ, and by more
-    than one step of a converter? (After equal times: a sensor that is sampled more slowly.)"""
+    """Do the values (n,) jump between standstills, after times that differ, and by more
+    than a step of a converter? (After equal times: a sensor that is sampled more slowly.)"""
     values = values / max(float(np.abs(values).max()), TINY)  # the largest numbers have no sums
     steps = np.abs(np.diff(values))
     moved = np.flatnonzero(steps > 0.0)
@@ -31,7 +31,7 @@ def held_by_jumps(values: NDArray[np.float64]) -> bool:
         return False
     jumps = steps[moved]
     small = 1.5 * max(quantisation_step(values), float(jumps.min()))
-    return float(np.mean(jumps <= small)) < OF_ONE_STEP
+    return float(np.mean(jumps <= small)) < MAX_SMALLEST_STEPS
 
 
 def stands(values: NDArray[np.float64]) -> bool:
@@ -42,7 +42,7 @@ def stands(values: NDArray[np.float64]) -> bool:
 
 def moves_in_steps(values: NDArray[np.float64]) -> bool:
     """Does a signal mostly stay, and go far where it goes? What was sent does; a slow sensor of few
-    bits stays as well, and goes by one bit. values (n,) without NaN."""
+    bits stays as well, and goes by a bit. values (n,) without NaN."""
     if not stands(values):
         return False
     moves = np.abs(np.diff(values))

@@ -1,12 +1,12 @@
-"""Noise and quantisation step of a channel, estimated from its own samples.
+"""Noise and quantisation step of a channel, estimated from its samples.
 
 Noise is estimated from differences (Gasser, Sroka and Jennen-Steinmetz 1986, Biometrika 73(3)):
 those of order k take away what a polynomial of degree k - 1 follows, and of white noise of
 deviation sigma they have variance binomial(2k, k) sigma^2. Of a motion at w rad per sample they
-leave (2 sin(w/2))^k, which grows slower with k than that of the noise: every order says at most too
-much, and the least of them is nearest (Hall, Kay and Titterington 1990, Biometrika 77(3), on the
-order). Their median absolute value over 0.6745 is the robust estimate of their deviation (Hampel
-1974, JASA 69). Rounding to steps adds the deviation of a
+leave (2 sin(w/2))^k, which grows slower with k than that of the noise: every order gives at most
+too much, and the least of them is nearest (Hall, Kay and Titterington 1990, Biometrika 77(3), on
+the order). Their median absolute value over 0.6745 is the robust estimate of their deviation
+(Hampel 1974, JASA 69). Rounding to steps adds the deviation of a
 uniform variable, step/sqrt(12). Both results are in the channel's unit: the same samples in another
 unit give the same answer, scaled.
 
@@ -36,17 +36,17 @@ from pamid.base.metrics import SAME_DIGITS, motion
 
 Array = NDArray[np.float64]
 
-ALIKE_GAPS = 0.2  # of the smallest gap between levels: gaps this close to it are one step
+ALIKE_GAPS = 0.2  # of the smallest gap between levels: gaps this close to it are a single step
 MOST_LEVELS = 20000  # levels looked at, those in the middle
-# steps from one level to the next: over wider gaps an error of the step adds up
+# steps to the next level: over wider gaps an error of the step adds up
 NEAR_STEPS = 20.0
-LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter's own bend shows
+LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter's bend shows
 # steps by which gaps miss a whole number, on average; 0.25 where there is no step
 OFF = 0.1
 FEW_GAPS, OFF_OF_FEW_GAPS = 10, 0.02  # of so few gaps each has to be whole to this
 # with so many gaps, parts of the smallest are tried: no two neighbouring levels may be met
 MANY_GAPS, FINEST = 30, 16
-STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
+STRAIGHT = 0.8  # of all moves: more of them like the move before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
 FEW_MOVING = 80  # samples: fewer show no noise by their differences
 # share of a channel's readings that repeat: beyond it, the error of a reading is not independent
@@ -56,17 +56,17 @@ FEW_LEAPS, LAGGING = 20, 0.1
 DRIVEN_HOLD = 0.5  # of a hold: the inputs have to move for so long before a rest counts as clinging
 OTHER_NOISE = 2.0  # ratio of observed and stated noise beyond which they contradict each other
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
-# of the noise: a model that is off by less is not told from one that is exact. Noise that is read
+# of the noise: a model that is off by less is not separated from an exact model. Noise that is read
 # from a recording may be several times too large, but not a hundred times.
 NEGLIGIBLE_ERROR = 0.01
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 INPUT_LAGS, INPUT_ORDER = 4, 4  # latest inputs, and the order of the differences that are fitted
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 LAG = 1.0 / np.sqrt(3.0)  # root mean square of an error that grows from 0 to 1
-# plateaus further apart than the recorder's own steps: cycles of their spacing in the span of a
+# plateaus further apart than the recorder's steps: cycles of their spacing in the span of a
 # channel, and the share of its samples that must lie on them for it to be believed
 HISTOGRAM_BINS, PADDED, LEAST_PLATEAUS, ON_PLATEAUS = 1 << 15, 8, 5, 0.8
-PLATEAUS_APART = 6.0  # recorder's steps, or plateaus' own widths, from one plateau to the next
+PLATEAUS_APART = 6.0  # recorder's steps, or plateaus' widths, to the next plateau
 #: order of the differences -> their standard deviation in white noise of 1
 ORDERS = {k: math.sqrt(math.comb(2 * k, k)) for k in (4, 6, 8, 12)}
 MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
@@ -79,11 +79,11 @@ def quantisation_step(values: Array) -> float:
     levels = np.unique(values)
     levels = levels[max(0, levels.size - MOST_LEVELS) // 2 :][:MOST_LEVELS]
     gaps = np.diff(levels)
-    own = gaps > SAME_DIGITS * float(np.abs(levels).max(initial=0.0))
-    levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
+    distinct = gaps > SAME_DIGITS * float(np.abs(levels).max(initial=0.0))
+    levels, gaps = levels[np.concatenate([[True], distinct])], gaps[distinct]
     if gaps.size < 2:
         return float(gaps.sum())
-    # the mean of all gaps of one step: one by one they are off by the digits of the file
+    # the mean of all gaps of a step: each is off by the digits of the file
     smallest = float(np.quantile(gaps, 0.02, method="lower"))
     usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
     for finer in range(1, FINEST + 1 if gaps.size >= MANY_GAPS else 2):
@@ -96,7 +96,7 @@ def quantisation_step(values: Array) -> float:
 
 
 def _lattice(levels: Array, step: float) -> float:
-    """The step near this one of which the levels, in order, are multiples; 0 where they are not.
+    """The step near this step of which the levels, in order, are multiples; 0 where they are not.
     Over ever wider gaps: what levels are off by does not add up, a smooth motion that only seems to
     go in steps is found out."""
     for lag in LAGS:
@@ -117,9 +117,9 @@ def _lattice(levels: Array, step: float) -> float:
 
 
 def plateaus(values: Array) -> tuple[float, float]:
-    """Spacing of the plateaus on which a channel, shape (n,), rests although its own step is finer,
-    and the one of them that is nearest to the middle of what was recorded: the zero of a scale, in
-    kelvin or gauge pressure, need not be one. Both 0 where there are none.
+    """Spacing of the plateaus on which a channel, shape (n,), rests although its step is finer,
+    and the plateau that is nearest to the middle of what was recorded: the zero of a scale, in
+    kelvin or gauge pressure, need not be a plateau. Both 0 where there are none.
 
     Something on the way to the recorder rounds, and something after it adds noise: no recorder's
     step, whose readings are exact. The levels are lines of the characteristic function
@@ -127,7 +127,7 @@ def plateaus(values: Array) -> tuple[float, float]:
     exp(-2 (pi w f)^2) where plateaus have the width w (standard deviation); its phase tells where
     the levels are.
     """
-    low, span, own = float(values.min()), motion(values), quantisation_step(values)
+    low, span, step = float(values.min()), motion(values), quantisation_step(values)
     if not span > 0.0:
         return 0.0, 0.0
     counts = np.histogram(values, HISTOGRAM_BINS, (low, low + span))[0]
@@ -136,7 +136,7 @@ def plateaus(values: Array) -> tuple[float, float]:
     lines = lines[: PADDED * HISTOGRAM_BINS // 8]
     cycles = np.arange(lines.size) / PADDED
     far = PADDED * LEAST_PLATEAUS
-    coarser = np.where(cycles * PLATEAUS_APART * own <= span, lines, 0.0)[far:]
+    coarser = np.where(cycles * PLATEAUS_APART * step <= span, lines, 0.0)[far:]
     strong = np.flatnonzero(coarser > ON_PLATEAUS)
     if not strong.size:
         return 0.0, 0.0
@@ -191,7 +191,7 @@ class SensorNoise:
 
     @property
     def contradicts(self) -> NDArray[np.bool_]:
-        """Where the noise used is far from the stated one, because the samples show another."""
+        """Where the noise used is far from the stated noise, because the samples show another."""
         ratio = self.used / np.where(self.stated > 0.0, self.stated, self.used)
         return np.asarray((ratio > OTHER_NOISE) | (ratio < 1.0 / OTHER_NOISE))
 
@@ -201,10 +201,10 @@ def sensor_noise(
 ) -> SensorNoise:
     """Noise per channel of recordings made with the same sensors.
 
-    White noise or steps that the samples show replace the data sheet's figure, even a larger one: a
-    sensor may be better than that. Where neither shows, or where readings repeat, differences from
-    sample to sample do not measure the error of a reading. Then the stated figure is the least.
-    Without a stated figure, the lag of readings that cling counts as noise.
+    White noise or steps that the samples show replace the data sheet's figure, even a larger
+    figure: a sensor may be better than that. Where neither shows, or where readings repeat,
+    differences from sample to sample do not measure the error of a reading. Then the stated figure
+    is the least. Without a stated figure, the lag of readings that cling counts as noise.
 
     parts: each samples x channels. stated: standard deviation per channel from the rig, 0 where it
     states none. inputs: the inputs of each part, samples x inputs. While all inputs rest, the
@@ -252,7 +252,7 @@ def hold_error(values: Array, inputs: Array | None = None) -> float:
     """Root mean square error of the readings of a channel, shape (n,), that clings: stands still
     while the machine moves, and leaps on; 0 where it does not.
 
-    inputs: samples x inputs; a hold counts while one of them moves, each hold if none ever does.
+    inputs: samples x inputs; a hold counts while any of them moves, each hold if none ever does.
     """
     start, length = _readings(values)
     held = length > 1
@@ -272,7 +272,7 @@ def hold_error(values: Array, inputs: Array | None = None) -> float:
 
 
 def _readings(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First sample and number of samples of every reading; repeats are one reading."""
+    """First sample and number of samples of every reading; repeats are a single reading."""
     edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
     return edges[:-1], np.diff(edges)
 
@@ -285,7 +285,8 @@ def is_white(values: Array) -> bool:
         sizes = _part_medians(np.abs(d), 40) if d.size >= FEW_MOVING else np.zeros(1)
         usual = float(np.median(sizes))
         if 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
-            bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
+            # a spike has no information on the colour
+            bounded = np.clip(d, -6.0 * usual, 6.0 * usual)
             # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
             alone = -order / (order + 1.0)
             if float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded):

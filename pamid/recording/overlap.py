@@ -3,16 +3,16 @@ columns, the digits it was printed with or an offset and a scale, or a stretch t
 
 Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
 Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
-Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod ONE_WORD_IN are looked up
+Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod WORD_STRIDE are looked up
 in all recordings at once, so that the same words are chosen wherever a copy begins; each pair of
 places that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not
 count. Noise never repeats itself, so that the same experiment made twice on a real rig is no copy;
-simulated twice without noise it is one.
+simulated twice without noise it is a copy.
 
 A copy with another offset, scale or sign shares no level, but the signs of its noise. Those of the
 differences are hashed in the same way, and the recordings are then compared after a straight line
-has been fitted to one over the other. Only channels that show noise or a step can prove such a
-copy: without them the response to a doubled input is a scaled copy, too.
+has been fitted to the first over the second. Only channels that show noise or a step can prove such
+a copy: without them the response to a doubled input is a scaled copy, too.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ Words = tuple[NDArray[np.uint64], Places]  # hashes that are looked up, and wher
 STEPS_PER_LEVEL = (63, 15, 3, 1)
 FEWEST_LEVELS = 100  # that a signal should visit at least, for its words to distinguish places
 DOUBLINGS = 3  # a word is 8 dwells
-ONE_WORD_IN = 8  # of so many words one is looked up, chosen by its hash
+WORD_STRIDE = 8  # of so many words a single word is looked up, chosen by its hash
 SHARED_WORDS = 3  # words that two places must share to be compared
-SHIFTS = 4  # ways to lay one recording upon another that are compared
+SHIFTS = 4  # ways to lay a recording upon another that are compared
 # samples at which something moves, alike in both, that two experiments do not share ...
 TELLING_SAMPLES = 100
 # times as many, where the files differ before or after although both go on: a coarse converter
@@ -83,7 +83,7 @@ class _Signal:
 
     @cached_property
     def shows_noise(self) -> bool:
-        """Does it show noise or a step of its own, which no other recording has?"""
+        """Does it show noise or a step, which no other recording has?"""
         return self.noise > MAY_BE_NOISE * float(self.values.std()) and (
             quantisation_step(self.values) > 0.0 or is_white(self.values)
         )
@@ -98,16 +98,16 @@ def require_apart(
     longest = max(overlaps(outputs, recordings), key=lambda o: o.samples, default=None)
     if longest is None:
         return
-    one, other = recordings[longest.first], recordings[longest.second]
+    first, other = recordings[longest.first], recordings[longest.second]
     crossed = longest.first < len(fitted) <= longest.second
     why = "what was fitted is not held out" if crossed else "no sample may count twice"
-    seconds = longest.samples * one.sampling_period_s
-    if one.path == other.path:
-        message = f"{one.path} is given twice ({seconds:.4g} s): {why}"
+    seconds = longest.samples * first.sampling_period_s
+    if first.path == other.path:
+        message = f"{first.path} is given twice ({seconds:.4g} s): {why}"
     else:
         places = [
             f"{r.path} ({r.time[at]:.6g} .. {r.time[at + longest.samples - 1]:.6g} s)"
-            for r, at in ((one, longest.start), (other, longest.again))
+            for r, at in ((first, longest.start), (other, longest.again))
         ]
         message = (
             f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s "
@@ -115,7 +115,7 @@ def require_apart(
         )
     raise DataError(
         f"{message}.",
-        "Give every recording once, in one role; without --held-out, the last part of each "
+        "Give every recording once, in a single role; without --held-out, the last part of each "
         "is held out.",
         code="overlap",
     )
@@ -123,7 +123,7 @@ def require_apart(
 
 def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterator[Overlap]:
     """Pairs of recordings that share samples, each with its longest common stretch. Where several
-    hold the same, each is named with one other."""
+    hold the same, each is named with a single other."""
     if len(recordings) < 2:
         return
     seen: dict[tuple[str, float, int], int] = {}
@@ -205,11 +205,11 @@ def _levels_of(having: dict[int, _Signal]) -> dict[int, Words]:
     for i, s in having.items():
         level = np.rint(s.values / cell).astype(np.int64)
         begins = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
-        # the last one is cut short by the end of the file
+        # the last word is cut short by the end of the file
         dwell = np.diff(begins).astype(np.uint64)
         word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
         word = _hashed(word ^ (word >> np.uint64(29)), DOUBLINGS)
-        sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
+        sampled = np.flatnonzero(word % np.uint64(WORD_STRIDE) == 0)
         words[i] = word[sampled], begins[sampled]
     return words
 
@@ -227,7 +227,7 @@ def _signs_of(having: dict[int, _Signal]) -> dict[int, Words]:
         word = np.minimum(*both)
         zeros = np.convolve(sign == 0, np.ones(1 << SIGN_DOUBLINGS), "valid")[: word.size]
         telling = zeros <= MOST_ZEROS * (1 << SIGN_DOUBLINGS)
-        sampled = np.flatnonzero((word % np.uint64(ONE_WORD_IN) == 0) & telling)
+        sampled = np.flatnonzero((word % np.uint64(WORD_STRIDE) == 0) & telling)
         words[i] = word[sampled], sampled
     return words
 
@@ -242,8 +242,8 @@ def _hashed(word: NDArray[np.uint64], doublings: int) -> NDArray[np.uint64]:
 
 
 def _matches(words: dict[int, Words]) -> Places:
-    """(i, j, shift) for every word that recordings i < j share; of those that share one, each with
-    the next."""
+    """(i, j, shift) for every word that recordings i < j share; of those that share a word, each
+    with the next."""
     word = np.concatenate([w for w, _ in words.values()])
     place = np.concatenate([p for _, p in words.values()])
     owner = np.concatenate([np.full(len(w), i) for i, (w, _) in words.items()])
@@ -263,7 +263,7 @@ def _shared(
     """First sample (of `table`) and length of the stretch that tells most among those alike in
     every signal that both have; None where it tells too little.
 
-    rescaled: alike are signals of which one is a straight line over the other.
+    rescaled: alike are signals of which first is a straight line over the other.
     """
     names = [n for n in table if n in other]
     start = max(0, shift)

@@ -1,4 +1,4 @@
-"""A plot of signals over time, one panel per signal, as a Figure that a notebook shows."""
+"""A plot of signals over time, a panel per signal, as a Figure that a notebook shows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class NotebookFigure(Figure):
 
 
 def plot_signals(title: str, time: Array, signals: Mapping[str, Array]) -> NotebookFigure:
-    """Every signal (n,) in a panel of its own over time (n,) in s; the unit is the end of its
+    """Every signal (n,) in a separate panel over time (n,) in s; the unit is the end of its
     name."""
     with matplotlib.rc_context({"text.parse_math": False}):
         figure = NotebookFigure(

@@ -1,4 +1,4 @@
-"""A recording: one CSV file of uniformly sampled signals and, beside it, an optional TOML file of
+"""A recording: a CSV file of uniformly sampled signals and, next to it, an optional TOML file of
 the same stem.
 
 The first column is `time_s`; every other column is `<signal>_<unit>`. What cannot be trusted is
@@ -56,7 +56,7 @@ EXACT_DIGITS = 17  # any double comes back as it was
 TIME_DIGITS = 12  # a stamp late in a long record needs more: 9 digits are 10 us after 1000 s
 
 _PLAIN_CELLS = (
-    "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
+    "Every cell holds a number with a decimal point; `pamid ingest` reads other dialects."
 )
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another
@@ -83,8 +83,8 @@ class Recording:
     free              parameters of the rig that are fitted although it holds them, by full name,
                       with the standard deviation within which they are known, in its unit
     controller        the controller's settings, by full name
-    between           "held" or "linear": what an input does from one sample to the next, by column,
-                      where the recording says so; else it is as the rig says
+    between           "held" or "linear": what an input does between samples, by column,
+                      where the recording states it; else as the rig states
     warnings          what was odd but not wrong
     effects           labels of the effects that a simulated recording was made with, with their
                       values; no file tells them
@@ -118,8 +118,8 @@ class Recording:
         between: Mapping[str, str] | None = None,
         free: Mapping[str, float] | None = None,
     ) -> Recording:
-        """A recording out of a table with the column time_s and one column per signal, its unit at
-        the end of its name (angle_deg); the rest is what a recording's TOML says.
+        """A recording out of a table with the column time_s and a column per signal, its unit at
+        the end of its name (angle_deg); the rest is the content of a recording's TOML.
 
         UsageError where it is no such table; otherwise errors as of `read_recording`.
         """
@@ -170,7 +170,7 @@ class Recording:
     def _headline(self) -> str:
         loop = f", {self.loop} loop" if self.loop else ""
         every, span = duration_text(self.sampling_period_s, 4), len(self) * self.sampling_period_s
-        return f"{self.name}: {len(self)} samples over {span:.4g} s, one every {every}{loop}"
+        return f"{self.name}: {len(self)} samples over {span:.4g} s, a sample every {every}{loop}"
 
     def _ranges(self) -> Cells:
         rows = [
@@ -206,7 +206,7 @@ class Recording:
         return np.asarray(to_si(self.signal(column), split_column(column)[1]))
 
     def slice(self, start: int, stop: int) -> Recording:
-        """Samples start to stop (as in a Python slice) as a recording of its own; the time stamps
+        """Samples start to stop (as in a Python slice) as a separate recording; the time stamps
         stay."""
         rows = slice(start, stop)
         return replace(
@@ -287,7 +287,7 @@ def write_recording(
         Finite samples of shape (n,), by full column name.
     meta
         Tables of the TOML file, such as {"recording": {"loop": "open"}, "known": {...}}. None: no
-        file is written, and an existing one stays.
+        file is written, and an existing file stays.
     digits
         Significant digits.
     """
@@ -334,17 +334,17 @@ def match_column(names: str | Iterable[str], wanted: str) -> str | None:
         return wanted
     stem, symbol = split_column(wanted)
     for name in every:
-        found_stem, own_symbol = split_column(name)
-        if found_stem == stem and compatible(own_symbol, symbol):
+        column_stem, column_symbol = split_column(name)
+        if column_stem == stem and compatible(column_symbol, symbol):
             return name
     for name in every:
-        found_stem, own_symbol = split_column(name)
+        column_stem, column_symbol = split_column(name)
         if wanted == (meant := divided_name(name)):
-            message = f"Column {name!r} is in {own_symbol!r}; {wanted!r} is wanted."
+            message = f"Column {name!r} is in {column_symbol!r}; {wanted!r} is wanted."
             hint = f"In a name _ multiplies and _per_ divides: rename it {meant!r}."
             raise FileError(message, hint, code="unit")
-        if found_stem == stem and own_symbol != NONE and symbol != NONE:
-            raise _wrong_unit(name, f"in {own_symbol!r}", wanted, symbol)
+        if column_stem == stem and column_symbol != NONE and symbol != NONE:
+            raise _wrong_unit(name, f"in {column_symbol!r}", wanted, symbol)
         tail = name.removeprefix(stem + "_").lower() if name.startswith(stem + "_") else ""
         if tail in _FOREIGN_UNITS.split():
             raise _wrong_unit(name, f"in {tail!r}, which is no unit pamid knows", wanted, symbol)
@@ -374,15 +374,15 @@ def toml_string(value: str) -> str:
 
 
 def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
-    """All numbers below the header, shape (rows, columns). The fast reader only says that a cell is
-    wrong; the slow one then says which."""
+    """All numbers below the header, shape (rows, columns). The fast reader only reports that a cell
+    is wrong; the slow reader then names it."""
     import warnings
 
     import pandas
 
     try:
         with warnings.catch_warnings():
-            # said where cells would be lost
+            # warned where cells would be lost
             warnings.simplefilter("error", pandas.errors.ParserWarning)
             with open_data(path, TABLE) as file:
                 frame = pandas.read_csv(

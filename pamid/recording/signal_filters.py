@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def local_parabola(y: Array, length: int, period_s: float = 1.0, derivative: int = 0) -> Array:
-    """Value or derivative of the parabola through the samples around each one.
+    """Value or derivative of the parabola through the samples around each sample.
 
     Parameters
     ----------

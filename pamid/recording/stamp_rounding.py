@@ -2,7 +2,7 @@
 
 At 300 Hz and with four decimals stamps read 0.0033, 0.0067, 0.0100: the steps differ by 3 %, the
 clock by nothing. Even it is where some start and period put every stamp within half its last digit,
-which is asked exactly; no deviation beyond that is excused.
+which is checked exactly; no deviation beyond that is excused.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FEWEST_HALVES = 3  # stamps at either end of their digit
 
 
 def last_digits(stamps: FloatArray) -> FloatArray:
-    """Value of one unit in the last digit of every stamp (n,), s: as many decimals as any of them
+    """Value of a unit in the last digit of every stamp (n,), s: as many decimals as any of them
     has, or as many significant digits, where these were counted."""
     counts = np.full(stamps.size, _DIGITS, dtype=np.int64)  # decimals of each stamp
     for decimals in range(_DIGITS - 1, -1, -1):
@@ -63,7 +63,7 @@ def even_but_rounded(stamps: FloatArray) -> bool:
             return True
         low, high = (low, b) if below < above else (a, high)
     # a clock that meets both ends of a digit, as halves do that are rounded to either side: then
-    # several stamps do, not one that strays by a digit
+    # several stamps do, not a single stamp that is off by a digit
     earliest, latest = edges(0.5 * (low + high))
     early, late, touch = earliest.max(), latest.min(), _TOUCH * float(digit.min())
     ends = (np.count_nonzero(earliest >= early - touch), np.count_nonzero(latest <= late + touch))

@@ -1,4 +1,4 @@
-"""How far pulses on one joint of the second paper's arm swing the other one, and what of it is lost
+"""How far pulses on a joint of the second paper's arm swing the other, and what of it is lost
 where the equations leave the coupling out."""
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SHOWN_S = (0.3, 0.9)  # of the figure, before and after the largest deflection
 
 class Uncoupled(TwoLink):
     """The arm without M12 and without Coriolis and centrifugal forces: each joint feels the other
-    one through gravity alone."""
+    through gravity alone."""
 
     name = ARM_RIG
 
@@ -35,7 +35,7 @@ class Uncoupled(TwoLink):
 
 @dataclass(frozen=True, eq=False)
 class PulsedStretch:
-    """Samples (slice) in which the valves of one joint are pulsed and those of the other are not:
+    """Samples (slice) in which the valves of a joint are pulsed and those of the other are not:
     numbers of the joints."""
 
     pulsed: str
@@ -49,7 +49,7 @@ class PulsedStretch:
 
 
 def stretches(r: Recording) -> list[PulsedStretch]:
-    """One per joint whose valves are pulsed, in time apart from the other's."""
+    """A stretch per joint whose valves are pulsed, in time apart from the other's."""
     selected, samples = [], round(SETTLED_S / r.sampling_period_s)
     for pulsed, moved in zip(JOINTS, JOINTS[::-1], strict=True):
         sent, other = (np.flatnonzero(r.signal(f"command_{j}")) for j in (pulsed, moved))
@@ -98,17 +98,19 @@ def coupling_json(
 
 
 def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwing]) -> bytes:
-    """PNG of the largest deflection at each joint; its title says how far, and what explains it."""
+    """PNG of the largest deflection at each joint; its title states how far, and what explains
+    it."""
 
     def each(name: str) -> str:
-        return " and ".join(f"{one.mae[name]:.2g}" for one in couplings)
+        return " and ".join(f"{coupling.mae[name]:.2g}" for coupling in couplings)
 
     moved = ", ".join(
-        f"joint {one.moved.split('_')[1]} by {one.swing_deg:.1f} deg" for one in couplings
+        f"joint {coupling.moved.split('_')[1]} by {coupling.swing_deg:.1f} deg"
+        for coupling in couplings
     )
     title = (
-        f"Pulses on one joint swing the other: {moved}. The fitted arm is off by {each('fitted')} "
-        f"deg, without coupling terms by {each('without_coupling')} deg "
+        f"Pulses on either joint swing the other: {moved}. The fitted arm is off by "
+        f"{each('fitted')} deg, without coupling terms by {each('without_coupling')} deg "
         f"(noise alone: {each('noise_floor')})"
     )
     return coupling_picture(title, drawn).png

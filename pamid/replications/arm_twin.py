@@ -57,7 +57,7 @@ class ArmTwin:
     over the data sheet, and dry friction of the joints, which the data sheet lacks.
 
     Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws
-    leave them; the rest by about as much as its prior says. scale is that of the twin's own law.
+    leave them; the rest by about as much as its prior states. scale is that of the twin's law.
     """
 
     law: str = "braid-and-rubber"
@@ -88,7 +88,7 @@ class ArmTwin:
         return departed(ARM_RIG, asdict(self))
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
-        """columns (samples,) in their own units and the meta of a recording; no load cells."""
+        """columns (samples,) in their units and the meta of a recording; no load cells."""
         specs = tuple(f"{name}={value}" for name, value in self.friction.items())
         rig, sent, hidden = f"{ARM_RIG}:{self.law}", session.excitation, self.hidden()
         made = simulate_virtual_rig(rig, sent, specs, session.known, hidden, noise, seed)
@@ -97,7 +97,7 @@ class ArmTwin:
         return {"columns": columns, "meta": {**made.meta, "recording": about}}
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
-        """A static test of one muscle at every contraction and pressure of the grid, with a noisy
+        """A static test of a muscle at every contraction and pressure of the grid, with a noisy
         load cell, as CSV."""
         grid = np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij")
         contraction, pressure = (x.ravel() for x in grid)
@@ -110,7 +110,7 @@ class ArmTwin:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """One recording to be made. columns: what is sent (samples,); known: what the arm is set to."""
+    """A recording to be made. columns: what is sent (samples,); known: what the arm is set to."""
 
     name: str
     kind: str
@@ -215,7 +215,7 @@ class ArmRecords:
         return [t for t in self.taken if (t.session.kind, t.session.held_out) == (kind, held_out)]
 
     def evidence(self, rig: Rig, kind: str, without: str = "") -> DataSplit:
-        """The recordings of a kind as a fit wants them; one of them may be left out by name."""
+        """The recordings of a kind as a fit wants them; any of them may be left out by name."""
         fitted = [r for r in self.of(kind, held_out=False) if r.name != without]
         return split_recordings(rig, fitted, self.of(kind, held_out=True))
 

@@ -1,6 +1,6 @@
-"""A virtual machine with something withheld, diagnosed without being told: what `pamid demo` does.
+"""A virtual machine with something withheld, diagnosed blind: what `pamid demo` does.
 
-On the joint the seed draws one effect from a short list, mistunes the parameters of the rig by 10
+On the joint the seed draws an effect from a short list, mistunes the parameters of the rig by 10
 to 20 % and adds sensor noise. Of any other rig a machine is made as the blind trial makes it: any
 effect that fits, in another form than the catalogue's. What was drawn goes into `withheld.json`,
 which nothing but the final comparison reads.
@@ -114,7 +114,7 @@ def write_rig_recording(folder: Path, machine: OwnMachine, *, seed: int) -> Path
     read = {k: v for k, v in columns.items() if k != TIME}
     write_recording(recording, columns[TIME], read, machine.meta(c))
     fault, off = machine.faults[site], specimen.true_parameters
-    values = ",".join(f"{k}={v:.6g}" for k, v in specimen.told(site, sizes).items())
+    values = ",".join(f"{k}={v:.6g}" for k, v in specimen.shown_values(site, sizes).items())
     truth = WithheldFile(
         seed=seed,
         effect=site.partition("@")[0],
@@ -188,7 +188,7 @@ def run_demo(
 
 
 def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Hit:
-    """ "right" where the verdict names the withheld family alone, "among" where it is one of
+    """ "right" where the verdict names the withheld family alone, "among" where it is among
     several, else "missed"."""
     families = {c["family"] for c in diagnosis["causes"]}
     if truth["family"] not in families:

@@ -61,7 +61,7 @@ def responses_png(
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:
-    """Of the analytic model in its own loop, beside what was measured."""
+    """Of the analytic model in its loop, next to the measured motion."""
     cases: dict[str, dict[str, tuple[Array, Array]]] = {}
     for case, r in steps.items():
         model = analytic_run(r)
@@ -78,7 +78,7 @@ def pressures_png(steps: Mapping[str, Recording]) -> bytes:
 
 
 def excitation_png(training: Recording, model: Array) -> bytes:
-    """model: angle of the analytic model in its own loop on the same reference (samples,), deg."""
+    """model: angle of the analytic model in its loop on the same reference (samples,), deg."""
     reference = training.signal(REFERENCE_COLUMN)
     error = training.signal(ANGLE_COLUMN) - model
     time = clock(reference)
@@ -88,7 +88,9 @@ def excitation_png(training: Recording, model: Array) -> bytes:
         f"{rms(error, np.zeros_like(error)):.2f} deg RMS, at most {np.abs(error).max():.1f} deg, "
         "for the network to learn"
     )
-    sent, left = (scaling_of(one, ("signal",)).forward(one) for one in (reference, error))
+    sent, left = (
+        scaling_of(samples, ("signal",)).forward(samples) for samples in (reference, error)
+    )
     return excitation_picture(time, sent, left, (begin, begin + CLOSER_S), title)
 
 
@@ -109,12 +111,12 @@ def force_surface_png() -> bytes:
     flat = grid.reshape(-1, 2)
     points = ForceMap(Path(PAPER_LAW), flat[:, 0], flat[:, 1], np.zeros(len(flat)))
     shape = grid.shape[:2]
-    own, other = (forces(LAWS[name], points).reshape(shape) for name in (PAPER_LAW, RIG_LAW))
-    pull, others = np.maximum(own, 0.0), np.maximum(other, 0.0)
-    pulling = (own > 0.0) | (other > 0.0)
+    published, other = (forces(LAWS[name], points).reshape(shape) for name in (PAPER_LAW, RIG_LAW))
+    pull, others = np.maximum(published, 0.0), np.maximum(other, 0.0)
+    pulling = (published > 0.0) | (other > 0.0)
     title = (
-        f"The polynomial of fifth order pulls with {own.max():.0f} N at rest and "
+        f"The polynomial of fifth order pulls with {published.max():.0f} N at rest and "
         f"{SURFACE_KPA[-1] / 100.0:.0f} bar; the {RIG_LAW} law differs from it by "
         f"{rms(pull[pulling], others[pulling]):.1f} N RMS where a muscle pulls"
     )
-    return force_surface_picture(SURFACE_CONTRACTION, SURFACE_KPA, own, other, title)
+    return force_surface_picture(SURFACE_CONTRACTION, SURFACE_KPA, published, other, title)

@@ -1,8 +1,8 @@
 """The twin of the first paper's rig: a virtual joint with what the analytic model lacks, and the
-signals it is asked.
+signals sent to it.
 
 The effects are sized so that the analytic model misses the twin by as much as the paper's model
-missed its rig. Many other twins would do: this one is a fixture, not a claim about that rig.
+missed its rig. Many other twins would do: this twin is a fixture, not a claim about that rig.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Twin:
     def record(
         self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0
     ) -> dict[str, Any]:
-        """columns (samples,) in their own units and the meta of a recording on this reference
+        """columns (samples,) in their units and the meta of a recording on this reference
         (deg)."""
         known, sent = {"inertia_kg_m2": inertia}, excitation(reference)
         effects, hidden = self.effects(inertia), self.hidden()
@@ -118,14 +118,14 @@ def clock(reference: Array) -> Array:
 
 
 def analytic_run(recording: Recording) -> dict[str, Array]:
-    """Every column of the data-sheet model in its own loop on the reference of a recording."""
+    """Every column of the data-sheet model in its loop on the reference of a recording."""
     sent = excitation(recording.signal(REFERENCE_COLUMN))
     return simulate_virtual_rig(TWIN_RIG, sent, (), recording.known, {}, 0.0, 0).columns
 
 
 def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
-    own loop."""
+    loop."""
     reference, simulated = recording.signal(REFERENCE_COLUMN), analytic_run(recording)
     velocity = np.gradient(simulated[ANGLE_COLUMN], PERIOD_S)
     unit = split_column(ANGLE_COLUMN)[1]

@@ -1,4 +1,4 @@
-"""A run, a trial or a reproduced paper as tables, figures and one HTML page.
+"""A run, a trial or a reproduced paper as tables, figures and an HTML page.
 
 `pamid.report` is this package, and what is done with a run: called, it writes the page. The face
 has no other way to give both the name, and code that imports modules of the package is not

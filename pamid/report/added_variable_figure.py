@@ -88,7 +88,7 @@ def added_drawing(run: RunData) -> Drawing | None:
 
 
 def single_drawing(plot: AddedVariable, diagnosis: DiagnosisFile) -> Drawing:
-    """The plot of one candidate."""
+    """The plot of a candidate."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         _panel(figure.subplots(), plot, 0)
@@ -110,7 +110,7 @@ def _title(plots: Sequence[AddedVariable], diagnosis: DiagnosisFile) -> str:
 
 
 def added_panels(run: RunData) -> Markup:
-    """A figure per candidate of the ranking, of which the page shows the one that is chosen."""
+    """A figure per candidate of the ranking; the page shows the chosen candidate."""
     figures = []
     for plot in usable_plots(run) if run.diagnosis is not None else ():
         if not plot.beside and run.diagnosis is not None:

@@ -1,7 +1,7 @@
 """A motion as an animated GIF: the arm above, its gaps with a moving cursor below.
 
 The still parts are drawn once; per frame only the moving parts are drawn over them. All frames
-share one palette, so that the file stays small.
+share a palette, so that the file stays small.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def gif_of(
     width_px: int = 480,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> bytes:
-    """The GIF at 25 frames per second, one frame per time of the motion; the same motion gives the
+    """The GIF at 25 frames per second, a frame per time of the motion; the same motion gives the
     same bytes.
 
     DataError above 1500 frames.
@@ -74,17 +74,16 @@ def gif_of(
     if count > MOST_FRAMES:
         raise DataError(
             f"{count} frames are too many for a GIF; the limit is {MOST_FRAMES}.",
-            "Show a shorter part (--from, --to) or a faster one (--speed).",
+            "Show a shorter part (--from, --to) or a faster animation (--speed).",
             code="frames",
         )
-    with matplotlib.style.context(
-        ["default", DRAWING_SETTINGS]
-    ):  # whatever the user's matplotlibrc says
+    # independent of the user's matplotlibrc
+    with matplotlib.style.context(["default", DRAWING_SETTINGS]):
         stage = _stage(motion, width_px)
         draw = _moving(motion, stage)
         stage.canvas.draw()
         still: Any = stage.canvas.copy_from_bbox(stage.figure.bbox)
-        # one palette for all frames
+        # a common palette for all frames
         samples = [np.asarray(draw(k, still)) for k in np.linspace(0, count - 1, 4).astype(int)]
         palette = Image.fromarray(np.concatenate(samples)).quantize(
             COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
@@ -176,7 +175,7 @@ def _arm(axes: Axes, motion: Motion, aspect: float) -> None:
 
 
 def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
-    """The gaps of one channel over time; short strokes where the models were set to the measured
+    """The gaps of a channel over time; short strokes where the models were set to the measured
     state."""
     for kind, gap in motion.gaps[channel].items():
         axes.plot(motion.time, gap, **_style(motion, kind, 0.5))
@@ -210,7 +209,7 @@ def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
 
 
 def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
-    """Create the moving artists, and return a function that draws one frame over the still
+    """Create the moving artists, and return a function that draws a frame over the still
     picture."""
     best = list(motion.lines)[-1]
     tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
@@ -245,8 +244,8 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         for cursor in cursors:
             cursor.set_xdata([motion.time[k]] * 2)
         clock.set_text(f"{motion.time[k]:.2f} s")
-        for axes, one in every:
-            axes.draw_artist(one)
+        for axes, drawn in every:
+            axes.draw_artist(drawn)
         return Image.fromarray(np.asarray(stage.canvas.buffer_rgba())[..., :3].copy())
 
     return draw

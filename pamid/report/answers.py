@@ -429,7 +429,7 @@ def _unknown_texts(unknown: Unknown) -> list[str]:
     if texts:
         texts.append(
             "The curve is fitted together with the parameters of the rig. A part that both can "
-            "take up, such as one in proportion, may be divided differently."
+            "take up, such as a part in proportion, may be divided differently."
         )
     return [*texts, *_nature_texts(unknown), *_formula_texts(unknown)]
 
@@ -471,7 +471,7 @@ def _formula_texts(unknown: Unknown) -> list[str]:
         f"The missing term{at_port(unknown.port)} is described best, as a function"
         f"{f' of {variables}' if variables else ''}, by "
         f"{formula_text(formatting.clean(unknown.formula))}, with the parameters estimated anew "
-        "beside it."
+        "with it."
     ]
     if unknown.inclusion is not None:
         texts.append(
@@ -543,7 +543,7 @@ def _how_far_card(row: ChannelErrors, diagnosis: DiagnosisFile | None) -> tuple[
         size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
         at = f", at the {port_label(rest.port)}" if rest.port else ""
         lines.append(f"remaining: {size}{at}")
-    return formatting.in_one_unit(steps, unit_text, " → "), lines
+    return formatting.with_common_unit(steps, unit_text, " → "), lines
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> str:
@@ -565,7 +565,7 @@ def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
     if diagnosis is None or diagnosis.horizon_s is None:
         return []
     time = with_unit_text(diagnosis.horizon_s, "s")
-    texts = [f"The model predicts over up to {time} from one estimated state."]
+    texts = [f"The model predicts over up to {time} from an estimated state."]
     reach = diagnosis.how_far.get(row.channel)
     if reach is not None and reach.mae_refitted_short is not None:
         error = with_unit_text(reach.mae_refitted_short, unit_text)
@@ -633,7 +633,7 @@ def next_answer(run: RunData) -> Answer:
     local_files = [name for name in experiment.files if name == Path(name).name]
     if local_files:
         single = len(local_files) == 1
-        verb = "Its excitation is" if single else "Its excitations, one for each run, are"
+        verb = "Its excitation is" if single else "Its excitations (a file per run) are"
         files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [
@@ -679,7 +679,7 @@ def _diagnose_command(run: RunData) -> str:
 
 
 def todo_of(run: RunData) -> str:
-    """Next step, in one line."""
+    """Next step, in a line."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return "Find the cause: `pamid diagnose` on the same recordings."

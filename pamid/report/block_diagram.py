@@ -1,9 +1,9 @@
 """Where the blocks of a rig's diagram stand: columns in the order in which a signal passes, from
 the command to the sensors, and the arrows between them.
 
-Blocks are groups of ports, the names by which shares of the gap are told. Wherever the value of a
-block enters the equation of another one, a way of arrows leads from the one to the other: an arrow
-of its own, or one through blocks between them.
+Blocks are groups of ports, the names under which shares of the gap are reported. Wherever the value
+of a block enters the equation of another block, a way of arrows leads from the first to the second:
+directly, or through blocks between them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STAGES = {
     "reading": "sensor",
 }
 MOST_IN_COLUMN = 6
-MOST_LINKS = 14  # between all columns; more become one broad arrow per pair of columns
+MOST_LINKS = 14  # between all columns; more become a broad arrow per pair of columns
 LINE, PAD, HEAD_ROOM, GAP_Y, GAP_X = 15.0, 8.0, 22.0, 12.0, 26.0
 _EM, _EM_BOLD = 6.9, 7.6  # width of a letter in the diagram's units, upright and bold
 _MOST_WIDE, _LEAST_WIDE = 190.0, 92.0
@@ -106,7 +106,7 @@ def columns_of(rig: RigMap) -> dict[str, list[str]]:
 
 def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str, bool]]:
     """(from, to, both ways) between groups: the fewest arrows by which every block that feeds
-    another one leads to it.
+    another block leads to it.
 
     Arrows along the signal and within a column come first; those that feed back are added, the
     shortest first, where no way leads back yet.
@@ -122,14 +122,14 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     every = {(a, b) for a, b in every if a in stage and b in stage}
     forward = {(a, b) for a, b in every if stage[a] < stage[b]}
     level = {(a, b) for a, b in every if stage[a] == stage[b]}
-    one_way = {(a, b) for a, b in level if (b, a) not in level}
-    ahead, reached = forward | one_way, {b for _, b in forward | one_way}
+    directed = {(a, b) for a, b in level if (b, a) not in level}
+    ahead, reached = forward | directed, {b for _, b in forward | directed}
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
     direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
     drawn = (
         {_with_bypass(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
         | back
-        | (level - one_way)
+        | (level - directed)
     )
     rank = {name: k for k, name in enumerate(stage)}
     for a, b in sorted(every - ahead - level, key=lambda ab: (rank[ab[0]] - rank[ab[1]], ab)):
@@ -147,7 +147,7 @@ def _with_bypass(
     a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
 ) -> tuple[str, str]:
     """Arrows of a force that reaches a moving part through further blocks (a muscle, its chain, the
-    joint): one to the part, and one in both directions between the part and these blocks."""
+    joint): an arrow to the part, and a double arrow between the part and these blocks."""
     for begin, end in sorted(mutual):
         if begin == b and stage[a] < stage[end] < stage[b]:
             return a, end
@@ -155,7 +155,7 @@ def _with_bypass(
 
 
 def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
-    """Whether a way of arrows leads from one group to another."""
+    """Whether a way of arrows leads between two groups."""
     reached = {begin}
     while after := {b for a, b in links if a in reached} - reached:
         reached |= after
@@ -210,7 +210,7 @@ def wide_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagr
 
 
 def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Diagram:
-    """Columns below each other, with two blocks per row and one arrow between columns."""
+    """Columns below each other, with two blocks per row and an arrow between columns."""
     columns, texts = merged_columns(columns_of(rig), texts)
     placed: list[Box] = []
     links: list[Link] = []
@@ -233,7 +233,7 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
 
 
 def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
-    """Arrow between two adjacent blocks of one column, if they are connected."""
+    """Arrow between two adjacent blocks of a column, if they are connected."""
     links = []
     for a, b in zip(row, row[1:], strict=False):
         y = a.y + 0.5 * a.tall

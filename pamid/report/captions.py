@@ -38,7 +38,7 @@ SPELLING = Spelling(effect_label, port_label)
 
 
 def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
-    """The whole page in one sentence."""
+    """The whole page in a sentence."""
     if run.diagnosis is not None:
         return formatting.sentence(set_figures(sentence(run.diagnosis, SPELLING)))
     row = headline(rows)
@@ -61,7 +61,7 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 
 
 def set_figures(text: str) -> str:
-    """One line without a line break between a number and its sign, or the P before it."""
+    """A line without a line break between a number and its sign, or the P before it."""
     clean = formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
     return clean.replace("(P ", f"(P{formatting.SPACE}")
 
@@ -90,7 +90,7 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
 
 
 def has_joint_model(diagnosis: DiagnosisFile | None) -> bool:
-    """Whether one model has all the causes, so that the figures belong to it."""
+    """Whether a model has all the causes, so that the figures belong to it."""
     return diagnosis is not None and bool(diagnosis.causes) and diagnosis.verdict != "ambiguous"
 
 

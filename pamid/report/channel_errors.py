@@ -1,4 +1,4 @@
-"""The errors of a run in one row per channel, from any of its files that has them, and the
+"""The errors of a run in a row per channel, from any of its files that has them, and the
 headline channel."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _AGREE = 0.02  # two files that agree on an MAE within this share are not worth 
 
 @dataclass(frozen=True)
 class ChannelErrors:
-    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None if no file of
+    """Held-out MAE (eq. 11) of a channel by model, in the channel's unit; None if no file of
     the run states it."""
 
     channel: str
@@ -57,8 +57,8 @@ class WorstWindow:
 
 
 def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
-    """One row per channel. The diagnosis takes precedence over the fit, so that all its columns
-    belong to one set of windows."""
+    """A row per channel. The diagnosis takes precedence over the fit, so that all its columns
+    belong to the same set of windows."""
     fitted = run.fit.mae if run.fit is not None else {}
     reached = run.diagnosis.how_far if run.diagnosis is not None else {}
     names = list(run.fit.channels) if run.fit is not None else []
@@ -170,7 +170,7 @@ def whole_recording(residual: Residual, channel: str, recording: int) -> WorstWi
 
 
 def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
-    """Runs of successive rows with one recording and window, as slices."""
+    """Runs of successive rows with the same recording and window, as slices."""
     if not rows.size:
         return []
     recording, window = residual.columns["recording"], residual.columns["window"]

@@ -33,12 +33,12 @@ from pamid.schemas.estimates import Interval
 MOST_COMPARED = 6
 _SHA_DIGITS = 12
 #: options of a run as people read them
-_OPTIONS = {"effects": "effects of one's own", "without": "effects left out (--without)"}
+_OPTIONS = {"effects": "effects of the user", "without": "effects left out (--without)"}
 
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One of the compared runs: name, content and errors."""
+    """A compared run: name, content and errors."""
 
     name: str
     run: RunData
@@ -97,7 +97,9 @@ def comparison_sentence(runs: Sequence[ComparedRun]) -> str:
     if len(set(answers)) == 1:
         every = "Both runs" if len(runs) == 2 else f"All {len(runs)} runs"
         return formatting.sentence(f"{every} say: {answers[0]}")
-    each = "; ".join(f"{run.name} says {answer}" for run, answer in zip(runs, answers, strict=True))
+    each = "; ".join(
+        f"{run.name} gives {answer}" for run, answer in zip(runs, answers, strict=True)
+    )
     return formatting.sentence(f"the runs differ: {each}")
 
 
@@ -110,7 +112,7 @@ def _answer(compared_run: ComparedRun) -> str:
     return {
         "unknown-effect": "an effect outside the catalogue",
         "no-structural-gap": "no structural gap",
-        "cannot-tell": "not told",
+        "cannot-tell": "undetermined",
     }.get(diagnosis.verdict, diagnosis.verdict)
 
 
@@ -137,8 +139,8 @@ def _results(runs: Sequence[ComparedRun]) -> Markup:
     body = []
     for what, text_of in rows.items():
         of_fit = "fit only" if what == "verdict" else DASH
-        found = [run.run.diagnosis for run in runs]
-        body.append([what, *(of_fit if d is None else text_of(d) or DASH for d in found)])
+        diagnoses = [run.run.diagnosis for run in runs]
+        body.append([what, *(of_fit if d is None else text_of(d) or DASH for d in diagnoses)])
     return table(["found", *(run.name for run in runs)], body)
 
 
@@ -182,7 +184,7 @@ def _errors(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
     if not body:
         return ()
     heads = ["held-out error of", "model", *(run.name for run in runs)]
-    words = "Mean absolute error; each run on its own held-out windows."
+    words = "Mean absolute error; each run on its held-out windows."
     return table(heads, body, range(2, 2 + len(runs))), note(words)
 
 
@@ -212,7 +214,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
 def _agreement(known: Sequence[Interval]) -> str:
     """Whether all intervals overlap."""
     if len(known) < 2:
-        return "in one run only"
+        return "in a single run"
     lows = [size.low for size in known if size.low is not None]
     highs = [size.high for size in known if size.high is not None]
     apart = bool(lows and highs) and max(lows) > min(highs)

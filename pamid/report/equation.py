@@ -43,10 +43,10 @@ LETTERS = {
 }
 _TORQUE = ("M", "torque")
 _CALLED = {
-    "law": "the rig's own force at this position and pressure",
+    "law": "the rig's force at this position and pressure",
     "fill": "the flow through the fill valve at this supply pressure",
 }
-# letters of plain text: above it the catalogue's own words are the better reading
+# letters of plain text: above it the catalogue's words are the better reading
 _LONGEST_PLAIN = 700
 
 
@@ -79,7 +79,7 @@ class _NamedSignals:
 
 
 class _Symbols:
-    """Any attribute as a symbol of one space."""
+    """Any attribute as a symbol of the same space."""
 
     def __init__(self, space: str) -> None:
         self._space = space

@@ -57,14 +57,14 @@ _CLOSE = 0.02  # shares that differ by less say nothing
 def evidence_of(
     run: RunData, rows: tuple[ChannelErrors, ...], pictures: Mapping[str, Picture]
 ) -> Iterator[Section]:
-    """The sections of the evidence that this run has, one level below."""
+    """The sections of the evidence that this run has, a level below."""
     diagnosis, fit = run.diagnosis, run.fit
     yield Section("Mean absolute error per channel", tuple(_errors(run, rows)), 3)
     if recordings := held_out_errors(run):
         texts = ["Replay: the held-out windows, on the recorded command."]
         if any(row.comparison == IN_LOOP for row in recordings):
             texts.append(
-                "Closed loop: the held-out part of a run of the refitted model under its own "
+                "Closed loop: the held-out part of a run of the refitted model under its "
                 "controller, from the recording's beginning."
             )
         texts.append(
@@ -154,11 +154,11 @@ def _closed_loop(errors: Mapping[str, LoopError]) -> Section:
         for channel, error in errors.items()
     ]
     words = (
-        "Mean absolute error of the model under its own controller, over the held-out part. The "
+        "Mean absolute error of the model under its controller, over the held-out part. The "
         "band is how far it moves when the conductances change by 0.1 %: differences inside it "
         "mean nothing."
     )
-    return Section("In its own control loop", (table(heads, body, (2, 3, 4)), note(words)), 3)
+    return Section("In its control loop", (table(heads, body, (2, 3, 4)), note(words)), 3)
 
 
 def _transfer(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Section:
@@ -285,7 +285,7 @@ def _sensors(where: Where) -> Section:
     words = (
         f"{checks}From the structure of the rig's equations alone, for an effect of unknown form."
     )
-    content = table(["one more sensor", "takes apart"], body), note(words)
+    content = table(["additional sensor", "takes apart"], body), note(words)
     return Section("Which sensor would tell more", content, 3)
 
 
@@ -414,7 +414,7 @@ def _background(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Secti
 def _network(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Markup]:
     network = run.network
     if network is None:
-        yield note("No network was trained; `pamid train-residual` adds one.")
+        yield note("No network was trained; `pamid train-residual` adds a network.")
         return
     weights = network.n_weights
     size = f" with {count(weights)} parameters" if weights is not None else ""
@@ -425,14 +425,14 @@ def _network(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Markup]:
         sentence(f"trained on {clean(network.target)}") if network.target else "",
     ]
     texts += [
-        "It corrects the model in its own loop: there the held-out error of "
+        "It corrects the model in its loop: there the held-out error of "
         f"{clean(name)} goes from {mae['refitted']:.3g} to "
         f"{mae['with_network']:.3g}; the replay above is another comparison."
         for name, mae in run.network_errors(in_loop=True).items()
         if {"refitted", "with_network"} <= set(mae)
     ]
-    if run.beside:
-        others = ", ".join(clean(name) for other in run.beside for name in other.errors)
-        texts.append(f"Other networks of this run correct {others}; the one above came last.")
+    if run.other_networks:
+        others = ", ".join(clean(name) for other in run.other_networks for name in other.errors)
+        texts.append(f"Other networks of this run correct {others}; the network above came last.")
     yield text(*texts)
     yield from figures(pictures, "window-network", "training")

@@ -171,8 +171,8 @@ class ErrorOverSignal:
 
 
 def error_over_signal(residual: Residual, channel: str) -> ErrorOverSignal | None:
-    """The error of a channel over the measured or sent signal, or the rate of a measured one, that
-    explains most of its variance; None if no sample is scored."""
+    """The error of a channel over the measured or sent signal, or the rate of a measured signal,
+    that explains most of its variance; None if no sample is scored."""
     scored = scored_rows(residual, channel)
     if scored.sum() < 2:
         return None
@@ -303,7 +303,7 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
         return None
     names, correlations = _correlations(posterior)
     if len(names) < _FEWEST or np.abs(np.tril(correlations, -1)).max() < _WRITTEN:
-        return None  # the sentence says all of it
+        return None  # the sentence is enough
     count = len(names)
 
     def draw(figure: Figure, narrow: bool) -> None:
@@ -335,7 +335,7 @@ def correlation_drawing(fit: FitFile | None) -> Drawing | None:
 
 
 def correlation_note(fit: FitFile | None) -> str:
-    """Sentence in place of a picture that would be one cell, or empty cells."""
+    """Sentence in place of a picture that would be a single cell, or empty cells."""
     if fit is None or fit.posterior is None or correlation_drawing(fit) is not None:
         return ""
     names, correlations = _correlations(fit.posterior)

@@ -18,7 +18,7 @@ from pamid.report.style import Drawing, Picture, colour, finish, label, line, re
 
 Array = NDArray[np.float64]
 
-MOST_CHANGES = 60  # changes that can be distinguished in one panel
+MOST_CHANGES = 60  # changes that can be distinguished in a panel
 MOST_TICKS = 5
 DEEPEST_DB = -60.0
 DASHED = (0, (4, 2))
@@ -113,7 +113,7 @@ def _levels(axes: Axes, shown: ExcitedColumn) -> None:
     )
     axes.axhline(100.0 / BINS, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_title(f"{shown.covers.visited:.0%} visited", loc="left")
-    _asked(axes, "even")
+    _name_dashed_line(axes, "even")
     finish(axes, shown.axis, "share of time [%]", lines="")
 
 
@@ -128,7 +128,7 @@ def _power(axes: Axes, shown: ExcitedColumn) -> None:
     _frequencies(axes, float(frequency[0]), float(frequency[-1]))
     axes.set_title(shown.reach, loc="left")
     if shown.band_hz:
-        _asked(axes, "band asked")
+        _name_dashed_line(axes, "requested band")
     finish(axes, "frequency [Hz]", "power [dB]")
 
 
@@ -160,11 +160,11 @@ def _changes(axes: Axes, shown: ExcitedColumn) -> None:
         pace = np.geomspace(slowest, fastest, 100)
         size = 50.0 * shown.rate_limit / pace / (shown.covers.high - shown.covers.low)
         line(axes, pace, size, "with_cause", 1.0, DASHED)
-        _asked(axes, "rate limit")
+        _name_dashed_line(axes, "rate limit")
 
 
-def _asked(axes: Axes, words: str) -> None:
-    """The name of a dashed line: what was asked for."""
+def _name_dashed_line(axes: Axes, words: str) -> None:
+    """The name of a dashed line: the request."""
     axes.set_title(words, loc="right", fontsize=8.0, color=colour("with_cause"))
 
 

@@ -77,7 +77,7 @@ MOST_CURVES = 4  # that a reader can tell apart by colour and line
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
 _NOTHING = 0.005
 _HUGE = 4.0
-_LONG, _LONG_NARROW = 34, 22  # letters of a model's name beside its bar
+_LONG, _LONG_NARROW = 34, 22  # letters of a model's name next to its bar
 _POINTS, _FREE_POINTS = 1500, 500  # of a trace that is drawn
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
 _DASHES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (4, 1.5, 1, 1.5)))
@@ -103,7 +103,7 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     ordered = sorted(((item.port, item.share) for item in where.ports), key=lambda item: -item[1])
     large = [entry for entry in ordered if abs(entry[1]) >= _NOTHING or entry[0] == where.port]
     shares, small = ordered, [entry for entry in ordered if entry not in large]
-    if len(small) >= 3:  # shares that round to zero have one row
+    if len(small) >= 3:  # shares that round to zero have a common row
         shares = [*large, (f"{len(small)} other ports", sum(share for _, share in small))]
     alike = where.inseparable_from(where.port)
 
@@ -281,16 +281,16 @@ def ranking_drawing(
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        beside, names = right + (4 if narrow else 2), []
+        column, names = right + (4 if narrow else 2), []
         for row, entry in enumerate(shown):
             role = "refitted" if entry.effect in alike else "muted"
             _candidate(axes, entry, row, "with_cause" if entry.effect in named else role)
             chance = "" if entry.probability is None else chance_figure(entry.probability)
-            write(axes, beside, row, chance)
+            write(axes, column, row, chance)
             look_alike = " (look-alike)" if entry.effect in alike and not narrow else ""
             names.append(f"{effect_label(entry.effect)}{look_alike}")
         upright(axes)
-        write(axes, beside, -0.85, "P" if narrow else "probability", "muted", 8.0)
+        write(axes, column, -0.85, "P" if narrow else "probability", "muted", 8.0)
         name_rows(axes, names, 34 if narrow else 48)
         for row, name in enumerate(axes.get_yticklabels()):
             name.set_gid(f"name{row}")
@@ -349,7 +349,7 @@ def _candidate_tip(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
 
 
 def _ranking_title(diagnosis: DiagnosisFile) -> str:
-    """The best candidate against the runner-up, of another family where there is one; for verdicts
+    """The best candidate against the runner-up, of another family where possible; for verdicts
     without a cause, how far the best falls short."""
     if not diagnosis.causes:
         best = closest(diagnosis) or diagnosis.ranking[0]
@@ -379,7 +379,7 @@ def _ranking_title(diagnosis: DiagnosisFile) -> str:
 
 def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Lines over the held-out windows: the loss of the reference and of the confidence set [noise
-    floors] of the first step that has one."""
+    floors] of the first step that has a set."""
     step = next((candidate for candidate in diagnosis.comparison if candidate.tied), None)
     if step is None or len(step.reference_losses) < 2:
         return None
@@ -469,7 +469,7 @@ def _budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | No
         return f"The refitted model errs by {error} in {what}, held out"
     else:
         act, errors = "Refitting changes", (row.data_sheet, row.refitted)
-    both = formatting.in_one_unit(errors, unit_text, " to ")
+    both = formatting.with_common_unit(errors, unit_text, " to ")
     text = capital(f"{act} the held-out {what} error from {both}")
     if row.noise_floor is not None:
         text += f"; the noise floor is {with_unit_text(row.noise_floor, unit_text)}"
@@ -537,7 +537,7 @@ def _window_title(run: RunData, channel: str, window: WorstWindow, kinds: tuple[
 
 def free_run_drawing(run: RunData, residual: Residual, channel: str) -> Drawing | None:
     """Measured and modelled traces over the whole recording of the worst window, each model run
-    from one estimated state, and their errors below [channel's unit] over time [s]."""
+    from an estimated state, and their errors below [channel's unit] over time [s]."""
     worst = worst_window(residual, channel)
     whole = None if worst is None else whole_recording(residual, channel, worst.recording)
     if whole is None:

@@ -26,14 +26,14 @@ _PROPER = {
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
-_PREFIXED = ("m", "s", "V", "A")  # units that are told in thousandths or millionths
+_PREFIXED = ("m", "s", "V", "A")  # units that are written in thousandths or millionths
 _MILLI, _MICRO = 0.1, 1e-4
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"
 
 
 def clean(text: str) -> str:
-    """One line without control characters or direction marks, as it may stand anywhere on a
+    """A line without control characters or direction marks, as it may stand anywhere on a
     page."""
     return " ".join(_CONTROL.sub(" ", text).split())
 
@@ -120,7 +120,7 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
     return f"{short(factor * value, digits)}{SPACE}{unit_text}"
 
 
-def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
+def with_common_unit(values: Sequence[float], unit_text: str, between: str) -> str:
     """ "5.98 → 2.63 mm": the unit is that of the largest."""
     if values and unit_text:
         factor, unit_text = _scaled_unit(unit_text, *values)
@@ -132,8 +132,8 @@ def in_one_unit(values: Sequence[float], unit_text: str, between: str) -> str:
 def with_interval(
     value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
 ) -> str:
-    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in one unit; without an interval if it has
-    no width."""
+    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in the same unit; without an interval if it
+    has no width."""
     if low is not None and low == high:
         low = high = None
     known = [bound for bound in (value, low, high) if bound is not None]
@@ -154,12 +154,12 @@ def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
 
 
 def with_unit(figure: str, unit_text: str) -> str:
-    """A figure and its unit on one line."""
+    """A figure and its unit on a line."""
     return f"{figure}{SPACE}{unit_text}" if unit_text else figure
 
 
 def unbroken(text: str) -> str:
-    """A figure and its unit stay on one line."""
+    """A figure and its unit stay on the same line."""
     return text.replace(" ", SPACE)
 
 
@@ -188,7 +188,7 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
         side, bound = ("below", high) if low is None else ("above", low)
         return with_unit(f"{side} {short(bound, digits)}", unit_text)
     first, last = (number(bound, digits).partition(f"{SPACE}×") for bound in (low, high))
-    if first[1] and first[2] == last[2]:  # one power of ten is enough
+    if first[1] and first[2] == last[2]:  # a common power of ten is enough
         return with_unit(f"({first[0]} to {last[0]}){''.join(last[1:])}", unit_text)
     return with_unit(f"{short(low, digits)} to {short(high, digits)}", unit_text)
 

@@ -21,7 +21,7 @@ _TOKEN = re.compile(
     r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))"
 )
 _DEEPEST_BRACKET = 20
-_ONE = ("number", "1")
+_UNITY = ("number", "1")
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -40,7 +40,7 @@ def formula_text(text: str) -> str:
     shown = re.sub(r"(?<=[^\s=]) -(?=[\d.])", " − ", shown)
     shown = re.sub(r"(?<=[^\s=]) \+(?=[\d.])", " + ", shown)
     shown = re.sub(r"\^(\d+)", lambda found: found[1].translate(_POWERS), shown)
-    unit, bracket, formula = shown.rpartition("]")  # a unit may hold a sign of its own
+    unit, bracket, formula = shown.rpartition("]")  # a unit may hold a sign, too
     return unit + bracket + formula.replace("-", "−")
 
 
@@ -74,7 +74,7 @@ class _Reader:
         return self._tokens[self._at] if self._at < len(self._tokens) else ("end", "")
 
     def _take(self, *signs: str) -> str:
-        """The next token if it is one of these signs, else ""."""
+        """The next token if it is any of these signs, else ""."""
         kind, text = self._peek()
         if kind != "sign" or text not in signs:
             return ""
@@ -102,7 +102,7 @@ class _Reader:
     def _term(self) -> Markup:
         term = self._factor()
         # a constant is written as a number times 1
-        if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _ONE:
+        if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _UNITY:
             self._at += 1
         while True:
             if self._take("/"):

@@ -75,8 +75,8 @@ def highlights_of(
 def _named(
     residual: Residual, error: FloatArray, stretches: Sequence[Stretch], span: tuple[float, float]
 ) -> Highlight | None:
-    """A window of the diagnosis, which does not say of which recording: the one with most error
-    there."""
+    """A window of the diagnosis, which does not name its recording: it is taken from the recording
+    with the largest error."""
     sizes = {}
     for stretch in stretches:
         rows = stretch.rows
@@ -128,7 +128,7 @@ def _regime(
 
 
 def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
-    """A measured or sent signal by the name that regimes give it, or the rate of a measured one
+    """A measured or sent signal by the name that regimes give it, or the rate of a measured signal
     (per s)."""
     stems = {
         split_column(column)[0]: column for column in (*channels_of(residual), *inputs_of(residual))

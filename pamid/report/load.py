@@ -39,7 +39,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class RunData:
-    """Content of a run; None for missing parts. network: the last trained one; beside: those of
+    """Content of a run; None for missing parts. network: the last trained; other_networks: those of
     other channels."""
 
     steps: tuple[Step, ...]
@@ -49,21 +49,21 @@ class RunData:
     residual: Residual | None
     trace: dict[str, FloatArray] | None
     missing: dict[str, FloatArray] | None
-    beside: tuple[NetworkFile, ...] = ()
+    other_networks: tuple[NetworkFile, ...] = ()
     added: AddedVariablesFile | None = None
 
     def network_errors(self, *, in_loop: bool) -> dict[str, dict[str, float]]:
         """Errors with the networks of the run, by channel: networks that correct the replayed
         model, or networks that correct the model in closed loop."""
         errors: dict[str, dict[str, float]] = {}
-        for network in (*self.beside, self.network):
+        for network in (*self.other_networks, self.network):
             if network is not None and network.in_loop == in_loop:
                 errors |= network.errors
         return errors
 
     def network_on_causes(self, channel: str) -> bool:
         """Does the network that corrects a channel correct the model with the causes?"""
-        networks = (*self.beside, self.network)
+        networks = (*self.other_networks, self.network)
         return any(n is not None and n.on_causes and channel in n.errors for n in networks)
 
     @property
@@ -86,14 +86,14 @@ class RunData:
 
 
 def load_run(folder: Path) -> RunData:
-    """Read a run folder; FileError if it is not one, has no result, or has a damaged file."""
+    """Read a run folder; FileError if it is no run folder, has no result, or has a damaged file."""
     Run.open(folder)
     fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
     diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
         raise FileError(
             f"{folder} has no result yet: neither fit.json nor diagnosis.json.",
-            "`pamid fit` or `pamid diagnose` with --output writes one.",
+            "`pamid fit` or `pamid diagnose` with --output writes a result.",
             code="no-result",
         )
     network = read_result(folder / "network.json", NetworkFile, any_schema=True)
@@ -117,7 +117,7 @@ def load_run(folder: Path) -> RunData:
         fit=fit,
         diagnosis=diagnosis,
         network=network,
-        beside=others,
+        other_networks=others,
         residual=None if residual is None else Residual(_in_loops(residual, networks)),
         trace=trace,
         missing=missing,
@@ -162,7 +162,7 @@ def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
     diagnosis = read_result(path, DiagnosisFile)
     if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
-        needed = f"a list with at least one effect, as the verdict is {diagnosis.verdict!r}"
+        needed = f"a list of effects, not an empty list, as the verdict is {diagnosis.verdict!r}"
         raise damaged(path, "causes", needed, "empty")
     return diagnosis
 

@@ -30,7 +30,7 @@ def escape(text: str) -> Markup:
 
 
 def tag(name: str, /, *parts: Part, **attributes: str) -> Markup:
-    """One element. `class_` is written class, other underscores become hyphens; empty attributes
+    """An element. `class_` is written class, other underscores become hyphens; empty attributes
     are left out."""
     inside = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
@@ -41,15 +41,15 @@ def tag(name: str, /, *parts: Part, **attributes: str) -> Markup:
 
 
 def joined(parts: Iterable[Part]) -> Markup:
-    """Parts one after the other; texts are escaped, nested lists are flattened."""
+    """Parts in sequence; texts are escaped, nested lists are flattened."""
     return Markup(
         "".join(escape(part) if isinstance(part, str) else joined(part) for part in parts)
     )
 
 
 def prose(text: str) -> Markup:
-    """A sentence as HTML: text in backticks becomes code, and some compounds are kept on one
-    line."""
+    """A sentence as HTML: text in backticks becomes code, and some compounds are kept on the
+    same line."""
     shown = _CODE_SPAN.sub(lambda span: f"<code>{breakable(Markup(span[1]))}</code>", escape(text))
     return Markup(_UNBROKEN.sub(r'<span class="k">\1</span>', shown))
 
@@ -60,5 +60,5 @@ def breakable(text: str) -> Markup:
 
 
 def paragraphs(sentences: Iterable[str], class_: str = "") -> Markup:
-    """One <p> per text; empty ones are left out."""
+    """A <p> per text; empty ones are left out."""
     return joined(tag("p", prose(text), class_=class_) for text in sentences if text)

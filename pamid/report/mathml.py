@@ -191,7 +191,7 @@ def _constant(value: float) -> Markup:
 
 
 def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
-    """The terms of a sum as (is it subtracted, term); a named function is one term."""
+    """The terms of a sum as (is it subtracted, term); a named function is a single term."""
     if node.op == "neg":
         return _terms(node.args[0], not minus)
     if node.op not in ("add", "sub") or _word(node) is not None:
@@ -200,8 +200,8 @@ def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
 
 
 def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
-    """The factors of a product above and below the line; a product that is a named function is one
-    factor."""
+    """The factors of a product above and below the line; a product that is a named function is a
+    single factor."""
     if node.op == "div":
         (above, under), (below, over) = map(_factors, node.args)
         return above + over, under + below

@@ -1,4 +1,4 @@
-"""How the rig moved in a run: the measured pose beside those of the models, as polylines to be
+"""How the rig moved in a run: the measured pose and those of the models, as polylines to be
 drawn.
 
 The rig comes from the catalogue by its name, or from whoever calls; nothing in a run is executed.
@@ -26,9 +26,9 @@ from pamid.report.channel_errors import MODEL_NAMES, WorstWindow, worst_window
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 
-LONGEST_SHOWN_S = 12.0  # shown where no times are asked for
+LONGEST_SHOWN_S = 12.0  # shown where no times are given
 MEASURED = "measured"
-NO_POSE = "no-pose"  # code of the error where a rig says nothing of what it looks like
+NO_POSE = "no-pose"  # code of the error where a rig does not describe its pose
 # kind of trace -> field, colour
 TRACE_ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
 
@@ -83,7 +83,7 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
     """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of
     the run's name.
 
-    FileError if there is none, it is another one, or it has no pose.
+    FileError if there is none, it is another rig, or it has no pose.
     """
     if named is None and run.rig not in rigs():
         raise FileError(
@@ -146,7 +146,7 @@ def motion_of(
     if not rows.size:
         raise DataError(
             "The run has no sample at these times.",
-            f"It has one at {clock[0]:g} s and one at {clock[-1]:g} s.",
+            f"Its samples begin at {clock[0]:g} s and end at {clock[-1]:g} s.",
             code="times",
         )
     names = {kind: MODEL_NAMES[TRACE_ROLES[kind]] for kind in kinds}
@@ -186,7 +186,7 @@ def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> s
     """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)"."""
     *before, best = names
     units = [formatting.channel_unit(channel) for channel in means]
-    # a common one is named once
+    # a common unit is named once
     shown = units if len(set(units)) > 1 else [*[""] * (len(units) - 1), units[-1]]
 
     def mean_texts(kind: str) -> list[str]:
@@ -265,7 +265,7 @@ def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, 
             raise FileError(
                 f"The pose of the rig {rig.name!r}: {name!r} has the shape {line.shape}, expected "
                 f"({size}, points, 2).",
-                "Return one row per sample and at least two points.",
+                "Return a row per sample and at least two points.",
                 code="rig",
             )
         if not np.isfinite(line).all():
@@ -276,7 +276,7 @@ def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, 
 
 
 def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, ...]:
-    """The best model that was run on every channel, and the one before it."""
+    """The best model that was run on every channel, and the model before it."""
     causes = run.diagnosis is not None and bool(run.diagnosis.causes)
     complete = [
         kind

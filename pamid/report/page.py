@@ -80,7 +80,7 @@ class Card:
 @dataclass(frozen=True)
 class Page:
     """title: of the browser's tab, the headline by default; preface: below the headline; cards: the
-    short answers; todo: the next step in one line; scripts, styles: of pamid, for the interactive
+    short answers; todo: the next step in a line; scripts, styles: of pamid, for the interactive
     sections."""
 
     headline: str

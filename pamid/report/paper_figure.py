@@ -74,7 +74,7 @@ def steps_picture(
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """The joint on the steps at one inertia: name of the case, and by legend entry the angle
+    """The joint on the steps at an inertia: name of the case, and by legend entry the angle
     (samples,), deg, of the reference, the measurement and the models."""
 
     case: str
@@ -222,8 +222,8 @@ class Panel:
 
 
 def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
-    """One panel per variable against time, two in a row; the simulated lines lie over the broad
-    measured one."""
+    """A panel per variable against time, two in a row; the simulated lines lie over the broad
+    measured line."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
@@ -252,7 +252,7 @@ class JointSwing:
 
 
 def coupling_picture(title: str, swings: Sequence[JointSwing]) -> Picture:
-    """One panel per joint that is swung by pulses on the other one."""
+    """A panel per joint that is swung by pulses on the other."""
     name = "fitted, coupling terms left out"
 
     def draw(figure: Figure, narrow: bool) -> None:

@@ -62,13 +62,13 @@ _ARM_MODELS = {
 _COUPLING = "coupling"
 _STAR = "*: the interval does not hold the truth."
 _UNSEEN = "Mean absolute error on recordings that no fit has seen."
-#: the first paper's own figures: heading, picture, what it shows
+#: the first paper's figures: heading, picture, what it shows
 _JOINT_FIGURES = (
     (
         "Responses to the steps",
         "responses",
         "The angle over its reference in the control loop, at the inertia that the network was "
-        "trained at and at one that it has never seen (figures 5, 6 and 9 of the paper).",
+        "trained at and at an inertia that it has never seen (figures 5, 6 and 9 of the paper).",
     ),
     (
         "Pressures on the steps",
@@ -85,7 +85,7 @@ _JOINT_FIGURES = (
         "The force law",
         "force-surface",
         "The polynomial of fifth order that the paper fits to the maker's chart (its figure 2), "
-        "beside the law that the rig has where none is named.",
+        "and the default law of the rig.",
     ),
 )
 _TRAINING_STILL = "network-training"
@@ -110,7 +110,7 @@ def paper_page(
     pictures: Mapping[str, Picture],
 ) -> Page:
     """The report of a paper with provenance, and with the answers of the diagnosis that belongs to
-    it, if there is one."""
+    it, if any."""
     sections = [*paper.sections, provenance(steps)]
     if run is not None:
         answers = answer_sections(run, rows, pictures)
@@ -173,7 +173,7 @@ def _joint(paper: PaperFile, folder: Path) -> Page:
     for name, row in (("published", paper.published.training), ("here", paper.training)):
         training.append((name, *(formatting.short(getattr(row, key)) for key in _JOINT_TRAINING)))
     stills = [(title, words, _still(folder, name, title)) for title, name, words in _JOINT_FIGURES]
-    errors = "Mean absolute error of the angle in the model's own control loop, deg."
+    errors = "Mean absolute error of the angle in the model's control loop, deg."
     title = "Errors on the steps"
     sections = [
         _topic(title, tuple(_joint_rows(rows, cases)), errors, _still(folder, "steps", title)),
@@ -195,7 +195,7 @@ def _joint(paper: PaperFile, folder: Path) -> Page:
 
 
 def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
-    """The last case is the one that no model was trained at."""
+    """The last case is the case that no model was trained at."""
     case = cases[-1]
     known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
     if len(known) < 2:
@@ -313,7 +313,7 @@ def _coupling_topic(each: Sequence[ArmCoupling], folder: Path) -> Section | None
     ]
     head = ("angle, deg", "moves by", *columns.values())
     words = (
-        "Mean absolute error of the angle of a joint while only the valves of the other one are "
+        "Mean absolute error of the angle of a joint while only the valves of the other joint are "
         "pulsed, on a recording that no fit has seen. Left out are M12 and the terms of the "
         "velocities; gravity stays."
     )

@@ -2,7 +2,7 @@
 lines of script.
 
 Every moving line carries its points of all frames, whole numbers of a drawing a thousand units
-wide; the script shows those of one frame, or those since a while ago. Nothing is loaded.
+wide; the script shows those of a single frame, or those since a while ago. Nothing is loaded.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _numbers(points: FloatArray) -> str:
 
 
 def _strips(motion: Motion, still: int) -> dict[str, Any]:
-    """Gaps of every channel over time, one below the other, with a cursor."""
+    """Gaps of every channel over time, stacked, with a cursor."""
     count, time = len(motion.gaps), motion.time
     across = _LEFT + (_RIGHT - _LEFT) * (time - time[0]) / float(np.ptp(time))
     tall = max(60, 200 // count - _ABOVE)
@@ -143,7 +143,7 @@ def _strips(motion: Motion, still: int) -> dict[str, Any]:
 
 
 def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> dict[str, Any]:
-    """Curves of one channel, with the smallest and the largest gap as labels."""
+    """Curves of a channel, with the smallest and the largest gap as labels."""
     gaps = motion.gaps[channel]
     low = min(0.0, *(float(gap.min()) for gap in gaps.values()))
     high = max(0.0, *(float(gap.max()) for gap in gaps.values()))

@@ -181,7 +181,7 @@ def joined(windows: Sequence[tuple[float, float]], least: float) -> list[tuple[f
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """The lowest and highest sample of each of at most 700 stretches, as one line that hides no
+    """The lowest and highest sample of each of at most 700 stretches, as a line that hides no
     spike."""
     if values.size <= 2 * BUCKETS:
         return time, values

@@ -1,5 +1,5 @@
 """Errors where the first paper has them: recording by recording, each with its inertia, replayed
-and in closed loop, never only pooled. One row, one table, for `pamid score` and `pamid report`
+and in closed loop, never only pooled. The row and table of `pamid score` and `pamid report`
 alike."""
 
 from __future__ import annotations

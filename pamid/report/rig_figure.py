@@ -144,7 +144,7 @@ def _draw(figure: Figure, diagram: Diagram, linked: bool) -> None:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set_aspect("equal")
-    axes.set_xlim(-1.5, diagram.wide + 1.5)  # frames have a width of their own
+    axes.set_xlim(-1.5, diagram.wide + 1.5)  # frames have a width, too
     axes.set_ylim(diagram.tall, 0.0)
     points = 72.0 * figure.get_figwidth() / diagram.wide  # per unit of the diagram
     for x, y, text in diagram.heads:
@@ -237,7 +237,7 @@ def _figures_of(cause: Cause) -> list[str]:
 
 
 def panels_html(diagnosis: DiagnosisFile | None) -> Markup:
-    """Panels below a diagram: one per group of ports, that of the named port shown first."""
+    """Panels below a diagram: a panel per group of ports, that of the named port shown first."""
     rig = diagnosis.rig if diagnosis is not None else None
     if diagnosis is None or rig is None or not rig.ports:
         return Markup("")

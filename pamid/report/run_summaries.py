@@ -15,7 +15,7 @@ from pamid.report.load import load_run, read_steps
 from pamid.schemas.run_file import Step
 from pamid.schemas.runs_file import RunSummary
 
-DEEPEST = 4  # folders below the one that is searched
+DEEPEST = 4  # folders below the searched folder
 MOST_LISTED = 2000
 _RECORD = "run.json"
 _NO_FINDINGS: dict[str, Any] = {

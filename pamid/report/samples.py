@@ -22,7 +22,7 @@ from pamid.report.reading import FloatArray
 SAMPLE_LEVELS, MISSING_SAMPLE = 65534, -1
 # about 20 MB of page; beyond it recordings are cut short, those held out last
 MOST_VALUES = 16_000_000
-FREE_RUNS = ("free_run", "cause_free_run")  # over whole recordings, each from one estimated state
+FREE_RUNS = ("free_run", "cause_free_run")  # over whole recordings, each from an estimated state
 TRACE_KINDS = ("data_sheet", "refitted", "cause", "network", "loop", "loop_network", *FREE_RUNS)
 _TICKS = 30_000  # per sampling period: times are whole numbers of them
 
@@ -50,7 +50,7 @@ class Stretch:
 
 
 def packed(values: FloatArray) -> Packed:
-    """Values quantised to 65535 levels between the smallest and the largest one; values that are
+    """Values quantised to 65535 levels between the smallest and the largest; values that are
     not finite are missing."""
     usable = np.isfinite(values)
     if not usable.any():

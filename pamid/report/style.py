@@ -1,9 +1,9 @@
-"""How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the
+"""How the figures look, and how a drawing becomes a PNG file and two SVG texts that follow the
 page's colours.
 
 Colours are those of Okabe and Ito (2008), distinguishable with any colour vision; every bar and
-line is named as well. In the SVG each colour is replaced by a variable of the page, so that one
-picture serves light and dark.
+line is named as well. In the SVG each colour is replaced by a variable of the page, so that a
+single picture serves light and dark.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ _EMPTY_GROUP = re.compile(r'<g id="[A-Za-z0-9_.]+"\s*/>')  # of a line without a
 _SVG_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
-_SHEET = re.compile(r"<style[^>]*>.*?</style>", re.DOTALL)  # what page.css says for all drawings
+_SHEET = re.compile(r"<style[^>]*>.*?</style>", re.DOTALL)  # page.css sets it for all drawings
 _PATH = re.compile(r' d="[^"]*"')
 _LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
@@ -142,7 +142,7 @@ def colour(role: str) -> str:
 
 
 def label(text: str, longest: int = 34) -> str:
-    """Text for a figure: one line, not too long, only characters of the font."""
+    """Text for a figure: a line, not too long, only characters of the font."""
     known = _letters()
     shown = "".join(
         letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " ")
@@ -223,7 +223,7 @@ def upright(axes: Axes, x: float = 0.0, role: str = "muted", width: float = 0.7)
 def write(
     axes: Axes, x: float, y: float, words: str, role: str = "ink", size: float = 8.5, **more: Any
 ) -> None:
-    """Text at a place of the axes, also beside them."""
+    """Text at a place of the axes, also outside them."""
     shape: Look = {"va": "center", "clip_on": False} | more
     axes.text(x, y, words, fontsize=size, color=colour(role), **shape)
 
@@ -257,8 +257,9 @@ def bare(axes: Axes) -> None:
 
 
 def dots(x: NDArray[np.float64], y: NDArray[np.float64], length: float) -> PathPatch:
-    """Round dots at these points as one path, a tenth of the size of as many markers. The axes are
-    not scaled to them. length: across, too short to be seen; no renderer draws a line of none."""
+    """Round dots at these points as a single path, a tenth of the size of as many markers. The axes
+    are not scaled to them. length: across, too short to be seen; no renderer draws a line of
+    none."""
     half = 0.5 * length
     ends = np.stack([x - half, y, x + half, y], axis=1).reshape(-1, 2)
     path = OutlinePath(ends, np.tile([OutlinePath.MOVETO, OutlinePath.LINETO], len(x)))
@@ -335,7 +336,7 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
 
 
 def png_of(*drawings: Drawing) -> bytes:
-    """Drawings with their titles, one below the other, as a PNG file; the same drawings give the
+    """Drawings with their titles, stacked, as a PNG file; the same drawings give the
     same bytes."""
     images = [_image(drawing) for drawing in drawings]
     size = max(item.width for item in images), sum(item.height for item in images)

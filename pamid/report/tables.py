@@ -17,7 +17,7 @@ from pamid.schemas.run_file import Step
 
 
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
-    """The models whose error is known for at least one channel."""
+    """The models whose error is known for any channel."""
     return [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
 
 

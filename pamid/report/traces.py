@@ -1,5 +1,5 @@
-"""The section of the page in which every sample can be looked at: plots with one time axis and one
-cursor, and the buttons beside the answers that lead to a place in them.
+"""The section of the page in which every sample can be looked at: plots with a common time axis and
+cursor, and the buttons next to the answers that lead to a place in them.
 
 Nothing of it shows without scripts or in print: there the still pictures stand.
 """
@@ -56,12 +56,12 @@ _FIELDS = {
     "cause": "with_cause",
 }
 _FREE = {"free_run": "refitted", "cause_free_run": "cause"}  # the model that runs freely
-_IN_LOOP = {"loop": "refitted, own loop", "loop_network": "with network, own loop"}
+_IN_LOOP = {"loop": "refitted, closed loop", "loop_network": "with network, closed loop"}
 _MOVING = (
     "Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see "
     "all of it again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on "
-    "a screen to touch, two fingers enlarge and one moves. A bar on top: held out; grey: not "
-    "scored, while a window finds its start."
+    "a screen to touch, two fingers enlarge, a single finger moves. A bar on top: held out; grey: "
+    "not scored, while a window finds its start."
 )
 # times the refitted error: a model that is off by more hides the others and is not drawn at first
 _HUGE = 4.0

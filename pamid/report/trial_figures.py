@@ -112,7 +112,7 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
     rows = {family: row for family, row in trial.confusion.items() if sum(row.values()) > 0}
     answers = list(rows) + sorted({name for row in rows.values() for name in row} - set(rows))
     if len(rows) * len(answers) <= 1:
-        return None  # one cell: the words say it
+        return None  # a single cell: the text has it
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()

@@ -63,7 +63,7 @@ def read_trial(path: Path) -> Trial | None:
     if trial is None:
         return None
     known = machine_names()
-    # a trial may be one of any rig, or of a file: it is told what it was, and nothing is looked up
+    # a trial may be of any rig, or of a file: the file describes it, and nothing is looked up
     if trial.rig not in known and not in_catalogue(trial.rig) and not is_code(trial.rig):
         rigs = " or ".join([*map(repr, known), "another rig"])
         raise damaged(path, "rig", rigs, f"{trial.rig!r:.60}")

@@ -176,7 +176,7 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
 
 
 def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
-    """The given rig, for its pose; a page without one has no animation, and a note states it."""
+    """The given rig, for its pose; a page without a rig has no animation, and a note states it."""
     if rig is None:
         return None, ()
     try:

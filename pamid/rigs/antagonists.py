@@ -5,10 +5,10 @@ Equations
     muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute
     pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi)
     flow         ISO 6358 through opened valves
-    compensator  where the muscles have one: dP/dt -= opening smooth_step((F - limit)/blend) vent,
+    compensator  where the muscles have it: dP/dt -= opening smooth_step((F - limit)/blend) vent,
                  the maker's valve against too large a force (the effect `force-compensator`)
-    valves       one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then
-                 vents 2; u < 0 mirrored
+    valves       the first muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0,
+                 then vents 2; u < 0 mirrored
 
 A rig's parameters bear the names used here (`PARAMETERS`), and its ports those of `port`: valve,
 pressure, relief, muscle, chain.
@@ -161,7 +161,7 @@ def flow_tolerance(name: str = "flow") -> SplitGain:
 
 @dataclass(frozen=True)
 class Muscle:
-    """One muscle as the equations see it: its place at the ports, its side of the joint (+1 pulls
+    """A muscle in the equations: its place at the ports, its side of the joint (+1 pulls
     forwards), its contraction (1) and contraction rate (1/s), its absolute pressure (Pa)."""
 
     place: str
@@ -178,10 +178,10 @@ class Muscle:
 def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
     """Force of a muscle, N. static_force: a law, whose coefficients are taken from p where it has
     any."""
-    own = law_with(static_force, p)
+    static_pull = law_with(static_force, p)
 
     def law(contraction: Expr, pressure: Expr) -> Expr:
-        return p.scale * own(contraction, pressure)
+        return p.scale * static_pull(contraction, pressure)
 
     gauge = m.gauge
     drag = p.damping * m.pressure
@@ -204,7 +204,7 @@ def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
 
 @dataclass(frozen=True)
 class Valves:
-    """The valves of one muscle: flow in (m3/s at atmospheric conditions, negative out), whether the
+    """The valves of a muscle: flow in (m3/s at atmospheric conditions, negative out), whether the
     muscle is being filled, how far its fill valve is open, downstream over upstream pressure."""
 
     flow: Expr
@@ -226,19 +226,19 @@ def valves_of(
     size, (inwards, outwards) = absolute(command), conductances(p)
     supply, hold = p.supply_pressure + ATMOSPHERE_PA, p.initial_pressure + ATMOSPHERE_PA
     share1, share2 = (clip((hold - m.pressure) / FILL_BLEND_PA, 0.0, 1.0) for m in pair)
-    found = []
-    for m, fills, own, other in (
+    valves = []
+    for m, fills, share, other in (
         (pair[0], command > 0.0, share1, share2),
         (pair[1], command < 0.0, share2, share1),
     ):
         up, down = where(fills, supply, m.pressure), where(fills, m.pressure, ATMOSPHERE_PA)
-        opening = where(fills, size * own * inwards, -size * (1.0 - other) * outwards)
+        opening = where(fills, size * share * inwards, -size * (1.0 - other) * outwards)
         flow = opening * iso_flow(up, down, p.critical_ratio)
         ambient = iso_flow(ATMOSPHERE_PA, m.pressure, p.critical_ratio) - iso_flow(
             m.pressure, ATMOSPHERE_PA, p.critical_ratio
         )
-        found.append(Valves(flow + vented * outwards * ambient, fills, size * own, down / up))
-    return found[0], found[1]
+        valves.append(Valves(flow + vented * outwards * ambient, fills, size * share, down / up))
+    return valves[0], valves[1]
 
 
 def pressure_rate(
@@ -252,7 +252,7 @@ def pressure_rate(
     compensator: bool = False,
 ) -> Expr:
     """dP/dt of a muscle, Pa/s. drawn: flow taken from the supply by all valves that share it;
-    compensator: the muscle has one, and p holds COMPENSATOR."""
+    compensator: the muscle has it, and p holds COMPENSATOR."""
     supply, (inwards, outwards) = p.supply_pressure + ATMOSPHERE_PA, conductances(p)
 
     def fill(at_supply: Expr) -> Expr:

@@ -1,17 +1,18 @@
-"""Two tanks, one above the other.
+"""Two tanks, stacked.
 
 What it is
-    A pump fills the upper tank, which runs out through a hole into the lower one, and that into the
-    basin. The level of the lower tank is measured, that of the upper one where there is a sensor.
+    A pump fills the upper tank, which runs out through a hole into the lower tank, and that into
+    the basin. The level of the lower tank is measured, that of the upper tank where there is a
+    sensor.
 
 Equations
     upper    A1 dh1/dt = gain voltage - hole1 sqrt(2 g h1)
     lower    A2 dh2/dt = hole1 sqrt(2 g h1) - hole2 sqrt(2 g h2)
 
 Typically missing
-    A tank that spills over its rim, the upper one partly into the lower (upper, lower); losses of
-    pipe and hole beside the orifice, a leak (upper, lower); a pump that starts at a voltage of its
-    own, saturates or lags (pump); a level sensor with a zero, a gain or waves of its own.
+    A tank that spills over its rim, the upper tank partly into the lower (upper, lower); losses of
+    pipe and hole besides those of the orifice, a leak (upper, lower); a pump that starts above a
+    threshold voltage, saturates or lags (pump); a level sensor with a zero, a gain or waves.
 
 References
     Schoukens, Mattson, Wigren, Noel (2016), Cascaded tanks benchmark combining soft and hard
@@ -82,7 +83,7 @@ class CascadedTanks(Rig):
     hold_s = (20.0, 120.0)
 
     def pipe_flow(self, x: Any, p: Any, port: Any) -> Expr:
-        """Flow from the upper tank to the lower one, m3/s."""
+        """Flow from the upper tank to the lower tank, m3/s."""
         return port("pipe", outflow(p.upper_hole, x.upper), level=x.upper)  # type: ignore[no-any-return]
 
     def upper_change(self, x: Any, u: Any, p: Any, port: Any) -> Expr:

@@ -16,7 +16,7 @@ Equations
 
 Typically missing
     Dry friction of the seals, the more the higher the pressure (piston, load or pressure); an
-    elastic seal that gives before it slides (Dahl); a load cell with a gain or zero of its own; a
+    elastic seal that gives before it slides (Dahl); a load cell with a gain or zero error; a
     pressure that is read late or far from the piston (gauge).
 
 References

@@ -2,7 +2,7 @@
 
 What it is
     A hydraulic, gas or magneto-rheological damper in a testing machine, which moves its rod and
-    reads the force it takes. A damper with a coil or valve of its own has its current recorded,
+    reads the force it takes. A damper with a built-in coil or valve has its current recorded,
     too; without that column it is taken as unfed.
 
 Equations
@@ -53,7 +53,7 @@ class DamperBench(Rig):
     }
     parameters = (
         Parameter.positive("damping", 2000.0, 1.0, 1e6, "N s/m", factor=2.0).with_source(
-            "data sheet: force at one speed"
+            "data sheet: force at a single speed"
         ),
         Parameter("stiffness", 1000.0, 0.0, 1e6, "N/m", spread=2000.0).with_source(
             "estimate: gas and rubber"

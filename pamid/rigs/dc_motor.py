@@ -1,13 +1,13 @@
 """A DC motor that turns a load through a gearbox.
 
 What it is
-    A brushed motor (or a brushless one with its own commutation), a rigid gearbox, and a load on
+    A brushed motor (or a brushless motor with built-in commutation), a rigid gearbox, and a load on
     its output shaft: a drive axis, a conveyor, a robot's joint. The amplifier sets a voltage and
     measures the current, the encoder sits on the output shaft. A gear that gives, with inertias on
     both sides of it, is `geared-motor`.
 
 Equations
-    current   i = (voltage - k N w)/R, the winding's own lag left out
+    current   i = (voltage - k N w)/R, the winding's lag left out
     shaft     J dw/dt = N k i - b w + external torque, J and b of motor and load as the output sees
               them
 
@@ -51,7 +51,7 @@ class DcMotor(Rig):
         "encoder": Port("reading", "rad", {"rate": "rad/s"}),
         "ammeter": Port("reading", "A"),
     }
-    # one constant along the turn: it makes the torque, and the voltage against the amplifier's
+    # a single constant along the turn: it makes the torque, and the voltage against the amplifier's
     background = {
         "shaft": RoughMap("torque_constant", "position", of="load", tolerance=0.02),
         "amplifier": RoughMap("voltage_constant", "position", of="counter_voltage", tolerance=0.02),

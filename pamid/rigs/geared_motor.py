@@ -7,7 +7,7 @@ What it is
     the current shows what the motor turns alone.
 
 Equations
-    current  i = (voltage - k wm)/R, the winding's own lag left out
+    current  i = (voltage - k wm)/R, the winding's lag left out
     motor    Jm dwm/dt = k i - bm wm - T/N
     load     Jl dwl/dt = T - bl wl + external torque
     gear     T = stiffness (am/N - al) + damping (wm/N - wl), as the load sees it
@@ -51,7 +51,7 @@ class GearedMotor(Rig):
         "load_encoder": Port("reading", "rad", {"rate": "rad/s"}),
         "ammeter": Port("reading", "A"),
     }
-    # one constant along the turn: it makes the torque, and the voltage against the amplifier's
+    # a single constant along the turn: it makes the torque, and the voltage against the amplifier's
     background = {
         "motor": RoughMap("torque_constant", "position", of="load", tolerance=0.02),
         "amplifier": RoughMap("voltage_constant", "position", of="counter_voltage", tolerance=0.02),

@@ -2,7 +2,7 @@
 
 What it is
     A linear axis: a carriage on a rail or an air bearing, driven by a linear motor, a screw or a
-    toothed belt whose drive is told a force. The ruler reads where it is, and a drive often its
+    toothed belt whose drive receives a force. The ruler reads where it is, and a drive often its
     speed as well.
 
 Equations

@@ -2,9 +2,9 @@
 (Pa).
 
 The coefficients are refits to the maker's chart of the 20 mm muscle (contraction -3..25 %, 0..6
-bar) unless said otherwise; measured specimens lie 10-19 % above the chart, so every rig scales the
-law by a fitted factor. They are parameters of every rig that has such a law, held at these values
-unless a recording's [known] or the rig states others: another muscle has its own.
+bar) unless stated otherwise; measured specimens lie 10-19 % above the chart, so every rig scales
+the law by a fitted factor. They are parameters of every rig that has such a law, held at these
+values unless a recording's [known] or the rig states others: another muscle has others.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class CoefficientLaw:
     alone it has those of its data sheet.
 
     form        force, N, from contraction, pressure and what holds the coefficients by name
-    parameters  the coefficients, which a rig with this law has beside its own
+    parameters  the coefficients, which a rig with this law has in addition to its parameters
     """
 
     form: Callable[[Expr, Expr, Any], Expr]
@@ -44,7 +44,7 @@ class CoefficientLaw:
 
 
 def law_with(law: Law, p: Any) -> Law:
-    """The law with the coefficients that p holds by name; one without coefficients as it is."""
+    """The law with the coefficients that p holds by name; a law without coefficients as it is."""
     return partial(_formed, law.form, p) if isinstance(law, CoefficientLaw) else law
 
 
@@ -64,9 +64,9 @@ class StaticForce:
 
     def __set__(self, rig: Any, law: Law) -> None:
         vars(rig)[self.name] = law
-        own = law.parameters if isinstance(law, CoefficientLaw) else ()
+        coefficients = law.parameters if isinstance(law, CoefficientLaw) else ()
         options = vars(rig).get("option_parameters", ())
-        rig.parameters = (*type(rig).parameters, *options, *own)
+        rig.parameters = (*type(rig).parameters, *options, *coefficients)
 
 
 def _held(name: str, value: float, unit: str = "", source: str = CHART) -> Parameter:
@@ -148,7 +148,7 @@ polynomial = CoefficientLaw(
 
 
 def _braid_and_rubber(contraction: Expr, pressure: Expr, c: Any) -> Expr:
-    """Chou-Hannaford / Tondu-Lopez braid, 25.1 deg, end factor 0.959, less the rubber's own pull
+    """Chou-Hannaford / Tondu-Lopez braid, 25.1 deg, end factor 0.959, less the rubber's pull
     (rms 10.3 N)."""
     sine, cosine = sin(c.braid_angle), cos(c.braid_angle)
     a, b = 3.0 * cosine * cosine / (sine * sine), 1.0 / (sine * sine)

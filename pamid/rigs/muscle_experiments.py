@@ -42,7 +42,10 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
     range and supply."""
     sheet = {p.outside_name: p for p in rig.parameters}
     if INITIAL_PRESSURE not in sheet:
-        raise UsageError(f"rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.")
+        raise UsageError(
+            f"Rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.",
+            "Choose a rig with muscles: `pamid rigs` lists them.",
+        )
     held, supply = sheet[INITIAL_PRESSURE], sheet.get("supply_pressure_kpa")
     high = min(held.high, math.inf if supply is None else supply.value)
     if not held.low <= pressure_kpa <= high:
@@ -55,7 +58,7 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
 def muscle_pulses(
     rig: Rig, muscles: Sequence[str], level: float, period_s: float
 ) -> dict[str, Array]:
-    """Commands that vent and fill one muscle after another, `paired_pulses` of duty `level`, ()
+    """Commands that vent and fill the muscles in turn, `paired_pulses` of duty `level`, ()
     for all of them; the commands of all joints, samples. UsageError for a muscle that is not there.
     """
     chosen = list(muscles) or list(rig.actuators)
@@ -76,8 +79,8 @@ def muscle_pulses(
 
 
 def releases(rig: Rig) -> tuple[str, ...]:
-    """Parameters that say where a rig begins that is let go with its muscles vented, one per joint;
-    () where it has no such test."""
+    """Parameters that state where a rig begins that is let go with its muscles vented, a parameter
+    per joint; () where it has no such test."""
     sheet = {p.outside_name for p in rig.parameters}
     names = tuple(f"initial_{q.reading}" for q in rig.loops)
     return names if names and sheet >= {VENTED, *names} else ()
@@ -97,7 +100,7 @@ def gravity_test(
         raise UsageError(
             f"rig {rig.name!r} has no gravity test: no parameters {VENTED} and initial_<angle>. "
             "Nothing swings where a joint turns in a horizontal plane.",
-            f"Rigs that have one: {able}.",
+            f"Rigs that have it: {able}.",
         )
     if len(release) != len(begins):
         raise UsageError(
@@ -113,7 +116,10 @@ def gravity_test(
     sheet = {p.outside_name: p for p in rig.parameters}
     for name, value in known.items():
         if name not in sheet:
-            raise UsageError(f"rig {rig.name!r} has no parameter {name!r}.", nearest(name, sheet))
+            raise UsageError(
+                f"Rig {rig.name!r} has no parameter {name!r}.",
+                nearest(name, sheet) or f"Name a parameter that it has: {', '.join(sheet)}.",
+            )
         if not sheet[name].low <= value <= sheet[name].high:
             raise UsageError(
                 f"{name} = {value:g} lies outside {sheet[name].low:g} .. {sheet[name].high:g}."
@@ -141,7 +147,7 @@ def _quick_release(b: Bench) -> Columns:
 
 def _pressure_hold(b: Bench) -> Columns:
     wave = pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])
-    return dict.fromkeys(b.command, wave)  # every muscle's own pressure is watched: all at once
+    return dict.fromkeys(b.command, wave)  # every muscle's pressure is watched: all at once
 
 
 def _valve_pulses(b: Bench) -> Columns:
@@ -169,7 +175,7 @@ def _at_rest(b: Bench) -> Columns:
 
 
 def _swings(b: Bench) -> Settings:
-    """All links free, and only the last one."""
+    """All links free, and only the last."""
     joints = releases(b.rig)
     if len(joints) != len(RELEASE_DEG):
         return ()

@@ -2,12 +2,12 @@
 
 What it is
     A fluidic muscle hangs from a frame and lifts a mass on a vertical guide; a fill and a vent
-    valve feed it. One muscle without a joint or an antagonist: what is wrong with its force, its
-    damping or its air shows here first, and nothing beside it can be blamed.
+    valve feed it. A muscle without a joint or an antagonist: what is wrong with its force, its
+    damping or its air shows here first, and nothing else can be the cause.
 
 Equations
     mass         m dv/dt = F - m g - b v + external force, upwards positive; m: what hangs there,
-                 with half of the muscle's own mass
+                 with half of the muscle's mass
     contraction  chi = chi0 + position/L0
     muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute: eq. 1 and 2
     pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi), V a cubic of chi: eq. 3 and 4
@@ -46,7 +46,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, where
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-ONE_SIDE = 1.0  # the side of the one muscle there is
+MUSCLE_SIDE = 1.0  # the side of the only muscle
 
 
 def _without_side(signals: dict[str, Any]) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def _alone(port: Port) -> Port:
 
 
 class MuscleMass(Rig):
-    """One muscle lifts a mass: valve command in, position, pressure and force out."""
+    """A muscle lifts a mass: valve command in, position, pressure and force out."""
 
     name = "muscle-mass"
     inputs = {"command": "", "external_force_n": "N"}
@@ -123,12 +123,16 @@ class MuscleMass(Rig):
     def muscle(self, x: Any, p: Any) -> Muscle:
         """The muscle where the mass has taken it."""
         return Muscle(
-            "", ONE_SIDE, p.contraction_0 + x.position / p.length, x.velocity / p.length, x.pressure
+            "",
+            MUSCLE_SIDE,
+            p.contraction_0 + x.position / p.length,
+            x.velocity / p.length,
+            x.pressure,
         )
 
     def pull(self, x: Any, p: Any, port: Any) -> Expr:
         """Force of the muscle, N."""
-        return pull_of(self.muscle(x, p), self.static_force, p, _one(port))
+        return pull_of(self.muscle(x, p), self.static_force, p, _muscle_port(port))
 
     def pressure_rate(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
         """dP/dt, Pa/s."""
@@ -140,7 +144,7 @@ class MuscleMass(Rig):
         flow = opening * iso_flow(up, down, p.critical_ratio)
         valves = Valves(flow, fills, size, down / up)
         pull = self.pull(x, p, port)
-        return pressure_rate(self.muscle(x, p), valves, valves.drawn, pull, p, _one(port))
+        return pressure_rate(self.muscle(x, p), valves, valves.drawn, pull, p, _muscle_port(port))
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         pull, weight = self.pull(x, p, port), p.mass * GRAVITY_M_S2
@@ -167,7 +171,7 @@ class MuscleMass(Rig):
         return {"muscle": np.stack([np.zeros_like(end) + [0.0, p.length], end], axis=1)}
 
 
-def _one(port: Any) -> Any:
+def _muscle_port(port: Any) -> Any:
     """The ports of the shared equations, which name the muscle that they are about."""
 
     def at(name: str, value: Expr, *, place: str, **signals: Any) -> Expr:

@@ -1,4 +1,4 @@
-"""One joint, two antagonistic 20 mm muscles (first paper), a fill and a vent valve each.
+"""A joint, two antagonistic 20 mm muscles (first paper), a fill and a vent valve each.
 
 Equations
     contraction  chi1 = chi0 + r beta/L0, chi2 = chi0 - r beta/L0
@@ -38,7 +38,7 @@ def _both(ports: Mapping[str, Port]) -> dict[str, Port]:
 
 
 class OneDof(Rig):
-    """One joint driven by two antagonistic muscles."""
+    """A joint driven by two antagonistic muscles."""
 
     name = "one-dof"
     inputs = {"command": "", "external_torque_nm": "N m"}

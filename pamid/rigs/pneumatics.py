@@ -17,7 +17,7 @@ def iso_flow(upstream: Number, downstream: Number, critical_ratio: Number) -> Ex
     temperatures).
 
     upstream, downstream absolute Pa; times C in m3/(s Pa) it is the flow at atmospheric conditions
-    in m3/s. Zero where the downstream pressure is the higher one.
+    in m3/s. Zero where the downstream pressure is the higher.
     """
     up = expression(upstream)
     ratio = clip(downstream / up, 0.0, 1.0)

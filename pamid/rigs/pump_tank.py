@@ -1,16 +1,16 @@
 """A tank that a pump fills and a hole empties.
 
 What it is
-    A pump feeds a tank, a boiler or a sump, which runs out through a hole, a pipe or a valve in one
-    position. The voltage of the pump is sent, the level is measured.
+    A pump feeds a tank, a boiler or a sump, which runs out through a hole, a pipe or a valve in a
+    fixed position. The voltage of the pump is sent, the level is measured.
 
 Equations
     A dh/dt = gain voltage - hole sqrt(2 g h)
 
 Typically missing
-    A tank that spills over its rim, a leak, losses of a pipe beside the orifice (tank); a pump that
-    starts at a voltage of its own, saturates or lags (pump), or gives less the higher the level
-    (inlet); a gauge with a zero, a gain, steps or waves of its own (gauge).
+    A tank that spills over its rim, a leak, losses of a pipe besides those of the orifice (tank); a
+    pump that starts above a threshold voltage, saturates or lags (pump), or gives less the higher
+    the level (inlet); a gauge with a zero, a gain, steps or waves (gauge).
 
 References
     Astrom, Murray (2008), Feedback Systems, Princeton University Press; Johansson (2000), The

@@ -1,9 +1,9 @@
-"""A shaft that a servo drive turns: it is told a torque.
+"""A shaft that a servo drive turns: it receives a torque.
 
 What it is
     A torque-controlled servo with a load on its shaft, direct or behind a gearbox or a belt: a
-    spindle, a robot's joint with a current loop of its own, a pulley that pulls a carriage. Torques
-    and the inertia are those at the shaft whose angle is read.
+    spindle, a robot's joint with a current loop in the drive, a pulley that pulls a carriage.
+    Torques and the inertia are those at the shaft whose angle is read.
 
 Equations
     J dw/dt = torque - b w - offset, J of drive and load as that shaft sees them

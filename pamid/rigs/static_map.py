@@ -7,7 +7,7 @@ What it is
 
 Equations
     force = gain command + offset
-    No states: a sample does not depend on the one before it.
+    No states: a sample does not depend on the sample before it.
 
 Typically missing
     A dead zone, a saturation, unequal sides, hysteresis between up and down (actuator); a lag or a

@@ -2,12 +2,12 @@
 
 What it is
     The joint `one-dof`, but each valve is a solenoid that is open or shut. A timer holds the duty
-    |command| and sends one pulse of duty times T per pulse period T. The solenoid opens `t_on`
+    |command| and sends a pulse of duty times T per pulse period T. The solenoid opens `t_on`
     after a pulse has begun and shuts `t_off` after it has ended: a pulse shorter than t_on opens
-    nothing, a longer one lets air through for duty T - t_on + t_off, and a pause shorter than
+    nothing, a longer pulse lets air through for duty T - t_on + t_off, and a pause shorter than
     t_off never shuts the valve.
 
-    What is averaged: the opening, over one pulse period. A pulse of 3 ms moves a muscle by
+    What is averaged: the opening, over a pulse period. A pulse of 3 ms moves a muscle by
     5-7 kPa, less than its pressure is read to within a period, and the joint (3-8 Hz) does not
     follow pulses at 33 Hz; averaged, the equations need no step at every edge, and the duty has a
     slope to fit the delays by. What is lost with it, the ripple and the moment of a pulse within
@@ -21,7 +21,7 @@ Equations
     the rest     as in `pamid.rigs.one_dof`: air through the opened valves, muscles, joint
 
 Typically missing
-    A duty in steps of one tick of the timer, or the pulses themselves (command:
+    A duty in steps of a tick of the timer, or the pulses themselves (command:
     pwm-quantisation); dead time of the bus; dry friction, hysteresis of the muscles, a load behind
     a spring, a supply that sags while a muscle fills.
 
@@ -43,7 +43,7 @@ EDGE = 0.02  # of duty, over which an edge is spread: keeps the fit's derivative
 
 
 class SwitchedJoint(OneDof, Rig):
-    """One joint driven by two antagonistic muscles through on-off valves."""
+    """A joint driven by two antagonistic muscles through on-off valves."""
 
     name = "switched-joint"
     usual = False

@@ -2,7 +2,7 @@
 
 What it is
     A furnace and its load, a cartridge in a hot end, a soldering iron, a cell in its housing: the
-    element warms up first and passes its heat on. One of the two temperatures is recorded, or both.
+    element warms up first and passes its heat on. Either temperature is recorded, or both.
     The room's is recorded, or stays at 20 degC.
 
 Equations

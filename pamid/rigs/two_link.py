@@ -1,7 +1,7 @@
 """Planar arm of two links, two antagonistic 20 mm muscles at each joint (second paper), a fill and
 a vent valve each.
 
-Angle 1 is counted from hanging straight down, angle 2 from link 1. Muscle 21 is the first one of
+Angle 1 is counted from hanging straight down, angle 2 from link 1. Muscle 21 is the first of
 joint 2.
 
 Equations
@@ -17,7 +17,7 @@ Equations
     contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles
                  mirrored
     muscles, valves and air as in `pamid.rigs.antagonists`; `two-link:LAW-compensated` has the
-    muscles' own force compensators, which blow off air above 1200 N
+    muscles' built-in force compensators, which blow off air above 1200 N
 
 Contractions are measured where the chains leave the wheels: those of the muscles, but for what a
 chain stretches. For tests without actuation: `vents_open` (muscles limp, open to the room),
@@ -68,22 +68,22 @@ _JOINT_SIZES = {
 
 
 def _ports() -> dict[str, Port]:
-    """One port per joint and per muscle; like ones are kin, but for those whose sizes differ from
+    """A port per joint and per muscle; like ports are kin, but for those whose sizes differ from
     joint to joint."""
-    found: dict[str, Port] = {}
+    ports: dict[str, Port] = {}
     for j in JOINTS:
-        found |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
+        ports |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
     for i in MUSCLES:
-        found |= _ports_at(i, pair.MUSCLE_PORTS)
+        ports |= _ports_at(i, pair.MUSCLE_PORTS)
     for j in JOINTS:
-        found |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
+        ports |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
     for i in MUSCLES:
-        found |= _ports_at(i, _MUSCLE_SENSORS)
-    return found
+        ports |= _ports_at(i, _MUSCLE_SENSORS)
+    return ports
 
 
 def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
-    """The ports of a table at one joint or muscle, which share an effect's parameters with their
+    """The ports of a table at a joint or muscle, which share an effect's parameters with their
     like (kin). What a chain stretches belongs to the structure of its joint."""
     groups = {"muscle": place, "sensor": place, "structure": place[0]}
     return {
@@ -252,7 +252,7 @@ class TwoLink(Rig):
         self.static_force = law_named(law.removesuffix(COMPENSATED))
 
     def start(self, p: Any) -> dict[str, float]:
-        """At rest where the recording says; muscles at p0, or limp where the vents stand open."""
+        """At rest where the recording begins; muscles at p0, or limp where the vents stand open."""
         held = ATMOSPHERE_PA + (0.0 if p.vents_open > 0.5 else p.initial_pressure)
         return {
             **{f"pressure_{i}": held for i in MUSCLES},
@@ -273,17 +273,17 @@ class TwoLink(Rig):
             "1": p.radius_1 * scale * x.velocity_1,
             "2": p.radius_2 * scale * x.velocity_2 + p.wrap_radius * scale * x.velocity_1,
         }
-        found = {}
+        muscles = {}
         for i in MUSCLES:
             side = 1.0 if i[1] == "1" else -1.0
-            found[i] = Muscle(
+            muscles[i] = Muscle(
                 i,
                 side,
                 p.contraction_0 + side * wound[i[0]],
                 side * winding[i[0]],
                 getattr(x, f"pressure_{i}"),
             )
-        return found
+        return muscles
 
     def pulls(self, x: Any, p: Any, port: Any) -> dict[str, Expr]:
         """Forces of all muscles, N."""
@@ -292,7 +292,7 @@ class TwoLink(Rig):
         }
 
     def pressure_rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Expr]:
-        """dP/dt of all muscles, Pa/s; the four valve pairs share one supply."""
+        """dP/dt of all muscles, Pa/s; the four valve pairs share a supply."""
         muscles, pulls = self.muscles(x, p), self.pulls(x, p, port)
         valves = {}
         for j in JOINTS:
@@ -314,12 +314,12 @@ class TwoLink(Rig):
     def combinations(self, p: Any) -> dict[str, Number]:
         """Combinations of masses, centres and inertias in the equations of motion; p: numbers or
         symbols."""
-        own = self._inertia(p)
+        inertia = self._inertia(p)
         return {
-            "inertia_about_joint_1_kg_m2": own.inertia_1,
-            "inertia_about_joint_2_kg_m2": own.inertia_2,
-            "first_moment_1_kg_m": own.moment_1,
-            "first_moment_2_kg_m": own.moment_2,
+            "inertia_about_joint_1_kg_m2": inertia.inertia_1,
+            "inertia_about_joint_2_kg_m2": inertia.inertia_2,
+            "first_moment_1_kg_m": inertia.moment_1,
+            "first_moment_2_kg_m": inertia.moment_2,
         }
 
     @staticmethod
@@ -337,7 +337,7 @@ class TwoLink(Rig):
         )
 
     def coupling(self, x: Any, p: Any, lever: Expr, about_2: Expr) -> tuple[Expr, Expr]:
-        """Of the two joints: M12 (kg m2), none where one is clamped, and what the squares of the
+        """Of the two joints: M12 (kg m2), none where either is clamped, and what the squares of the
         velocities are weighed by (kg m2). lever: l1 B2; about_2: A2 + l1 B2 cos q2."""
         m12 = about_2 * (1.0 - p.clamped_1) * (1.0 - p.clamped_2)
         return m12, lever * sin(x.angle_2)
@@ -351,16 +351,16 @@ class TwoLink(Rig):
         share of it swing, that share of the coupling swings along: on the average over it the other
         joint feels what it felt before.
         """
-        own = self._inertia(p)
-        lever, g = own.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
+        inertia = self._inertia(p)
+        lever, g = inertia.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
         bent = lever * cos(x.angle_2)
-        m11, m22 = own.inertia_1 + own.inertia_2 + 2.0 * bent, own.inertia_2
-        m12, swing = self.coupling(x, p, lever, own.inertia_2 + bent)
-        outer = own.moment_2 * g * sin(x.angle_1 + x.angle_2)
+        m11, m22 = inertia.inertia_1 + inertia.inertia_2 + 2.0 * bent, inertia.inertia_2
+        m12, swing = self.coupling(x, p, lever, inertia.inertia_2 + bent)
+        outer = inertia.moment_2 * g * sin(x.angle_1 + x.angle_2)
         n1 = (
             torque_1
             + swing * (2.0 * x.velocity_1 * x.velocity_2 + x.velocity_2 * x.velocity_2)
-            - own.moment_1 * g * sin(x.angle_1)
+            - inertia.moment_1 * g * sin(x.angle_1)
             - outer
         )
         n2 = torque_2 - swing * x.velocity_1 * x.velocity_1 - outer
@@ -424,7 +424,7 @@ class TwoLink(Rig):
 
 
 def _each(port: Any) -> Any:
-    """The ports of the muscles' shared equations, one per muscle here: muscle at 11 is
+    """The ports of the muscles' shared equations, a port per muscle here: muscle at 11 is
     muscle_11."""
 
     def at(name: str, value: Expr, *, place: str, **signals: Any) -> Expr:

@@ -10,8 +10,8 @@ Equations
     second   m2 dv2/dt = - b2 v2 - k (x2 - x1) - c (v2 - v1)
 
 Typically missing
-    Dry friction of one guide or of both (carriage_1, carriage_2); a spring that hardens or softens
-    (spring); play between the masses (coupling); an end stop; dead time of the drive.
+    Dry friction of either guide or of both (carriage_1, carriage_2); a spring that hardens or
+    softens (spring); play between the masses (coupling); an end stop; dead time of the drive.
 
 References
     Wie, Bernstein (1992), Benchmark problems for robust control design, J. Guidance, Control, and
@@ -78,7 +78,7 @@ class TwoMasses(Rig):
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         stretch, rate = x.position_2 - x.position_1, x.velocity_2 - x.velocity_1
-        # on the second mass, along the stretch; the first one feels the opposite
+        # on the second mass, along the stretch; the first mass feels the opposite
         pull = -p.stiffness * stretch - p.coupling_damping * rate
         pull = port("spring", pull, position=stretch, velocity=rate)
         pull = port("coupling", pull, stretch=stretch)

@@ -1,5 +1,6 @@
-"""Models of the JSON that commands print and that runs contain: one pydantic model per object, by
-which pamid writes, reads and describes it. The folder is scanned: a model with a `schema_` is one.
+"""Models of the JSON that commands print and that runs contain: a pydantic model per object, by
+which pamid writes, reads and describes it. The folder is scanned: a model with a `schema_` is a
+file.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def all_schemas() -> dict[str, dict[str, Any]]:
 
 def earlier_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of files that are still read, by name and number: "diagnosis/2". The `$comment` of a
-    key says what became of it."""
+    key states its later form."""
     schemas = {}
     for item in sorted(files(__name__).iterdir(), key=lambda path: path.name):
         if item.name.endswith(".json"):

@@ -12,7 +12,7 @@ SLOPE = "as a multiple of the refitted effect: 1 is its refitted size, negative 
 
 
 class AddedVariable(Model):
-    """The added-variable plot of one candidate: a point per sample, evenly thinned."""
+    """The added-variable plot of a candidate: a point per sample, evenly thinned."""
 
     effect: Text = Field(description="the candidate, with its port where it fits several")
     beside: ListOf[Text] = Field(

@@ -41,7 +41,7 @@ class EffectPlace(Model):
 
 
 class EffectRow(Model):
-    """One line of the list of effects."""
+    """A line of the list of effects."""
 
     name: Text
     title: Text
@@ -53,7 +53,7 @@ class EffectRow(Model):
 
 
 class EffectStory(EffectRow):
-    """Everything about one effect."""
+    """Everything about an effect."""
 
     story: dict[Text, Text] = Field(description="title and sections")
     signals: ListOf[Text] = Field(description="that it cannot do without")
@@ -66,7 +66,7 @@ class EffectStory(EffectRow):
     unit: Text = Field(description=UNIT)
     parameters: ListOf[ParameterRow]
     home_signals: ListOf[Text] = Field(
-        description="signals without which a port is one of the general catalogue"
+        description="signals without which a port belongs to the general catalogue"
     )
     general_parameters: ListOf[ParameterRow] = Field(
         description="the same parameters at ports of the general catalogue, where they differ"
@@ -78,11 +78,13 @@ class EffectStory(EffectRow):
 
 
 class EffectCatalogue(
-    Model, schema="pamid.effects/1", title="pamid effects: the catalogue of effects, or one of them"
+    Model,
+    schema="pamid.effects/1",
+    title="pamid effects: the catalogue of effects, or a single effect",
 ):
-    """All effects, or one of them."""
+    """All effects, or a single effect."""
 
-    effect: Sometimes[EffectStory] = Field(default=None, description="the requested one")
+    effect: Sometimes[EffectStory] = Field(default=None, description="the requested effect")
     effects: Sometimes[ListOf[EffectRow]] = Field(default=None, description="sorted by name")
 
 
@@ -141,7 +143,7 @@ class RigEquations(Model):
 
 
 class RigRow(Model):
-    """One line of the list of rigs."""
+    """A line of the list of rigs."""
 
     name: Text
     title: Text
@@ -159,7 +161,7 @@ class NoPlaceRow(Model):
 
 
 class RigStory(Model):
-    """Everything about one rig."""
+    """Everything about a rig."""
 
     name: Text
     title: Text
@@ -180,9 +182,9 @@ class RigStory(Model):
 
 
 class RigCatalogue(
-    Model, schema="pamid.rigs/1", title="pamid rigs: the catalogue of rigs, or one of them"
+    Model, schema="pamid.rigs/1", title="pamid rigs: the catalogue of rigs, or a single rig"
 ):
-    """All rigs, or one of them."""
+    """All rigs, or a single rig."""
 
-    rig: Sometimes[RigStory] = Field(default=None, description="the requested one")
+    rig: Sometimes[RigStory] = Field(default=None, description="the requested rig")
     rigs: Sometimes[ListOf[RigRow]] = None

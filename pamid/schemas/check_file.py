@@ -71,7 +71,7 @@ class SignalQuality(Model):
 
 
 class BetweenSamples(Model):
-    """An input tried both ways: held between samples, and linear to the next one."""
+    """An input tried both ways: held between samples, and linear to the next sample."""
 
     column: Text
     taken: Literal["held", "linear"] = Field(description="by rig or recording; held by default")
@@ -86,7 +86,7 @@ class BetweenSamples(Model):
 
 
 class Unlocked(Model):
-    """Effects that could act at a port if it offered these signals beside its own."""
+    """Effects that could act at a port if it offered these signals, too."""
 
     signals: ListOf[Text]
     effects: ListOf[Text]
@@ -139,7 +139,7 @@ class CheckFile(
         default=None, description="inputs, simulated as held and as linear between samples"
     )
     ok: Flag = Field(description="whether every check passed, apart from advice")
-    code: Sometimes[Text] = Field(default=None, description="of the error, where there is one")
+    code: Sometimes[Text] = Field(default=None, description="of the error, if any")
     message: Sometimes[Text] = Field(default=None, description="the first fault")
     hint: Sometimes[Text] = None
     findings: ListOf[Finding] = Field(description="every check with its outcome")

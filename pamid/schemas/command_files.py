@@ -54,7 +54,7 @@ class AllSettings(
 ):
     """Every option of the requested commands."""
 
-    file: Text | None = Field(description="the pamid.toml in use; null without one")
+    file: Text | None = Field(description="the pamid.toml in use; null without a file")
     commands: MapOf[MapOf[OptionSetting]] = Field(description="command -> option -> its value")
     ignored: dict[Text, Text] = Field(description="ignored settings files, and the reason")
     harmless_only: Text = Field(
@@ -130,7 +130,7 @@ class PlainChannel(Model):
 
     before: Number = Field(description="of the file that was written into")
     now: Number = Field(description="of the new file")
-    stated: Number | None = Field(None, description="value in the run; null without one")
+    stated: Number | None = Field(None, description="value in the run; null without a value")
     best: Number = Field(description="of the new file with the best step and integrator")
 
 
@@ -142,7 +142,7 @@ class PlainSettings(Model):
 
 
 class PlainMujoco(PlainSettings):
-    """A written model file run in plain MuJoCo, with its own step and integrator."""
+    """A written model file run in plain MuJoCo, with the step and integrator of the file."""
 
     channels: MapOf[PlainChannel] = Field(description="errors by channel")
     best: PlainSettings = Field(
@@ -169,7 +169,7 @@ class WrittenExport(
     period_s: Number = Field(description=PERIOD)
     inputs: ListOf[Text] = Field(description="input columns")
     outputs: ListOf[Text] = Field(description="output columns")
-    notes: ListOf[Text] = Field(description="remarks for the user, one sentence each")
+    notes: ListOf[Text] = Field(description="remarks for the user, a sentence each")
     plain_mujoco: Sometimes[PlainMujoco] = Field(
         default=None, description="of a model file: its errors in plain MuJoCo"
     )

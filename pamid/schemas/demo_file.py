@@ -34,7 +34,7 @@ class DemoOutput(
 
     withheld: WithheldFile
     hit: Hit = Field(
-        description="whether the withheld family was named: alone, as one of several, or not"
+        description="whether the withheld family was named: alone, among several, or not"
     )
     verdict: Verdict
     sentence: Text = Field(description="the verdict in words")

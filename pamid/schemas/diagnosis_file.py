@@ -110,7 +110,7 @@ class Remainder(Model):
         "", description="formula of the missing value, in the signals at the port"
     )
     family: Text = Field(
-        "", description="family of a nonparametric curve that fits it; empty without one"
+        "", description="family of a nonparametric curve that fits it; empty without a fit"
     )
     missing_rms: Sometimes[Number] = Field(
         default=None,
@@ -175,7 +175,7 @@ class ComparisonStep(Model):
         (), description="of the reference, per held-out window, in noise floors"
     )
     tied: ListOf[SetMember] = Field(
-        (), description="confidence set: one model per family, the best first"
+        (), description="confidence set: a model per family, the best first"
     )
 
 
@@ -242,7 +242,7 @@ class Where(Model):
     )
 
     def inseparable_from(self, port: str) -> set[str]:
-        """The other ports that these sensors or recordings cannot tell from this one."""
+        """The other ports that these sensors or recordings cannot separate from it."""
         return {o for group in self.indistinguishable if port in group for o in group} - {port}
 
 
@@ -268,7 +268,7 @@ class Reach(Model):
 
 
 class ChannelTransfer(Model):
-    """Errors of a channel of one recording."""
+    """Errors of a channel of a recording."""
 
     mae_refitted: Written[Number] = Field(None, description=f"refitted parameters: {ERROR}")
     mae_with_cause: Written[Number] = Field(None, description=f"with the cause: {ERROR}")
@@ -280,7 +280,7 @@ Condition = Annotated[Any, WithJsonSchema({"type": ["number", "string", "object"
 
 class Transfer(Model):
     """A held-out recording under other conditions than all fitted ones; in addition to the keys
-    below it has one per channel."""
+    below it has a table per channel."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, ChannelTransfer] = Field(init=False)
@@ -307,7 +307,7 @@ class NextExperiment(Model):
     minutes: Written[Number] = Field(None, description="at the rig, min")
     excitation: Text = Field("", description="the first of `excitations`")
     excitations: ListOf[Text] = Field(
-        (), description="files of the run folder to send, one per entry of `settings`"
+        (), description="files of the run folder to send, a file per entry of `settings`"
     )
     settings: ListOf[Figures] = Field((), description="known values of each repetition")
     cautions: ListOf[Text] = Field(
@@ -318,7 +318,7 @@ class NextExperiment(Model):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The files to send; of an older version one at most."""
+        """The files to send; of an older version a single file at most."""
         return self.excitations or tuple(filter(None, [self.excitation]))
 
 
@@ -338,7 +338,7 @@ class FormCurve(Model):
     shown: Text = Field("", description="content, in words")
     unit: Text = Field("", description=UNIT)
     x: ListOf[Number] = Field((), description="of the signal; of a loop, there and back")
-    y: ListOf[Number] = Field((), description="one per entry of x")
+    y: ListOf[Number] = Field((), description="a value per entry of x")
     low: ListOf[Number] = Field((), description=LOW)
     high: ListOf[Number] = Field((), description=HIGH)
 
@@ -377,7 +377,7 @@ class Unknown(Model):
     free_forms: ListOf[FamilyForm] = Field(
         (),
         description="nonparametric curves of families that fit it, best first, which these "
-        "recordings cannot separate: one of these families, in a form outside the catalogue; else "
+        "recordings cannot separate: any of these families, in a form outside the catalogue; else "
         "empty",
     )
 
@@ -391,7 +391,7 @@ class DiagnosisFile(
     """Where the gap lies, which effect causes it, how far it shrinks."""
 
     earlier: ClassVar = {
-        "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
+        "pamid.diagnosis/1": "every cause now has a separate probability and the share of the "
         "gap that it removes, `remainder` tells what is left, and the verdicts partly-explained "
         "and cannot-tell are new"
     }
@@ -422,7 +422,7 @@ class DiagnosisFile(
         (), description="confidence sets, in the order in which effects were added"
     )
     horizon_s: Written[Number] = Field(
-        None, description="time over which the model predicts from one estimated state, s"
+        None, description="time over which the model predicts from an estimated state, s"
     )
     forecast: Forecast | None = Field(
         None, description="for a fresh recording; null without causes"
@@ -449,5 +449,5 @@ class DiagnosisFile(
 
     @property
     def tied(self) -> tuple[str, ...]:
-        """Effects that tie with the first cause, one per family, the first included."""
+        """Effects that tie with the first cause, an effect per family, the first included."""
         return tuple(m.effect for m in self.comparison[0].tied) if self.comparison else ()

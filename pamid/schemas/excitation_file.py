@@ -31,7 +31,7 @@ class ChangesCovered(Model):
 class SignalCoverage(Model):
     """Coverage of a signal."""
 
-    evenness: Number = Field(description="1: every level equally often, 0: one level")
+    evenness: Number = Field(description="1: every level equally often, 0: a single level")
     visited: Number = Field(description="share of the range, 0 to 1")
     steps: Count = Field(description="number of changes of level or direction")
     shortest_hold_s: Number
@@ -54,7 +54,7 @@ ColumnSeed = Annotated[
 
 
 class SentColumn(Model):
-    """One of several excited columns."""
+    """A column, if several are excited."""
 
     column: Text
     unit: Text = Field(description=UNIT)
@@ -67,7 +67,7 @@ class SentColumn(Model):
 
 
 class CommandKept(Model):
-    """Effect of a model's limits on one command."""
+    """Effect of a model's limits on a command."""
 
     column: Text
     factor: Number = Field(
@@ -88,7 +88,7 @@ class LimitsKept(Model):
 class ExcitationFile(
     Model, schema="pamid.excitation/1", title="JSON next to an excitation, and pamid generate-aprbs"
 ):
-    """Excitation: one column with the settings, or several in a list."""
+    """Excitation: a single column with the settings, or several in a list."""
 
     generator: Text = Field(description="program and version")
     file: Text | None = Field(description="name of the file that it describes")

@@ -50,19 +50,19 @@ class RecordingUsed(Model):
         default={}, description="parameters that it states as known, by name with unit"
     )
     lacks: ListOf[Text] = Field(
-        (), description="channels that other recordings of the run have and this one has not"
+        (), description="channels that other recordings of the run have and this recording has not"
     )
 
 
 class Steps(Model):
-    """How the model is integrated over one sample."""
+    """How the model is integrated over a sample."""
 
     substeps: Written[Count] = Field(None, description="steps per sample")
     implicit: Flag = Field(False, description="whether by an implicit rule")
 
 
 class CheckedSteps(Steps):
-    """How the model was integrated over one sample, and whether that was fine enough."""
+    """How the model was integrated over a sample, and whether that was fine enough."""
 
     recheck: Written[Number] = Field(
         None,
@@ -77,7 +77,7 @@ class BackgroundPull(Model):
 
 
 class LoopError(Model):
-    """Mean absolute error of the model in its own control loop, in the unit of the channel."""
+    """Mean absolute error of the model in its control loop, in the unit of the channel."""
 
     data_sheet: Number | None = Field(None, description="data-sheet parameters")
     refitted: Number | None = Field(None, description="refitted parameters")
@@ -105,7 +105,7 @@ class Posterior(Model):
     """Starting point of `pamid fit --from`; numbers in prior spreads around each centre."""
 
     keys: ListOf[Text] = Field(description="free parameters, in the order of the lists below")
-    log: ListOf[Flag] = Field(description="whether the prior is one of the logarithm")
+    log: ListOf[Flag] = Field(description="whether the prior is in the logarithm")
     centre: ListOf[Number] = Field(description="centre of the prior, SI or its logarithm")
     spread: ListOf[Number] = Field(description="standard deviation of the prior, likewise")
     value: ListOf[Number] = Field(description="fitted, in spreads from the centre")
@@ -122,7 +122,7 @@ class FittedModel(Model):
     values: dict[Text, Number] = Field(description="every parameter, SI, by key")
     between: Sometimes[dict[Text, Text]] = Field(
         default=None,
-        description="what inputs do from one sample to the next, held or linear, by column, and "
+        description="what inputs do between samples, held or linear, by column, and "
         "which outputs are read before the command of their row; without it all inputs are held",
     )
     form: Sometimes[Text] = Field(
@@ -136,19 +136,19 @@ class FittedModel(Model):
 
 
 class Rival(Model):
-    """One of several causes that the recordings cannot separate."""
+    """A cause of several that the recordings cannot separate."""
 
     probability: Number = Field(description="calibrated frequency with which such a cause acts")
     model: FittedModel = Field(description="the model with it")
 
 
 class StartedFrom(Model):
-    """The earlier fit whose posterior was this one's prior."""
+    """The earlier fit whose posterior was the prior."""
 
     path: Text = Field(description="folder of its run")
     sha256: Text = Field(description=SHA256)
     recordings: ListOf[Text] = Field(description="sha256 of all that it rests on")
-    remarks: ListOf[Text] = Field(description="remarks for the reader, one sentence each")
+    remarks: ListOf[Text] = Field(description="remarks for the reader, a sentence each")
 
 
 class FitFile(
@@ -208,7 +208,7 @@ class FitFile(
     posterior: Written[Posterior] = Field(None, description="priors for a later fit")
     model: Written[FittedModel] = Field(None, description="the refitted model")
     from_: Sometimes[StartedFrom] = Field(
-        default=None, alias="from", description="the fit before this one"
+        default=None, alias="from", description="the fit before this fit"
     )
     cause: Sometimes[FittedModel] = Field(
         default=None, description="of a diagnosis: the model with the cause"

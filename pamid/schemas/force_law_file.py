@@ -1,4 +1,4 @@
-"""force-law.json: the force law of a measured map beside the analytic ones."""
+"""force-law.json: the force law of a measured map next to the analytic laws."""
 
 from __future__ import annotations
 
@@ -74,12 +74,12 @@ class WrittenRig(Model):
 
 
 class ForceLawFile(Model, schema="pamid.force-law/1", title="force-law.json and pamid force-law"):
-    """All forces in N, errors on points held out unless the key says otherwise."""
+    """All forces in N, errors on points held out unless the key states otherwise."""
 
     finding: Text = Field(description="in a sentence")
     advice: ListOf[Text]
     map: Written[MapUsed] = None
-    held_out_every: Written[Count] = Field(None, description="one point in so many")
+    held_out_every: Written[Count] = Field(None, description="a point in so many")
     anfis: Written[AnfisErrors] = None
     laws: ListOf[LawErrors] = Field((), description="the analytic ones")
     monotone: Written[Monotone] = None

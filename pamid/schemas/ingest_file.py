@@ -14,7 +14,7 @@ class LogRead(InputFile):
     """The raw log."""
 
     kind: Text = Field(description="its format")
-    details: ListOf[Text] = Field(description="decisions of the reader, one clause each")
+    details: ListOf[Text] = Field(description="decisions of the reader, a clause each")
 
 
 class TimeMapped(Model):
@@ -131,7 +131,7 @@ class IngestFile(
     title="pamid ingest, and the conversion record next to a recording from a raw log",
     json_schema_extra={"oneOf": [{"required": [*_ACCOUNT]}, {"required": ["recordings"]}]},
 ):
-    """Conversion record of one recording; in the command's output, of all recordings."""
+    """Conversion record of a recording; in the command's output, of all recordings."""
 
     source: Sometimes[LogRead] = None
     mapping: Sometimes[MappingUsed] = None
@@ -144,5 +144,5 @@ class IngestFile(
     notes: Sometimes[ListOf[Text]] = Field(default=None, description="a sentence each")
     recording: Sometimes[RecordingMade] = None
     recordings: Sometimes[ListOf[IngestFile]] = Field(
-        default=None, description="in the command's output: one record per recording"
+        default=None, description="in the command's output: a record per recording"
     )

@@ -1,6 +1,6 @@
 """The ground of all result files: a frozen, typed model per JSON object.
 
-One class says three things at once: what pamid writes (its constructor and `as_json`), what it
+A class states three things at once: what pamid writes (its constructor and `as_json`), what it
 reads (`read`), and what `pamid schema` prints (`json_schema`).
 
 - Written: every field that the writer sets, in the order of the class. Numbers that are not finite
@@ -45,7 +45,7 @@ _NULL = {"type": "null"}
 
 
 class Mismatch(ValueError):
-    """A JSON value that is not what its model says.
+    """A JSON value that does not match its model.
 
     place: keys and indices down to it, "where.windows_s[0]"; expected: in words; value: what stands
     there; missing: nothing does; choices: the words that may stand there, where they are few.
@@ -60,7 +60,7 @@ class Mismatch(ValueError):
 
 
 class _Missing:
-    """Stands where a needed key is missing, so that its field says what it expects."""
+    """Stands where a needed key is missing, so that its field states its type."""
 
 
 MISSING = _Missing()
@@ -90,7 +90,7 @@ def _count(value: Any) -> int:
         raise expected("a number")
     if isinstance(value, Integral):
         return int(value)
-    if not float(value).is_integer():  # JSON has one kind of number: 3.0 is a count, too
+    if not float(value).is_integer():  # JSON has a single kind of number: 3.0 is a count, too
         raise expected("a whole number")
     return int(float(value))
 
@@ -104,7 +104,7 @@ def _flag(value: Any) -> bool:
 
 Number = Annotated[float, PlainValidator(number), WithJsonSchema({"type": "number"})]
 Count = Annotated[int, PlainValidator(_count), WithJsonSchema({"type": "integer"})]
-# not pydantic's own check: a path may hold bytes that are no UTF-8, as lone surrogates
+# not pydantic's check: a path may hold bytes that are no UTF-8, as lone surrogates
 Text = Annotated[str, InstanceOf()]
 Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"})]
 
@@ -112,7 +112,7 @@ Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"}
 # ---- containers --------------------------------------------------------------------------------
 
 
-def _one_by_one(value: Any, validated: Callable[[Any], Any]) -> Any:
+def _validated_items(value: Any, validated: Callable[[Any], Any]) -> Any:
     """Entry by entry: a file with a million wrong entries is refused at the first."""
     if not isinstance(value, dict):
         return validated(value)
@@ -139,7 +139,7 @@ class _FailFast(FailFast):
 
 
 ListOf = Annotated[tuple[T, ...], _FailFast()]
-MapOf = Annotated[dict[Text, T], WrapValidator(_one_by_one)]
+MapOf = Annotated[dict[Text, T], WrapValidator(_validated_items)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(_two)]
 #: of a file, texts and nulls among numbers are passed over
 NumbersOnly = BeforeValidator(_numbers_only)
@@ -176,7 +176,7 @@ Sometimes = Annotated[T | None, _NeverNull(), MAY_LACK]
 
 
 class Model(BaseModel):
-    """One JSON object."""
+    """A JSON object."""
 
     model_config = ConfigDict(
         frozen=True, extra="ignore", populate_by_name=True, protected_namespaces=()
@@ -192,11 +192,11 @@ class Model(BaseModel):
     written_by: ClassVar[str] = ""
 
     def __init_subclass__(cls, *, schema: str = "", **config: Unpack[ConfigDict]) -> None:
-        """schema: name and number of a file or an output of its own, its key `schema`."""
+        """schema: name and number of a file or a separate output, its key `schema`."""
         super().__init_subclass__(**config)
         if schema:
-            own = cls.__dict__.get("__annotations__", {})
-            cls.__annotations__ = {"schema_": Literal[schema], **own}
+            annotations = cls.__dict__.get("__annotations__", {})
+            cls.__annotations__ = {"schema_": Literal[schema], **annotations}
             cls.schema_ = Field(default=schema, alias="schema")  # type: ignore[attr-defined]
 
     def as_json(self) -> dict[str, Any]:

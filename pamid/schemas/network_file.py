@@ -133,8 +133,8 @@ class NetworkFile(Model, schema="pamid.network/1", title="network.json and pamid
     )
     on: Sometimes[Text] = Field(
         default=None,
-        description="the model whose residual it was trained on: the refitted one (refit), or the "
-        "one with the causes of the diagnosis (causes)",
+        description="the model whose residual it was trained on: refitted (refit), or the "
+        "model with the causes of the diagnosis (causes)",
     )
     target: Sometimes[Text] = Field(default=None, description="training target, in words")
     parameters: Sometimes[dict[Text, Number]] = Field(
@@ -149,7 +149,7 @@ class NetworkFile(Model, schema="pamid.network/1", title="network.json and pamid
 
     @property
     def in_loop(self) -> bool:
-        """It corrects the model in its own loop, so its errors do not compare with those of the
+        """It corrects the model in its loop, so its errors do not compare with those of the
         replay."""
         return self.model == "loop"
 

@@ -26,7 +26,7 @@ from pamid.schemas.model import (
 from pamid.schemas.network_file import TrainingSummary
 
 QUICK = "too little to be believed"
-PLAN = "what was asked for"
+PLAN = "requested plan"
 NOTES = "what all of it is not, a sentence each"
 ByCase = MapOf[Number | None]
 
@@ -98,14 +98,14 @@ class PaperDiagnosis(Model):
 
 def _some(rows: Any) -> Any:
     if not isinstance(rows, list | tuple) or not rows:
-        raise expected("a list with at least one model")
+        raise expected("a list of models")
     return rows
 
 
 class PaperFile(
     Model, schema="pamid.paper/1", title="paper.json: the first paper's table on a calibrated twin"
 ):
-    """The models on the steps of the first paper, beside the published figures."""
+    """The models on the steps of the first paper, next to the published figures."""
 
     quick: Flag = Field(False, description=QUICK)
     plan: Written[JointPlanUsed] = Field(None, description=PLAN)
@@ -170,11 +170,11 @@ class ArmErrors(Model):
 
 
 class ArmCoupling(Model):
-    """Motion of one joint under pulses on the valves of the other, on a held-out recording."""
+    """Motion of a joint under pulses on the valves of the other, on a held-out recording."""
 
     pulsed: Text = Field(description="joint whose valves are pulsed")
     moved: Text = Field(description="angle of the other joint")
-    from_s: Number = Field(description="where the pulses on the one joint alone begin, s")
+    from_s: Number = Field(description="where the pulses on the first joint alone begin, s")
     to_s: Number = Field(description="where they end, s")
     swing_deg: Number = Field(description="range of that angle without noise, deg")
     mae: MapOf[Number] = Field(
@@ -246,7 +246,7 @@ class ArmPaperFile(
     )
     target: ArmTarget
     coupling: ListOf[ArmCoupling] = Field(
-        (), description="between the joints, one per pulsed joint"
+        (), description="between the joints, an entry per pulsed joint"
     )
     combinations: MapOf[ArmEstimate] = Field({}, description="of the inertial data, by name")
     parameters: MapOf[ArmEstimate] = Field({}, description="by name with unit")

@@ -27,11 +27,11 @@ class ShownEffect(Model):
     port: Text = Field(description="group of ports that it acts on")
     amount: UsualAmount | None
     visible: ListOf[Number] = Field(
-        description=f"{SEEN_BY}, worst channel, at every one of `sizes`; empty where it failed"
+        description=f"{SEEN_BY}, worst channel, at each of `sizes`; empty where it failed"
     )
     standard_errors: ListOf[Number] = Field(description="its size in standard errors, likewise")
     by_channel: MapOf[Number] = Field(
-        description=f"{SEEN_BY} at the usual size if that sensor were the only one"
+        description=f"{SEEN_BY} at the usual size if that sensor were the only sensor"
     )
     confused: ListOf[Text] = Field(
         description="effects of other families with which it would be confused at its usual size"

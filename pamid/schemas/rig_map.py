@@ -9,7 +9,7 @@ from pamid.schemas.model import ListOf, Model, Text
 
 
 class MappedPort(Model):
-    """A port of the rig, its places as one."""
+    """A port of the rig, its places combined."""
 
     port: Text
     group: Text = Field("", description="name of the group in the shares of the gap")

@@ -11,7 +11,7 @@ BY_MODEL = "in the unit of the channel, by model; null where the model became un
 
 
 class RecordingError(Model):
-    """Errors of every model in one channel of one recording."""
+    """Errors of every model in a channel of a recording."""
 
     recording: Text = Field(description="its name")
     known: dict[Text, Number] = Field(

@@ -14,7 +14,7 @@ WORLD = "open where further effects act as well and maps and loggers are poor"
 
 
 class ChannelForecast(Model):
-    """Shrinkage of the error of one channel."""
+    """Shrinkage of the error of a channel."""
 
     low: Number | None = Field(description=LOW)
     high: Number | None = Field(description=HIGH)
@@ -41,7 +41,7 @@ class PlantedTruth(Model):
 class ActingEffect(PlantedTruth):
     """An effect that acts in a case, with what it changes."""
 
-    planted: Flag = Field(description="or a further, lesser one")
+    planted: Flag = Field(description="or a further, lesser effect")
     change: Number = Field(
         description="change of the held-out readings without it, as a root mean square "
         "in their standard deviations"
@@ -52,8 +52,8 @@ class ActingEffect(PlantedTruth):
     )
 
 
-class TrialCaseFile(Model, schema="pamid.trial-case/1", title="Result of one case of a trial"):
-    """The result of one case."""
+class TrialCaseFile(Model, schema="pamid.trial-case/1", title="Result of a case of a trial"):
+    """The result of a case."""
 
     case: Count = Field(description="its number")
     sha256: Text = Field(description="of the case and its label, hexadecimal")
@@ -65,7 +65,7 @@ class TrialCaseFile(Model, schema="pamid.trial-case/1", title="Result of one cas
         description="refitted error over that without the fault; null where nothing is planted",
     )
     visibility_each: Annotated[Number | None, MAY_LACK] = Field(
-        default=None, description="of two faults, that of the less visible one by itself"
+        default=None, description="of two faults, that of the less visible alone"
     )
     acting: Sometimes[ListOf[ActingEffect]] = Field(
         default=None, description="effects of an open case, the largest first"
@@ -98,7 +98,7 @@ class CaseLabel(Model):
     )
     shares: Sometimes[ListOf[Number]] = Field(
         default=None,
-        description="of further effects: change of the readings, in that by the planted one",
+        description="of further effects: change of the readings, in that by the planted effect",
     )
 
 
@@ -122,9 +122,9 @@ class TrialLabelsFile(
 
 
 class TrialShare(
-    Model, schema="pamid.trial-share/1", title="pamid trial --index: the share of one array task"
+    Model, schema="pamid.trial-share/1", title="pamid trial --index: the share of an array task"
 ):
-    """Cases that one of many machines has completed."""
+    """Cases that a machine of many has completed."""
 
     index: Count = Field(description="of the share, from 1")
     of: Count = Field(description="number of shares")

@@ -1,8 +1,8 @@
 """Correlation time of recordings, the unit of all window lengths.
 
-A window to fit over, one to replay, the slices of a smoother: each has to be long compared with the
-machine's memory and short compared with the recording, on a joint with samples of 3 ms as on two
-tanks with samples of 4 s.
+A window to fit over, a window to replay, the slices of a smoother: each has to be long compared
+with the machine's memory and short compared with the recording, on a joint with samples of 3 ms as
+on two tanks with samples of 4 s.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 FORGOTTEN = float(np.exp(-1.0))
 STAYS = 3  # times the lag over which the correlation stays below
-LEAST_LAG = 10.0  # samples: no horizon can follow a faster one
+LEAST_LAG = 10.0  # samples: no horizon can follow a faster signal
 LONGEST_SHARE = 0.125  # of a recording: slower is drift, which a recording this long cannot show
 
 
 def correlation_samples(y: Array, noise: float = 0.0) -> tuple[float, float]:
-    """Correlation time of one channel (n,) in samples, plain and ringing, each at least 10 and at
+    """Correlation time of a channel (n,) in samples, plain and ringing, each at least 10 and at
     most an eighth of the channel; noise: standard deviation of its white noise, same unit as y. NaN
     where nothing but noise moves."""
     y = y - y.mean()
@@ -47,9 +47,10 @@ def timescale_of(
     most_s: float = float("inf"),
     most_ringing_s: float = float("inf"),
 ) -> float:
-    """Correlation time (s) of recordings: y (samples x channels, NaN where one was not recorded),
-    noise per channel, sampling period (s). The geometric mean over channels and recordings, longer
-    recordings counting for more, at most these; an eighth of the longest where nothing moves."""
+    """Correlation time (s) of recordings: y (samples x channels, NaN where a channel was not
+    recorded), noise per channel, sampling period (s). The geometric mean over channels and
+    recordings, longer recordings counting for more, at most these; an eighth of the longest where
+    nothing moves."""
     times, weight = list[tuple[float, float]](), list[float]()
     for y, noise, period_s in parts:
         for column, sigma in zip(y.T, noise, strict=True):

@@ -1,5 +1,5 @@
-"""Division of recordings: parameters are fitted on one part, and effects are chosen on a second.
-Results are reported on a third part, which neither the fit nor the choice has used."""
+"""Division of recordings: parameters are fitted on a first part, and effects are chosen on a
+second. Results are reported on a third part, which neither the fit nor the choice has used."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 # samples of an independent stretch, that is of a window on which a model is scored
 STRETCH_SAMPLES = 20
 FEWEST_FITTED, FEWEST_HELD_OUT = 7, 3  # stretches, over all recordings together
-# minimum length of a recording that is divided; a shorter one is fitted or held out as a whole
+# minimum length of a recording that is divided; a shorter recording is fitted or held out as a
+# whole
 FEWEST_SAMPLES = STRETCH_SAMPLES * (FEWEST_FITTED + FEWEST_HELD_OUT)
 # Tenths of a recording that are held out, normally its last three. If a part of the recording is at
 # rest, we spread them between fitted ones. The first then is early, while a decaying motion is
@@ -78,7 +79,7 @@ class Span:
 
 @dataclass(frozen=True)
 class DataSplit:
-    """Recordings of one rig, divided into a fitted and a held-out part.
+    """Recordings of a rig, divided into a fitted and a held-out part.
 
     channels: outputs that are both fitted and held out, and that move in a recording; noise: their
     white noise (SI); jump: possible deviation of the rig's states from their prediction by the
@@ -96,7 +97,7 @@ class DataSplit:
     timescale_s: float
     correlation_s: float
     lead_most: float = np.inf  # maximum lead-in of models with memories, in correlation times
-    per_run: int = 1  # held-out windows that a model predicts from one estimated state
+    per_run: int = 1  # held-out windows that a model predicts from an estimated state
     left_out: tuple[
         IdleTerm, ...
     ] = ()  # background terms that the fitted recordings cannot determine
@@ -194,7 +195,7 @@ class DataSplit:
         )
 
     def lacking(self, recording: Data) -> list[str]:
-        """Channels that are missing in this recording and present in another one."""
+        """Channels that are missing in this recording and present in another."""
         return [c for c in self.channels if c not in recording.values]
 
     @property
@@ -239,7 +240,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     ------
     DataError
         The recordings are too short in total, nothing moves, or two contain the same samples. A
-        single input or channel may be at rest if another one moves.
+        single input or channel may be at rest if another moves.
     FileError
         No output is both fitted and held out, or a recording has none of these outputs.
     """
@@ -367,7 +368,7 @@ def _parts(rig: Rig, recording: Data) -> tuple[list[Span], list[Span]]:
     moving = table.std(axis=0) > VISIBLE * noise_level(table)
     edge = edges[LAST_TENTHS[0]]
     before, after = table[:edge, moving].std(axis=0), table[edge:, moving].std(axis=0)
-    # all moving signals are at rest in one part, compared with the other
+    # all moving signals are at rest in either part, compared with the other
     at_rest = moving.any() and ((after < QUIET * before).all() or (before < QUIET * after).all())
     held_out = SPREAD_TENTHS if at_rest else LAST_TENTHS
     spans: dict[bool, list[Span]] = {False: [], True: []}
@@ -449,7 +450,7 @@ def require_informative(rig: Rig, recording: Data) -> set[str]:
 
 
 def _moving(recording: Data, names: list[str]) -> tuple[set[str], DataError | None]:
-    """Return the signals that change, and an error for the first one that does not."""
+    """Return the signals that change, and an error for the first that does not."""
     moving, error = set(), None
     for name in names:
         if motion(recording.values[name]) > 0.0:
@@ -484,11 +485,11 @@ def _shows_free_response(rig: Rig, recording: Data, channels: list[str]) -> bool
 
 
 def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
-    """Return a mask of one half of the held-out windows, for two-fold cross-validation.
+    """Return a mask of half of the held-out windows, for two-fold cross-validation.
 
     Each half is scored with the model that the other half chooses. Of many divisions into halves of
-    equal size, we use the one with the most similar mean and largest losses. If a transient were in
-    one half only, the other half would choose without it. Pairs of neighbouring windows stay
+    equal size, we use that with the most similar mean and largest losses. If a transient were in
+    a single half, the other half would choose without it. Pairs of neighbouring windows stay
     together.
 
     Parameters
@@ -511,7 +512,7 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
     divisions = [alternating]
     for _ in range(DEALS):
         first = np.zeros(block_count, bool)
-        # one of every two neighbouring blocks, so both halves stay spread over the recordings
+        # either of every two neighbouring blocks, so both halves stay spread over the recordings
         for k in range(0, block_count - 1, 2):
             first[k + random.integers(2)] = True
         if block_count % 2:
@@ -523,5 +524,5 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
         error, largest = np.log(first.mean() / other.mean()), np.log(first.max() / other.max())
         return float(abs(error) + 0.5 * abs(largest))
 
-    # Rounded, a division and its swapped halves tie. The first one wins, whatever the last digit.
+    # Rounded, a division and its swapped halves tie. The first wins, whatever the last digit.
     return min(divisions, key=lambda chosen: round(imbalance(chosen), ALIKE_DIGITS))

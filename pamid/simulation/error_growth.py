@@ -37,7 +37,7 @@ def growth_time_s(
     from its first half to its end.
 
     Every window looked at begins in the state that its readings show. The shortest time of all is
-    returned: a fit is lost where one window has no minimum to be found.
+    returned: a fit is lost where any window has no minimum to be found.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def growth_time_s(
 
 
 def _time_in(runner: Runner, window: Window, noise: Array) -> float:
-    """The time of one window; infinite where errors do not grow within it."""
+    """The time of a window; infinite where errors do not grow within it."""
     track, n = runner.track, runner.start_states
     if n == 0:
         return np.inf

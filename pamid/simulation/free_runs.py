@@ -24,7 +24,7 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 # |eigenvalue| x step up to which the explicit step is used: accurate, and two thirds of where the
-# classical Runge-Kutta method becomes unstable (2.79 on the real axis, 2.83 on the imaginary one)
+# classical Runge-Kutta method becomes unstable (2.79 on the real axis, 2.83 on the imaginary axis)
 STEADY = 1.8
 MOST_SUBSTEPS = 16  # beyond, the implicit step is cheaper; below, it errs a hundred times as much
 LOOKED_AT = 3000  # samples along which it is looked for
@@ -140,7 +140,7 @@ def free_run(
     stepping: Stepping | None = None,
     further: Mapping[str, Expr] | None = None,
 ) -> FreeRun:
-    """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs).
+    """Simulate from `start` (default: the rig's) over the inputs u (samples x inputs).
 
     further: values by name that are the last columns of the outputs.
     """
@@ -162,7 +162,7 @@ def virtual_recording(
     seed: int = 0,
     fineness: int = 4,
 ) -> dict[str, Array]:
-    """Simulate the recording of a rig with these effects: columns in their own units.
+    """Simulate the recording of a rig with these effects: columns in their units.
 
     Sensor noise is white with the rig's standard deviations times `noise`; in a closed loop the
     controller sees it. Integrated with `fineness` times the steps that a fit would take.
@@ -189,8 +189,8 @@ def virtual_recording(
 def noiseless_recordings(
     assembly: Assembly, excitations: Sequence[Recording], p: Array
 ) -> list[dict[str, Array] | None]:
-    """Columns of `virtual_recording` without noise, of excitations of one length and period,
-    simulated side by side; None of one at which the rig becomes unstable.
+    """Columns of `virtual_recording` without noise, of excitations of equal length and period,
+    simulated side by side; None for an excitation at which the rig becomes unstable.
 
     p: (parameters, excitations).
     """
@@ -245,7 +245,7 @@ def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> 
 
 def port_probes(assembly: Assembly) -> dict[tuple[str, str, str], Expr]:
     """Every value and signal at every port whose size the rig does not declare itself: (port,
-    place and port in one word, signal) -> expression."""
+    place and port in a single word, signal) -> expression."""
     return {
         (passage.port, passage.where, name): value
         for passage in assembly.traced.passages
@@ -256,9 +256,9 @@ def port_probes(assembly: Assembly) -> dict[tuple[str, str, str], Expr]:
 
 def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) -> Sizes:
     """Magnitude (95th percentile of |signal|) by port and signal, the largest of its places and of
-    these tables (each samples x probes); what never differs from zero is left out. Beside that of a
-    position half of its travel (between the percentiles 2.5 and 97.5: the same where it goes to and
-    fro about its zero), which is the same wherever it is counted from."""
+    these tables (each samples x probes); what never differs from zero is left out. Next to that of
+    a position half of its travel (between the percentiles 2.5 and 97.5: the same where it goes to
+    and fro about its zero), which is the same wherever it is counted from."""
     sizes: Sizes = {}
     for table in tables:
         for (port, _, name), column in zip(probes, table.T, strict=True):
@@ -275,12 +275,12 @@ def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) ->
 
 
 def longest_time(durations_s: Sequence[float]) -> Sizes:
-    """The duration of the longest recording, of which what drifts over one is a multiple."""
+    """The duration of the longest recording, of which the duration of a drift is a multiple."""
     return {("", "time"): max(durations_s, default=0.0)}
 
 
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
-    """Sizes at every port over free runs (u, p, period) from the rig's own start, and the longest
+    """Sizes at every port over free runs (u, p, period) from the rig's start, and the longest
     run's duration: all that is known before anything was measured."""
     probes = port_probes(assembly)
     time = longest_time([len(u) * period for u, _, period in runs])

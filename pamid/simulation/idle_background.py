@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 FEW_VALUES = 3
 BINS = 20  # of the range, as fine as a rough map of ten waves
-RESTING = 0.02  # of the size of a quantity: a smaller range is one value
-IN_PASSING = 0.005  # of the samples: values on the way from one level to the next
+RESTING = 0.02  # of the size of a quantity: a smaller range is a single value
+IN_PASSING = 0.005  # of the samples: values on the way to the next level
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
     names = sorted({key for keys in judged.values() for key in keys})
     try:
         table = _values(assembly, {key: probes[key] for key in names}, recordings)
-    except PamidError:  # said where the recordings are read
+    except PamidError:  # reported where the recordings are read
         return []
     counts = {
         pair: max(_value_count(table[:, names.index(key)]) for key in keys)

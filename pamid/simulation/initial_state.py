@@ -1,4 +1,4 @@
-"""The rig's state at the start of a window, estimated from the window's own data and from where the
+"""The rig's state at the start of a window, estimated from the window's data and from where the
 window before has led to.
 
     min over x  sum over samples |W (y(x) - y_measured)|^2 + |L (x - x_carried)|^2
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 # standard deviations would say it
 TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
-MISSED = 3.0  # residual over noise at which a flat reading is followed by other slopes than its own
+MISSED = 3.0  # residual over noise at which a flat reading gets other slopes
 READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
 CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
@@ -41,7 +41,7 @@ class _StatePoint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WindowStart(LeastSquares[_StatePoint, Array]):
-    """The least squares of one window over its initial state, with the carried state as prior (the
+    """The least squares of a window over its initial state, with the carried state as prior (the
     arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2)).
 
     memory: at the start of the window, with room for the runner's sensitivities; resting: where a
@@ -108,21 +108,31 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
         """The least squares of a window. memory is left untouched. weight: 1/sigma per channel.
         jump: by what each state may depart from the carried value (standard deviation; None or
         infinite where nothing is known of it: a weak pull remains)."""
-        own = Runner(
+        start_runner = Runner(
             runner.assembly, runner.track, runner.stepping, all_states=runner.all_states
         ).keeping()
         y, seen = runner.track.y[window.start : window.stop], runner.track.seen
         if not seen.all():
             weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-        known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
-        return cls(own, own.widened(memory), window, p, y, weight, carried, known, carried)
+        known = np.zeros(start_runner.start_states) if jump is None else 1.0 / jump**2
+        return cls(
+            start_runner,
+            start_runner.widened(memory),
+            window,
+            p,
+            y,
+            weight,
+            carried,
+            known,
+            carried,
+        )
 
     def estimate(self, steps: int = 11) -> tuple[Array, bool]:
         """Rig state at the start of the window from its data, by Gauss-Newton with a pull to the
         carried state, and whether it is usable.
 
         Where a reading does not show the sign of a state (a speed read as |v|), both signs are
-        tried: no derivative leads from one to the other. The same holds where an effect flattens a
+        tried: no derivative leads between them. The same holds where an effect flattens a
         reading, as a limit does beyond it: if that fits badly, a start is sought with the slopes of
         the rig without the effects at its readings.
         """
@@ -169,9 +179,9 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
     def from_readings(self) -> Array:
         """The state that fits the first reading, then ever longer beginnings of the window.
 
-        One reading shows the states that the output map holds, whatever the model does from there;
-        few of them show the slopes, too, before its errors have grown. A state that they do not
-        show stays where it was carried to.
+        A single reading shows the states that the output map holds, whatever the model does from
+        there; few of them show the slopes, too, before its errors have grown. A state that they do
+        not show stays where it was carried to.
         """
         x, first, length = self.carried, self.window.start, 1
         while length < len(self.y):
@@ -192,8 +202,8 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
 @dataclass(frozen=True, eq=False)
 class _Followed(WindowStart):
     """The same with the slopes that the rig has without the effects at its readings, at samples
-    that a flat reading misses: beyond a limit its own slope leads nowhere. What it does not miss
-    says nothing there, as it should.
+    that a flat reading misses: beyond a limit its slope leads nowhere. What it does not miss
+    has no weight there, as it should.
 
     plain: runs the rig without these effects; plain_memory: at its start; plain_p: its parameters.
     """

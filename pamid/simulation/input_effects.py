@@ -1,6 +1,6 @@
 """How far every input moves the outputs of a model: the run with the recorded inputs against the
-run with one of them held at its mean. An input that moves no output has a dead term: another unit,
-a factor of many tens, a product with zero."""
+run with an input held at its mean. An input that moves no output has a dead term: another
+unit, a factor of many tens, a product with zero."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def idle_text(
     name: str, values: Array, change: Array, channels: Sequence[str], noise: Array
 ) -> str:
     """Sentence without its full stop on an input that moves no output by more than its noise, ""
-    for another one. values (SI): what was recorded of it; change, noise: per channel (SI)."""
+    for another input. values (SI): what was recorded of it; change, noise: per channel (SI)."""
     if not bool(np.all(change < noise)):
         return ""
     nearest = int(np.argmax(change / noise))

@@ -1,7 +1,7 @@
 """Recorded-command replay of a model, scored window by window, and its noise floor.
 
-A run covers one window or more, up to the whole recording. It begins in a state estimated from its
-own data; then the model runs freely on the recorded command. What effects remember is carried on
+A run covers a window or more, up to the whole recording. It begins in a state estimated from its
+data; then the model runs freely on the recorded command. What effects remember is carried on
 from run to run.
 """
 
@@ -31,13 +31,13 @@ FEWEST_WINDOW_SAMPLES = 20  # where a record would not give 3 such; 3 of them fi
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 FEWEST_WINDOWS, FEWEST_USUAL_WINDOWS = 6, 3  # over all records together; of the usual length
 WARM_UP = 0.15  # share of a run's first window that only serves to find its start
-WHOLE = 2**31 - 1  # windows per run: one run over the whole recording
+WHOLE = 2**31 - 1  # windows per run: a single run over the whole recording
 
 
 def replay_windows(track: Track) -> list[Window]:
     """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
     least 6 of them, as long as they have 40 samples. Records too short for that give 6 together, or
-    3 that have 20; an episode among many may be one window."""
+    3 that have 20; an episode among many may be a single window."""
     longest = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, longest)))
@@ -58,7 +58,7 @@ class Replay:
     full_track, full_outputs (samples x channels, SI), full_windows: lead-in included; noise: of the
     sensors, per channel (SI); carried: the rig's states at the end of the window before (windows x
     states); starts: the states at which the window was entered (windows x states); finite: whether
-    every scored sample is; per_run: scored windows that one run covers.
+    every scored sample is; per_run: scored windows that a run covers.
     """
 
     full_track: Track
@@ -147,10 +147,10 @@ def replay_track(
 ) -> Replay:
     """Run the model over the track; the sensor noise per channel (SI) weighs the start estimates.
 
-    A run over one window finds its start from the part that is not scored, a longer one from the
-    whole of its first window, and so do windows of the track's lead-in. jumps: by what the states
-    are known to have departed from what was carried over (windows x states); per_run: scored
-    windows that one run covers.
+    A run over a single window finds its start from the part that is not scored, a longer run from
+    the whole of its first window, and so do windows of the track's lead-in. jumps: by what the
+    states are known to have departed from what was carried over (windows x states); per_run: scored
+    windows that a run covers.
     """
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
@@ -217,7 +217,7 @@ def run_windows(
 def noise_floor(
     assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0
 ) -> Replay:
-    """The same comparison where the model is the truth: its own outputs plus white noise, replayed.
+    """The same comparison where the model is the truth: its outputs plus white noise, replayed.
     This truth jumps between windows by as much as the fitted model's states had to."""
     random = np.random.default_rng(seed)
     y = done.full_outputs + noise * random.standard_normal(done.full_outputs.shape)

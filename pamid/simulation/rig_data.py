@@ -56,7 +56,7 @@ class Data(Recording):
                 raise FileError(
                     f"{self.path}: rig {assembly.rig.name!r} needs the input column {name!r}.",
                     nearest(name, list(self.columns))
-                    or f"Add this column, or rename one of: {', '.join(self.columns)}.",
+                    or f"Add this column, or rename any of: {', '.join(self.columns)}.",
                     code="missing-column",
                 )
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))

@@ -1,4 +1,4 @@
-"""Errors of models in one channel of one recording: the row that `pamid fit`, `pamid score` and
+"""Errors of models in a channel of a recording: the row that `pamid fit`, `pamid score` and
 `pamid report` share."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def recording_error(
     measured: Array,
     models: Mapping[str, Array | None],
 ) -> RecordingError:
-    """One row from the scored samples (n,) of a channel, in its unit; a model that became unstable
+    """A row from the scored samples (n,) of a channel, in its unit; a model that became unstable
     is None or not finite."""
     stable = {
         name: values if values is not None and bool(np.isfinite(values).all()) else None

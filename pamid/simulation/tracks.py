@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Track:
-    """One recording as a fit uses it. SI throughout.
+    """A recording as a fit uses it. SI throughout.
 
     u (samples x inputs); y (samples x channels; NaN where a channel was not recorded); known:
     places of parameters that are held for it; p: the data sheet with their values; jump: possible
@@ -157,7 +157,7 @@ def noise_remarks(
         if noise.contradicts[0]:
             text = (
                 f"{channel}: the rig states a noise of {stated:.2g}{symbol}, but the samples show "
-                f"{white:.2g}{symbol}. The observed noise is used; correct the stated one"
+                f"{white:.2g}{symbol}. The observed noise is used; correct the stated noise"
             )
             remarks.append(NoiseRemark("noise", channel, text, used))
         elif lag > 0.0:

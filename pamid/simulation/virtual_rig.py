@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """columns in their own units; meta: the tables of the TOML next to the recording, which name a
+    """columns in their units; meta: the tables of the TOML next to the recording, which name a
     rig of the catalogue only: a file's name may reveal the planted effect;
     effects: labels with values; remarks: what is odd about what was simulated, but not wrong."""
 
@@ -104,7 +104,7 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
 def stated_tables(
     rig: str, excitation: Recording, known: dict[str, float], controller: dict[str, float] | None
 ) -> dict[str, Any]:
-    """Tables of the TOML next to a simulated recording. rig: stated if it is one of the catalogue;
+    """Tables of the TOML next to a simulated recording. rig: stated if the catalogue has it;
     controller: its settings, None for an open loop."""
     named = {"rig": rig} if in_catalogue(rig) else {}
     loop = {
@@ -151,7 +151,8 @@ def simulate_virtual_rig(
             if name not in bounds:
                 raise FileError(
                     f"effect {a.label!r} has no parameter {name!r}",
-                    nearest(name, list(bounds)) or f"parameters: {', '.join(bounds)}",
+                    nearest(name, list(bounds))
+                    or f"Name a parameter that it has: {', '.join(bounds)}.",
                 )
             p[assembly.index_of(f"{a.label}:{name}")] = value * bounds[name].factor
         given = ",".join(

@@ -1,7 +1,7 @@
-"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: the
+"""Tracks cut into windows, and a window simulated from a start state with its sensitivities: the
 common part of multiple shooting, replays and smoothing.
 
-The rig's own states are set anew at the start of each window. Memories of effects (plays, lags,
+The rig's states are set anew at the start of each window. Memories of effects (plays, lags,
 creep) are carried on from the window before, because no window by itself shows them.
 """
 
@@ -29,7 +29,7 @@ class Window:
 
 
 def cut(samples: int, length: int) -> list[Window]:
-    """Windows of about `length` samples that cover everything; the last one takes the rest."""
+    """Windows of about `length` samples that cover everything; the last takes the rest."""
     count = max(1, round(samples / length))
     edges = np.linspace(0, samples, count + 1).round().astype(int)
     return [Window(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
@@ -37,10 +37,10 @@ def cut(samples: int, length: int) -> list[Window]:
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """Runs windows of one track with given parameters.
+    """Runs windows of a track with given parameters.
 
-    free: places of the parameters that get sensitivity columns; after them come the rig's own
-    states at the window's start, so a Jacobian has len(free) + rig_states columns; known: slopes of
+    free: places of the parameters that get sensitivity columns; after them come the rig's states
+    at the window's start, so a Jacobian has len(free) + rig_states columns; known: slopes of
     a stepped rig's exchanges along the track, where they are kept from run to run.
     """
 

@@ -11,7 +11,7 @@ axes R. It is deformed by an upper triangular matrix L:
     P = R L diag(s) L' R',    L = [e^d1 s12 s13; 0 e^d2 s23; 0 0 e^d3]
 
 For any stretch d, shear s and centre the principal inertias obey the triangle inequalities. Axis 3
-is the one along which the body is longest, so that a small shear tilts a rod. The logarithm of the
+is the axis along which the body is longest, so that a small shear tilts a rod. The logarithm of the
 mass is the tenth parameter (`mass`), which scales I at the same shape.
 
 References

@@ -55,7 +55,7 @@ from pamid.symbolic.vocabulary import (
 )
 
 DELAY_ROOM = 5.0  # times the delay that the file states
-RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest one
+RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest value
 LEAST_INERTIA = 1e-12  # of what a joint carries, kg m2 or kg
 #: an angle (or length) and its rate
 Turn: TypeAlias = tuple[Expr, Expr]
@@ -181,7 +181,7 @@ def _amplitude(m: Mechanism, actuator: Actuator) -> float:
     """Usual amplitude of a command: half its range.
 
     Without a range it is half a radian or a tenth of a metre for a position, twice that for a
-    velocity, and for a force the one that accelerates its joint by 10 rad/s2.
+    velocity, and for a force the force that accelerates its joint by 10 rad/s2.
     """
     if actuator.command_range is not None:
         low, high = actuator.command_range
@@ -209,7 +209,7 @@ def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
 
 
 class MechanismEquations:
-    """Equations of a mechanism on symbols, for one evaluation."""
+    """Equations of a mechanism on symbols, for a single evaluation."""
 
     def __init__(self, rig: CompiledMechanism, x: Any, u: Any, p: Any, port: Any) -> None:
         self.rig, self.m, self.x, self.u, self.p, self.port = rig, rig.mechanism, x, u, p, port
@@ -459,7 +459,7 @@ class MechanismEquations:
         return SoftCoupling(slopes, -c.rate * speed - c.stiffness * share * error, softness)
 
     def _end(self, c: Coupling, number: int, reference: float) -> tuple[dict[int, Expr], Expr]:
-        """Slopes by joint of one end of a coupling, and its distance from the reference."""
+        """Slopes by joint of an end of a coupling, and its distance from the reference."""
         if number < 0:
             return {}, ZERO
         slopes = {j: expression(share) for j, share in self.shares_of(c, number).items()}
@@ -577,7 +577,7 @@ class MechanismEquations:
             sum_k M_ik q_k'' = force_i - c_i - M'_ij t''
 
         A force is None if no such effect reaches the joint. All other joints give way, so that the
-        effect sees one inertia behind one motor. This is exact for one such joint.
+        effect sees a single inertia behind a single motor. This is exact for a single such joint.
         """
         turned: dict[int, Turn] = {}
         tree = rigid = self.rigid
@@ -723,7 +723,8 @@ def _shared_tree(
     armature: tuple[Expr, ...],
     shapes: tuple[tuple[int, tuple[Expr, ...]], ...],
 ) -> Tree:
-    """One tree for all models in which it is the same, so that each of its parts is built once.
+    """The same tree for all models in which it is the same, so that each of its parts is built
+    once.
 
     shapes: number of a body, its centre (3) and second moments (3 x 3, row by row).
     """

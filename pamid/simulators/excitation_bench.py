@@ -138,8 +138,8 @@ class ExcitationBench:
     def run(
         self, sent: Mapping[int, Array], *, learn: bool = False
     ) -> tuple[LimitViolation | None, dict[str, tuple[float, float]]]:
-        """Return the first violation of a run, None without one, and the range of the joints'
-        positions."""
+        """Return the first violation of a run, None without a violation, and the range of the
+        joints' positions."""
         data, m = self._begin(), self.m
         driven = [i for i in sent if m.actuators[i].adr >= 0]
         bare = [i for i in sent if m.actuators[i].adr < 0]
@@ -236,7 +236,7 @@ class ExcitationBench:
         return str(name) if name else f"a geom of {body}"
 
     def _is_fixed(self, pair: tuple[int, int]) -> bool:
-        """True if one of the two is a part of the surroundings."""
+        """True if either is a part of the surroundings."""
         return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
 
     def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:

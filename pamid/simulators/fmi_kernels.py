@@ -1,7 +1,7 @@
 """Calls of an FMU's functions from compiled code, at every sample.
 
-Every function returns a status: that of the FMU (2 and above: failure), or one of those below. The
-index of the failing function is in `report[0]`. C ignores surplus arguments, so that one call
+Every function returns a status: that of the FMU (2 and above: failure), or any of those below. The
+index of the failing function is in `report[0]`. C ignores surplus arguments, so that the same call
 serves FMI 2.0 and 3.0 if their arguments begin alike.
 """
 
@@ -47,8 +47,8 @@ FAILED_FROM = 2  # statuses of an FMU: 0 in order, 1 a warning, then discard, er
 
 ROUNDING = 1e-9  # of an exchange: rounding errors of summed times are smaller
 MOST_ITERATIONS = 100
-MOST_EVENTS = 1000  # in one exchange
-MOST_STEPS = 4096  # in one exchange
+MOST_EVENTS = 1000  # in an exchange
+MOST_STEPS = 4096  # in an exchange
 BISECTIONS = 40  # of a step, to find where an indicator changes its sign
 STEP_TOLERANCE = 1e-8  # of a state's size, per step
 SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
@@ -341,7 +341,7 @@ def exchange(
         Ends of the steps from `begin`, up to a zero. If it begins with a zero, the steps are
         chosen, and noted there.
     """
-    # an event between two exchanges belongs to the later one, so that it gets the new inputs
+    # an event between two exchanges belongs to the later exchange, so that it gets the new inputs
     near = ROUNDING * h
     first = due[0] if abs(due[0] - begin) <= near else begin
     status = change_inputs(m, c, first, f, x, due)
@@ -432,7 +432,7 @@ def exchange_copies(
 ) -> None:
     """Model exchange of copies: `step_copies` with states.
 
-    All copies take the steps of the first one, because differences between copies are smooth then.
+    All copies take the steps of the first copy, because differences between copies are smooth then.
 
     Parameters
     ----------
@@ -463,7 +463,7 @@ _FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
-    """Memory of an exchange, views of one array of words.
+    """Memory of an exchange, views of an array of words.
 
     The words are version, states, inputs, outputs, indicators; the status of the first failure; as
     floats the next event, whether the steps within are chosen (LEADS), the length of an exchange
@@ -555,7 +555,7 @@ def exchange_words(m: FmiModel, units: FmuUnits, h: float) -> NDArray[np.int64]:
 
 @cfunc(types.void(types.CPointer(types.int64), types.CPointer(types.int64)), cache=True)
 def exchange_of(handle, data):  # type: ignore[no-untyped-def]
-    """Exchange of the instance with its handle at an address, over the table at another one.
+    """Exchange of the instance with its handle at an address, over the table at another address.
 
     States and outputs are NaN after a failure.
     """

@@ -43,7 +43,7 @@ def choices_path(fmu: Path) -> Path:
 
 
 def read_choices(fmu: Path) -> FmuChoices:
-    """Read the table next to an FMU, if there is one.
+    """Read the table next to an FMU, if any.
 
     FileError for unknown content. The names are not compared with those of the FMU here.
     """

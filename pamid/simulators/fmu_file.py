@@ -41,7 +41,7 @@ class FmuVariable:
 
     name    as a column or parameter, with its unit
     called  name in the FMU
-    unit    unit in the FMU, "" if it has none or an unknown one
+    unit    unit in the FMU, "" if it has none or an unknown unit
     start   start value in this unit
     """
 
@@ -86,7 +86,7 @@ class FmuFile:
     indicators  number of event indicators
     seen        True if the states are its whole memory
     saves       True if it can save its state
-    alone       True for one instance per process
+    alone       True if a process can hold only a single instance
     period_s    proposed step, 0 if it proposes none
     any_step    True if it takes steps of any length
     motion      inputs that are forces -> position and velocity there
@@ -357,7 +357,7 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
 
 
 def _fresh_name(name: str, used_names: dict[str, int]) -> str:
-    """Unused name that resembles the given one: "x", "x_", "x_3", "x_4" ...
+    """Unused name that resembles the given name: "x", "x_", "x_3", "x_4" ...
 
     used_names: names, with the number of variables that requested each.
     """

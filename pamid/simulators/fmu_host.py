@@ -45,8 +45,8 @@ TIMED = (
 class _Copy:
     """Copy of the FMU between runs: its time, its parameters and its state.
 
-    The state is the address of one that the FMU has saved. If the FMU cannot save a state, the copy
-    has the inputs of all steps from the start, the last one first, each with its predecessors.
+    The state is the address of a state that the FMU has saved. If the FMU cannot save a state, the
+    copy has the inputs of all steps from the start, the last first, each with its predecessors.
     """
 
     time_s: float
@@ -58,9 +58,10 @@ class _Copy:
 
 
 class FmuHost(Carrier):
-    """Copies of one FMU; all SI. about: `FmuFile.request`, and the folder of the unpacked FMU.
+    """Copies of an FMU; all SI. about: `FmuFile.request`, and the folder of the unpacked FMU.
 
-    If an FMU saves states, one instance serves all copies. Otherwise each copy has an instance.
+    If an FMU saves states, a single instance serves all copies. Otherwise each copy has an
+    instance.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:

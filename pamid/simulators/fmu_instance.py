@@ -123,7 +123,7 @@ class FmuInstance:
     # ---- states ----------------------------------------------------------------------------------
 
     def save(self, m: FmiModel, address: int = 0) -> int:
-        """Save the state and return its address; the memory of an earlier one is reused."""
+        """Save the state and return its address; the memory of an earlier state is reused."""
         state = ctypes.c_void_p(address or None)
         self._call(m, SAVE, ctypes.byref(state))
         return int(state.value or 0)

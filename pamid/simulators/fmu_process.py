@@ -1,4 +1,4 @@
-"""An FMU in its own process, driven by the engine (`pamid.engine.shadow_simulators.Carrier`)."""
+"""An FMU in a separate process, driven by the engine (`pamid.engine.shadow_simulators.Carrier`)."""
 
 from __future__ import annotations
 

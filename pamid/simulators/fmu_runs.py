@@ -95,7 +95,7 @@ def serve(inlet: int, outlet: int) -> None:
         except EOFError:
             return
         try:
-            reply = request  # an empty one is as good
+            reply = request  # an empty reply is as good
             if runs is None:
                 runs = FmuRuns(FmuHost(request.about))
             else:

@@ -1,6 +1,6 @@
 """Limits on reading a model file of another program.
 
-A file of one kilobyte can declare a model that takes hours and all memory. The environment variable
+A file of a kilobyte can declare a model that takes hours and all memory. The environment variable
 PAMID_MODEL_LIMITS multiplies every limit here, for a model that you trust and that needs more.
 """
 
@@ -33,7 +33,7 @@ RAISED = (
 
 @dataclass(frozen=True)
 class ForeignLimits:
-    """Limits for one model file.
+    """Limits for a model file.
 
     They bound the compilation, the bytes of its text, bytes and number of unpacked files, and
     elements of a kind.

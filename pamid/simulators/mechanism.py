@@ -51,7 +51,7 @@ class Body:
 class MechanismJoint:
     """A hinge (rad, N m) or a slide (m, N) at `anchor` along `axis`, both in the body's frame.
 
-    The joints of a body follow one another.
+    The joints of a body follow each other.
 
     reference        position of the joint in the file's pose
     spring_reference position at which the spring is relaxed
@@ -64,7 +64,7 @@ class MechanismJoint:
     stiffness_powers (b, c) of a spring a x + b x^2 + c x^3, whose a is `stiffness`
     spring_yield     deflection beyond which the spring yields for good; 0: never
     compensated_by_actuator  gravity compensation counts as a force of its actuators
-    is_base          one of the joints that replace a free one: nothing but the motion itself
+    is_base          for a joint that replaces a free joint: nothing but the motion itself
     """
 
     name: str
@@ -214,7 +214,7 @@ class Actuator:
               that of `motor`
     dynamics  of a: none (a is the command), integrator (a' = command) or filter (a' = (command -
               a) / time_constant_s); dcmotor
-    joint, tendon  the one it drives; -1: none
+    joint, tendon  the joint or tendon that it drives; -1: none
     mount, wrench  point of action on a body, with this (force, torque) per unit of the actuator's
               force, in the frame of the mount; it has no length, and its velocity is the power per
               force
@@ -303,7 +303,7 @@ class ModelParameter:
     element, of   kind and name of its element ("joint", "shoulder")
     attribute     name of the number in the file
     number        index of the element among those of its kind
-    assumed       the file states zero, and the prior is an absolute one, given in the source
+    assumed       the file states zero, and the prior is absolute, given in the source
     """
 
     parameter: Parameter

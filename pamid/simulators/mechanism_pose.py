@@ -96,7 +96,7 @@ def _ends(m: Mechanism) -> list[int]:
 
 
 def _chain(m: Mechanism, last: int) -> list[int]:
-    """Chain from the body on the world to this one."""
+    """Chain from the body on the world to this body."""
     chain = [last]
     while m.bodies[chain[0]].parent > 0:
         chain.insert(0, m.bodies[chain[0]].parent)

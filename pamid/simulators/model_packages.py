@@ -23,7 +23,7 @@ from pamid.simulators.xml_text import tags_of
 PACKAGES_VARIABLE = "PAMID_MODEL_PACKAGES"
 _PACKAGE_FILE = "package.xml"
 _PACKAGE_FILE_BYTES = 1 << 20
-_MOST_FOLDERS = 2000  # searched in one entry of ROS_PACKAGE_PATH
+_MOST_FOLDERS = 2000  # searched in an entry of ROS_PACKAGE_PATH
 _DEPTH = 3  # of packages below an entry of ROS_PACKAGE_PATH
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]*")
 
@@ -151,7 +151,7 @@ def places_of(
 
 
 def _package_in(folder: Path, name: str) -> Iterator[Path]:
-    """Package in a folder: the folder itself, or one directly in it."""
+    """Package in a folder: the folder itself, or a package directly in it."""
     if folder.name == name or _name_in(folder) == name:
         yield folder
     if (folder / name).is_dir():

@@ -68,7 +68,7 @@ class MujocoFile:
         return str(name) if name else f"{kind}_{number}"
 
     def word(self, enum: str, value: Any) -> str:
-        """MuJoCo's word for a value of one of its enumerations: ("mjtJoint", 3) -> "hinge"."""
+        """MuJoCo's word for a value of any of its enumerations: ("mjtJoint", 3) -> "hinge"."""
         return str(getattr(self.mujoco, enum)(int(value)).name).split("_", 1)[1].lower()
 
 
@@ -270,7 +270,7 @@ def require_finite(file: MujocoFile) -> None:
 
 
 def _owner(file: MujocoFile, array: str, row: int) -> str:
-    """Element of a row of one of the model's arrays, as text for an error."""
+    """Element of a row of an array of the model, as text for an error."""
     prefix = array.partition("_")[0]
     if prefix == "dof":
         prefix, row = "jnt", int(file.model.dof_jntid[row])

@@ -21,7 +21,7 @@ CONTACT = "contact"  # the element of the finding that geoms can touch
 EVERY_PAIR = 10.0  # search distance for pairs, in extents of the model
 NOT_ENFORCED = "is not enforced by the equations"  # only in the equations' form
 # largest sum of squared depths of the joints for equations, that of a chain of 16. It is built
-# and checked within 15 s of CPU, one of 24 takes over a minute
+# and checked within 15 s of CPU, a chain of 24 takes over a minute
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
@@ -117,7 +117,7 @@ def _place(file: MujocoFile, qpos: Any, random: np.random.Generator) -> None:
 
 
 def follow(file: MujocoFile, qpos: Any) -> None:
-    """Set the positions of joints that follow another one through a coupling.
+    """Set the positions of joints that follow another joint through a coupling.
 
     A chain of couplings is followed in the order of the file.
     """
@@ -142,7 +142,7 @@ def _finding(
 
 def _joints(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
-    depth = np.zeros(m.nv, np.int64)  # joints from the ground to this one
+    depth = np.zeros(m.nv, np.int64)  # joints from the ground to this joint
     for dof in range(m.nv):  # a parent stands before its children
         parent = int(m.dof_parentid[dof])
         depth[dof] = 1 + (depth[parent] if parent >= 0 else 0)

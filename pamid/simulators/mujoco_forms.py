@@ -73,7 +73,7 @@ class JointTerms:
     sliding and static level, Stribeck velocity, or "cogging" with a force amplitude * sin(poles * q
     + phase).
 
-    The methods return a note on the form of an effect, "" for MuJoCo's own.
+    The methods return a note on the form of an effect, "" for MuJoCo's form.
     """
 
     friction: float = 0.0
@@ -243,7 +243,7 @@ def _hysteresis(share: float) -> Callable[[JointTerms, Any], str]:
     return lambda t, p: t.add_bristles(p.level / (share * p.reach), p.level, note=note)
 
 
-HARD = 0.98  # a limit that removes this share of the excess counts as a hard one
+HARD = 0.98  # a limit that removes this share of the excess counts as hard
 _SOFT_LIMIT = "is written as a hard limit"
 
 #: effect -> its form in MuJoCo, by the kind of its port; p: its parameters

@@ -430,7 +430,7 @@ def _units_of(
 ) -> tuple[str, str, str]:
     """Units of position, velocity and force at a joint or a tendon.
 
-    A tendon has those of its joints, if they are of one kind.
+    A tendon has those of its joints, if they are of the same kind.
     """
     kinds = {joints[joint].kind} if joint >= 0 else set()
     if tendon >= 0:

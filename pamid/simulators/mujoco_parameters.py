@@ -1,6 +1,6 @@
 """Fittable numbers of a MuJoCo file, with their priors.
 
-A number in the file is correct within 20 %, one standard deviation of the logarithm. A zero means
+A number in the file is correct within 20 %, a standard deviation of the logarithm. A zero means
 that the term was not measured: a URDF has no armature at all. Armature and damping are still
 fitted, with an absolute prior of the size of the joint's actuator, because nothing else can replace
 them. Dry friction and springs are fixed at zero. They are effects of the catalogue, which a
@@ -24,7 +24,7 @@ from pamid.simulators.mechanism import (
 )
 from pamid.simulators.mujoco_file import MujocoFile
 
-STATED_FACTOR = 1.2  # factor, one standard deviation, around the file's value
+STATED_FACTOR = 1.2  # factor, a standard deviation, around the file's value
 BOUND_FACTOR = 10.0  # factor from the file's value to the bounds
 ABSENT_SHARE = 0.2  # standard deviation of a value that is zero in the file, over its typical size
 TYPICAL_RATE = 1.0  # 1/s, of a typical damping over the inertia

@@ -2,7 +2,7 @@
 
 MuJoCo opens anything under these names. A pipe would block it for ever, and a device has no end.
 Meshes and textures that MuJoCo does not find are searched where ROS and other tools have them. If
-one is missing and the motion does not depend on it, it is left out.
+a file is missing and the motion does not depend on it, it is left out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def require_plain_sources(path: Path) -> tuple[Path, ...]:
     Raises
     ------
     FileError
-        The model or an included one names a pipe, a device or a socket, or the text needs xacro.
+        The model or an included model names a pipe, a device or a socket, or the text needs xacro.
     """
     pending, seen = [path], set()
     folders: dict[Path, None] = {path.parent: None}
@@ -300,7 +300,7 @@ class ModelAssets:
     def _leave_out(self, spec: Any) -> None:
         """Remove the shapes of absent meshes.
 
-        FileError if a moving body has its mass from one.
+        FileError if a moving body has its mass from such a file.
         """
         for geom in list(spec.geoms):
             absent = self.absent.get(geom.meshname)

@@ -28,7 +28,7 @@ LEAST_DESCENT = 1e-4  # share of the cost below which the search ends
 
 @dataclass(frozen=True, eq=False)
 class RecordedStretch:
-    """Successive samples of one run.
+    """Successive samples of a run.
 
     times     (samples,) s, from 0
     inputs    column -> (samples,), SI
@@ -124,7 +124,7 @@ class PlainModel:
                 count[column] += int(seen.sum())
         return {c: total[c] / count[c] if count[c] else np.nan for c in noise}
 
-    # ---- one run ---------------------------------------------------------------------------------
+    # ---- a run ----------------------------------------------------------------------------------
 
     def simulate(
         self, stretch: RecordedStretch, starts: Array, samples: int | None = None
@@ -222,7 +222,7 @@ class PlainModel:
                 past = np.append(
                     stretch.before.get(a.column, np.empty(0)), stretch.inputs[a.column][0]
                 )
-                # the last one is the first sample of the stretch, at time 0
+                # the last is the first sample of the stretch, at time 0
                 back = np.minimum(np.ceil(-times / period - 1e-6).astype(int), len(past) - 1)
                 self.mujoco.mj_initCtrlHistory(m, d, i, times, past[len(past) - 1 - back])
         for sensor in self.mechanism.sensors:
@@ -234,7 +234,7 @@ class PlainModel:
                 self.mujoco.mj_initSensorHistory(m, d, number, times, np.full(size, value), 0.0)
 
     def _sensor_number(self, adr: int) -> int:
-        # the last one that begins there or before: a sensor may have several values
+        # the last sensor that begins there or before: a sensor may have several values
         return int(np.searchsorted(self.model.sensor_adr, adr, "right")) - 1 if adr >= 0 else -1
 
     # ---- the state at the start ------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Contacts of a model along recordings, by MuJoCo's collision detection.
 
 Joint positions q(t) follow from the readings, which are linear in them. A pose is only checked if
-geoms may have met since the last one. With d the smallest free distance there, nothing touches as
+geoms may have met since the last pose. With d the smallest free distance there, nothing touches as
 long as
 
     sum_k reach_k |q_k(t) - q_k(t0)| < d
@@ -30,7 +30,7 @@ from pamid.simulators.mujoco_findings import mujoco_copy, widen_margins
 Array = NDArray[np.float64]
 
 SHARE_POSES = 500  # poses that estimate the share of the time with contacts
-NEARER_SHARE, NEARER_M = 0.05, 1e-3  # a pair must be nearer by this to replace another one
+NEARER_SHARE, NEARER_M = 0.05, 1e-3  # a pair must be nearer by this to replace another pair
 PENDING = 256  # samples that are compared with a pose at a time
 RANK_TOLERANCE = 1e-9  # of the largest singular value: smaller ones are rounding errors
 
@@ -75,7 +75,7 @@ class RecordedContacts:
 
 
 def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> RecordedContacts:
-    """Contacts and ends of ranges along recordings, in their order, up to the first one.
+    """Contacts and ends of ranges along recordings, in their order, up to the first.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _limit_reached(m: Mechanism, recording: Recording, q: Array) -> str:
 
 
 class _Poses:
-    """Collision detection of one model in given poses.
+    """Collision detection of a model in given poses.
 
     travel: largest displacement of every joint from its reference. Points that a slide carries can
     be farther by this much from a joint below the slide.

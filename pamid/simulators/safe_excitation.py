@@ -1,7 +1,7 @@
 """Excitation within the limits of a model.
 
 MuJoCo runs it on the model of the data sheet. A command that reaches a joint's range, exceeds a
-speed or a force, or makes bodies touch is shifted or reduced, one command at a time.
+speed or a force, or makes bodies touch is shifted or reduced, a command at a time.
 
 Bodies may touch as they do at the start, and the surroundings as they do without a command (a robot
 that stands on a floor). Forces are evaluated without their limits, because within these no actuator
@@ -22,7 +22,7 @@ from pamid.simulators.mechanism import Actuator, Mechanism
 
 Array = NDArray[np.float64]
 
-SMALLER_BY = 0.8  # an amplitude from one run to the next
+SMALLER_BY = 0.8  # an amplitude between runs
 LEAST_SENT = 0.01  # of the requested signal: less excites nothing
 SMALL_BESIDE = 0.3  # of the largest factor: smaller commands are not the only cause
 MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is moved
@@ -30,7 +30,7 @@ MARGIN = 0.02  # of a joint's range, kept free at either end when a signal is mo
 
 @dataclass(frozen=True)
 class SafeCommand:
-    """Command within the limits: sent = shift + factor * the requested one, about its centre.
+    """Command within the limits: sent = shift + factor * the requested command, about its centre.
 
     why: active limits, in the order of their occurrence.
     """
@@ -79,7 +79,7 @@ class SafeExcitation:
 
 @dataclass
 class _CommandCourse:
-    """Current modification of one command.
+    """Current modification of a command.
 
     sent = centre + shift + factor * (requested + balance - centre).
 
@@ -221,7 +221,7 @@ def _within_range(a: Actuator, course: _CommandCourse) -> None:
 
 
 def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
-    """Range of a position drive's commands from the range of its joint; None without one."""
+    """Range of a position drive's commands from the range of its joint; None without a range."""
     joint = m.joints[a.joint] if a.joint >= 0 else None
     if a.kind != "position" or joint is None or joint.range is None or not a.gear:
         return None

@@ -8,8 +8,8 @@ Below the loss,
 so that the joint does not stick but creeps (documentation, Computation, Constraint model, friction
 loss). The joints are coupled through q''. A few sweeps of projected Gauss-Seidel over the forces
 determine the joints at their loss. Then f adds 1 / softness to the inertia of a creeping joint and
-is constant at a sliding one, and q'' follows exactly. It is solved for twice, because the first
-solution still moves joints from one side to the other.
+is constant at a sliding joint, and q'' follows exactly. It is solved for twice, because the first
+solution still moves joints across zero.
 
 A coupling with the error r, whose slopes by the positions are J, exerts J' f with
 
@@ -39,7 +39,7 @@ from pamid.symbolic.vocabulary import (
     where,
 )
 
-SWEEPS, SOLVES = 4, 2  # of several joints; a single one needs no iteration
+SWEEPS, SOLVES = 4, 2  # of several joints; a single joint needs no iteration
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
 LEAST_SOFTNESS = 1e-15
 

@@ -55,7 +55,7 @@ def rotation(quaternion: Sequence[float]) -> Array:
 
 
 def constant(m: Array) -> NDArray[np.object_]:
-    """Numbers as expressions; those that are zero or one up to rounding are exact."""
+    """Numbers as expressions; those that are 0 or 1 up to rounding are exact."""
     return _expressions(clean(m))
 
 
@@ -145,7 +145,7 @@ class Coriolis(NamedTuple):
     B(I, v) = ((v x*) I - I (v x) + (I v) x*) / 2
 
     of Echeandia and Wensing (2021), J. Comput. Nonlinear Dyn. 16(9), 091004. Written out about the
-    origin, the halves that meet the linear part cancel, and the upper one is
+    origin, the halves that meet the linear part cancel, and the upper half is
 
     2 w x S - tr(S) w x + 2 (v . h) 1 - 2 v h'
     """

@@ -160,7 +160,7 @@ class _Stepper:
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         # readings are worked out of the states
         model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_SENSOR)
-        if model.ntree == 1:  # one island: looking for others takes a tenth of a step
+        if model.ntree == 1:  # a single island: looking for others takes a tenth of a step
             model.opt.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_ISLAND)
         self.actuator_names = [file.name("actuator", i) for i in range(model.nactuator)]
         self.data = self.mujoco.MjData(model)
@@ -228,7 +228,7 @@ class _Stepper:
 
     @contextmanager
     def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
-        """MuJoCo's mj_step on one mjData, without Python in between.
+        """MuJoCo's mj_step on an mjData, without Python in between.
 
         For a model with a joint and a contact, the calls would take nine tenths of the time. None
         for a model with further memory (plug-ins, histories, sleeping), and without the library.

@@ -96,9 +96,9 @@ Factors = tuple[dict[tuple[int, int], Expr], list[Expr]]
 
 
 class Tree:
-    """A mechanism's joints in a row of links, one each; `up` is the joint below a link, or -1.
+    """A mechanism's joints in a row of links, a joint each; `up` is the joint below a link, or -1.
 
-    q, qd: positions and velocities (n,); masses: one expression per body; armature (n,); shapes:
+    q, qd: positions and velocities (n,); masses: an expression per body; armature (n,); shapes:
     centre of mass (m) and second moments about it over the mass (m2), both in the body's frame, of
     the bodies whose shape is not that of the file.
     """
@@ -501,5 +501,5 @@ def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
 
 
 def _per_mass(first: Vec, s: Mat) -> Inertia:
-    # the lower half is the upper one, up to rounding
+    # the lower half equals the upper half, up to rounding
     return Inertia(expression(1.0), first, np.where(np.tri(3, k=-1) > 0, s.T, s))

@@ -117,7 +117,7 @@ def write_back(
 
 
 def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
-    """New model with the columns of the old one, because a command of <general> has no unit."""
+    """New model with the columns of the old model, because a command of <general> has no unit."""
     columns = {a.name: a.column for a in old.actuators}
     return replace(
         new,
@@ -182,7 +182,7 @@ def element_text(name: str, words: Mapping[str, str]) -> str:
 
 
 def _trimmed(values: Array) -> str:
-    """Numbers without the zeros at the end; the first one stays."""
+    """Numbers without the zeros at the end; the first digit stays."""
     last = int(np.max(np.flatnonzero(values), initial=0))
     return numbers(values[: last + 1])
 
@@ -193,7 +193,7 @@ def _is_weighted(terms: JointTerms) -> bool:
 
 
 class _Writer:
-    """One pass over a file's text.
+    """A pass over a file's text.
 
     weights: inverse inertia at every joint of the changed model by name, empty in the first pass.
 
@@ -351,7 +351,7 @@ class _Writer:
             self.left.append(f"effects at {joint.name}: {why}")
             return
         dry = not new.dof_frictionloss[joint.dof]
-        # both before either is written: one element of a URDF holds them
+        # both before either is written: a single element of a URDF holds them
         new.dof_frictionloss[joint.dof] += terms.friction
         total = self._polynomial("dof_damping", joint.dof)
         self._set_polynomial("dof_damping", joint.dof, total + terms.damping)
@@ -373,8 +373,8 @@ class _Writer:
     def _write_onset(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """Write the onset of the friction of a joint without a loss in the file.
 
-        Dry friction is as hard as the step allows. One with an onset has its slope b / R at rest
-        (documentation, Computation, Constraint model, friction loss).
+        Dry friction is as hard as the step allows. Friction with an onset has its slope b / R at
+        rest (documentation, Computation, Constraint model, friction loss).
         """
         m = self.file.model
         finest = 2.0 * float(m.opt.timestep) / (FINER_STEPS if self._is_safe() else 1)
@@ -406,7 +406,7 @@ class _Writer:
         return number(float(np.degrees(value)) if turned else value)
 
     def _spring(self, tag: Tag, j: int, joint: MechanismJoint, terms: JointTerms) -> None:
-        """Polynomial about one of its zeros, which is the spring's reference."""
+        """Polynomial about that of its zeros which is the spring's reference."""
         old = JointTerms()
         first, square, cube = self._polynomial("jnt_stiffness", j)
         rest = joint.spring_reference
@@ -654,8 +654,8 @@ class _Writer:
     def _delay(self, tag: Tag, delay: float) -> None:
         """Write a delay, with room for it at a finer step.
 
-        It is slightly shorter, so that rounded times do not turn a number of whole steps into one
-        more.
+        It is slightly shorter, so that rounded times do not turn a number of whole steps into a
+        larger number.
         """
         step = float(self.file.model.opt.timestep) / FINER_STEPS
         self.edits.set(tag, "delay", number(delay * (1.0 - DELAY_ROUNDING)))
@@ -865,7 +865,7 @@ def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
 
 
 def _exact_text(full: Array) -> str:
-    """Full inertia with all digits, because a rounded one of a thin plate may be invalid."""
+    """Full inertia with all digits, because a rounded inertia of a thin plate may be invalid."""
     return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
 

@@ -15,7 +15,7 @@ from pamid.base.errors import FileError
 
 @dataclass(frozen=True)
 class Tag:
-    """A start tag: name, attributes, line, and places of its first byte and behind its last one.
+    """A start tag: name, attributes, line, and places of its first byte and behind its last byte.
 
     It has the number of the enclosing tag, too (-1: none).
 
@@ -69,7 +69,7 @@ def tags_of(text: bytes) -> list[Tag]:
 
 
 def _end(text: bytes, begin: int) -> int:
-    """Place behind the ">" that closes the tag; one in quotes does not."""
+    """Place behind the ">" that closes the tag; a ">" in quotes does not."""
     match = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""").match(text, begin)
     assert match is not None, "the parser has seen the end of this tag"
     return match.end()
@@ -98,15 +98,15 @@ class Edits:
         self._removed.append(tag)
 
     def add_inside(self, tag: Tag, text: str) -> None:
-        """Insert an element as the first one of another, on a separate line."""
+        """Insert an element as the first child of another, on a separate line."""
         self._added.setdefault(tag.end, []).append(f"\n{self._indent(tag)}  {text}")
 
     def add_after(self, tag: Tag, text: str) -> None:
-        """Insert an element behind another one, on a separate line."""
+        """Insert an element behind another element, on a separate line."""
         self._added.setdefault(tag.after, []).append(f"\n{self._indent(tag)}{text}")
 
     def add_last(self, tag: Tag, text: str) -> None:
-        """Insert an element as the last one of another, on a separate line."""
+        """Insert an element as the last child of another, on a separate line."""
         indent = self._indent(tag)
         before = self.text[: tag.closing].rstrip(b" \t\r\n")
         self._added.setdefault(len(before), []).append(f"\n{indent}  {text}")

@@ -1,5 +1,5 @@
-"""Expressions: the graph beneath every equation, hash-consed so that building one twice gives the
-same object.
+"""Expressions: the graph beneath every equation, hash-consed so that building an expression twice
+gives the same object.
 
 `pamid.symbolic.vocabulary` is the vocabulary that rigs and effects are written in; this is what it
 builds.
@@ -131,7 +131,7 @@ def _bit_of(name: tuple[str, str]) -> int:
 
 
 def _united(nodes: Iterable[Expr]) -> int:
-    """The symbols below any of these nodes; the same object where one has all of them, which
+    """The symbols below any of these nodes; the same object where any node has all of them, which
     saves most of the memory."""
     reach = 0
     for node in nodes:
@@ -152,7 +152,7 @@ def const(value: float) -> Expr:
 
 
 def symbol(space: str, name: str) -> Expr:
-    """A leaf: `space` is one of state, cell, past, input, parameter, tick; `name` is unique inside
+    """A leaf: `space` is any of state, cell, past, input, parameter, tick; `name` is unique inside
     it."""
     return Expr("symbol", (), (space, name))
 
@@ -315,7 +315,7 @@ def walk(
     """
     seen: set[Expr] = set()
     order: list[Expr] = []
-    # a stack of its own, for graphs that are deeper than Python's recursion may go; None stands
+    # a separate stack, for graphs that are deeper than Python's recursion may go; None stands
     # above a node whose arguments have been looked at
     stack: list[Expr | None] = []
     for root in roots:
@@ -396,7 +396,7 @@ def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
 
 
 def text(node: Expr) -> str:
-    """The expression as plain text, as one would type it."""
+    """The expression as plain text, as a user would type it."""
     return _text(node)[0]
 
 

@@ -1,10 +1,10 @@
 """Memory operators become cells: discrete states that the engine carries from step to step.
 
 A cell is updated at the start of every step (of every sample where `sampled`), from the state at
-that instant and its own past, and holds over the step. Inside the step an operator is evaluated
-relative to its cell, so a play or a bristle is exact for a motion one way, whatever the
+that instant and its past, and holds over the step. Inside the step an operator is evaluated
+relative to its cell, so a play or a bristle is exact for a monotonic motion, whatever the
 integrator's stages do, and no operator is stiff. With x_k at the start of the step, k - 1 at that
-of the one before, and h its length:
+of the step before, and h its length:
 
     play     s_k = clip(s_k-1 + x_k - x_k-1, -r, r); the value is x - clip(s_k + x - x_k, -r, r),
              and stop(x) = x - play(x) (Krasnosel'skii and Pokrovskii 1989; Brokate and Sprekels
@@ -12,13 +12,13 @@ of the one before, and h its length:
     bristle  dz/dx = 1 - sign(dx) z / reach (Dahl 1968), solved exactly from z_k over x - x_k:
              z = e + (z_k - e) exp(-|x - x_k| / reach) with e = +-reach, the sign of the motion
     lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
-             one with x linear over the step (first-order hold)
+             lag with x linear over the step (first-order hold)
     delay    ring buffer of the integrator, linear between steps. A held x that comes a share q of
-             a step late is its last value but one for this share, then the last one: what a rate
+             a step late is its last but one value for this share, then the last: what a rate
              makes of it counts by its mean over the step, (1 - q) f(near) + q f(far), not by f of
              their mean, which a valve that opens either way would take for hardly any command
              (as the modified z-transform splits a sample; Franklin, Powell and Workman 1998)
-    input    held over the sample, or linear from one sample to the next: its value plus what it
+    input    held over the sample, or linear to the next sample: its value plus what it
              rises over the sample times the share of the sample that has gone by. What depends on
              such inputs and on no state is known over the whole step: there a lag takes the slope
              of the step itself, and a delay reads its buffer at both ends of it
@@ -43,8 +43,9 @@ from pamid.symbolic.expression import rebuild, substitute, symbol, symbols, text
 from pamid.symbolic.vocabulary import EquationError, Expr, exp, floor, maximum, minimum, where
 
 TICKS = ("time", "step", "period", "fresh", "begin", "join", "part", "along")
-# s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state
-# was set anew; share of the sample, and of the step, that has gone by at the integrator's stage
+# s, s, s; 1 at the first step of a sample, at the very first step, at the first step after the
+# state was set anew; share of the sample, and of the step, that has gone by at the integrator's
+# stage
 
 
 def tick(name: str) -> Expr:
@@ -53,8 +54,8 @@ def tick(name: str) -> Expr:
 
 @dataclass(frozen=True)
 class Cell:
-    """A remembered value, a discrete state. `update` may read states, inputs, parameters, its own
-    past and other cells' new values."""
+    """A remembered value, a discrete state. `update` may read states, inputs, parameters, its past
+    and other cells' new values."""
 
     name: str
     update: Expr
@@ -268,7 +269,7 @@ class _MemoryExpansion:
         return out
 
     def rise(self, name: str, x: Expr) -> tuple[Expr, Expr]:
-        """Rise of a driven value over this step, and its value at the end of the one before."""
+        """Rise of a driven value over this step, and its value at the end of the step before."""
         rises = _at_step_end(x) - x
         ended = symbol("past", f"{name}_input") + symbol("past", f"{name}_rise")
         self.cells += [Cell(f"{name}_rise", rises, rises), Cell(f"{name}_ended", ended, x)]
@@ -297,7 +298,7 @@ class _MemoryExpansion:
         return x + (1.0 - along) * (out - now) + along * (end - now - rise)
 
     def split_delay(self, name: str, x: Expr, seconds: Expr, longest_s: float) -> Expr:
-        """A held value a fixed time late, of which a step sees two values, one after the other."""
+        """A held value a fixed time late, of which a step sees two values, in sequence."""
         h, now = tick("step"), symbol("cell", f"{name}_input")
         steps = floor(seconds / h)
         after, before = symbol("cell", f"{name}_near"), symbol("cell", f"{name}_far")
@@ -341,7 +342,7 @@ class _MemoryExpansion:
 
 
 def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
-    """Cells such that each one reads only new values of cells before it."""
+    """Cells such that each reads only new values of cells before it."""
     names = {c.name: c for c in cells}
     needs = {
         c.name: {
@@ -377,7 +378,7 @@ def expand_memory(
 ) -> StateEquations:
     """Replace every memory operator by cells; adds a state per integral.
 
-    linear: inputs that lead from one sample to the next in a straight line; the others are held.
+    linear: inputs that lead to the next sample in a straight line; the others are held.
     """
     work = _MemoryExpansion()
     explicit = [e for c in cells for e in (c.update, c.start)]

@@ -28,12 +28,12 @@ class Operator:
                 is none
     derivative  (apply, y, *arguments) -> partial derivatives of the value y by each argument, as
                 expressions or numbers; apply(name, ...) builds an expression with another operator
-    llvm        lines of LLVM IR, the last one its value: {0}, {1} are the arguments, {last} is the
+    llvm        lines of LLVM IR, the last its value: {0}, {1} are the arguments, {last} is the
                 value of the line before; of a comparison an i1
     onnx, numpy name of the ONNX operator (opset 18) and of the NumPy function
-    c, matlab   name of the function: of C99 <math.h> or MATLAB, or one whose source is written
-                along; "": the sign is used
-    sign        stands before its one argument or between its two; "": plain text shows its name
+    c, matlab   name of the function: of C99 <math.h> or MATLAB, or a function whose source is
+                written along; "": the sign is used
+    sign        stands before its only argument or between its two; "": plain text shows its name
     binds       how tightly the sign binds
     """
 

@@ -2,7 +2,7 @@
 differentiated, compiled.
 
 Memory is part of the language. `play`, `stop`, `bristle`, `lag`, `delay`, `integral` and `rate_of`
-remember their past; the engine gives each one the cells or buffers it needs (see
+remember their past; the engine gives each operator the cells or buffers it needs (see
 `pamid.symbolic.memory_cells`). All of them are exactly the identity (or zero, for `stop`) at their
 null.
 
@@ -102,17 +102,17 @@ def absolute(x: Number) -> Expr:
 
 
 def minimum(a: Number, b: Number) -> Expr:
-    """Smaller one of two values."""
+    """Smaller of two values."""
     return apply("min", a, b)
 
 
 def maximum(a: Number, b: Number) -> Expr:
-    """Larger one of two values."""
+    """Larger of two values."""
     return apply("max", a, b)
 
 
 def clip(x: Number, low: Number, high: Number) -> Expr:
-    """Value held between a lowest and a highest one."""
+    """Value held between a lowest and a highest value."""
     return minimum(maximum(x, low), high)
 
 
@@ -149,7 +149,7 @@ def stop(x: Number, half_width: Number) -> Expr:
 
 def bristle(x: Number, reach: Number) -> Expr:
     """Dahl's bristle deflection: dz/dx = 1 - z sign(dx)/reach, in the unit of x, exact for steps
-    one way."""
+    in a constant direction."""
     return Expr("bristle", (expression(x), maximum(reach, 1e-12)))
 
 
@@ -160,8 +160,8 @@ def lag(x: Number, time_constant_s: Number) -> Expr:
 
 def delay(x: Number, seconds: Number, longest_s: float) -> Expr:
     """Transport delay of x by `seconds` (0 .. longest_s), linear between samples; equals x at delay
-    0. Of an input that is held over a sample, and comes within one, a rate sees one value after the
-    other, not their mean."""
+    0. Of an input that is held over a sample, and comes within a sample, a rate sees both values in
+    turn, not their mean."""
     if not longest_s > 0.0:
         raise EquationError(f"a delay needs a longest value above 0 s, got {longest_s}")
     return Expr("delay", (expression(x), expression(seconds)), float(longest_s))
@@ -173,6 +173,6 @@ def integral(x: Number) -> Expr:
 
 
 def rate_of(x: Number) -> Expr:
-    """Rate of change of x (per s) over the last sample, 0 in the first one: the velocity of a
+    """Rate of change of x (per s) over the last sample, 0 in the first sample: the velocity of a
     position that is imposed and recorded, not a state."""
     return Expr("rate", (expression(x),))

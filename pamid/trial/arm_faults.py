@@ -1,11 +1,11 @@
 """Faults that can be planted in the trial's arm, and their places.
 
-A planted fault is called fault@place, the place being a port of the rig: one of several like ones
-("joint_2", "pressure_21"), or what they all are ("pressure": all four muscles alike). Sizes are
-those of the joint, but for:
+A planted fault is called fault@place, the place being a port of the rig: either a single port of
+several alike ("joint_2", "pressure_21"), or what they all are ("pressure": all four muscles alike).
+Sizes are those of the joint, but for:
 
 torques    larger at joint 1, which carries the whole arm
-asymmetry  one muscle alone is other than the data sheet, by as much as two opponents of the joint
+asymmetry  a single muscle is other than the data sheet, by as much as two opponents of the joint
            differ
 wear       of valves driven less, by the gentler controller: twice as bad
 end-stop   within the smaller travel
@@ -60,8 +60,8 @@ _PORT = {
     "pressure-sensor-gain": "pressure_sensor",
 }
 # at all alike they are no fault
-_ONE_ONLY = ("force-asymmetry", "length-asymmetry", "flow-mismatch")
-_SHARED = {"supply-sag": "valve", "clock-skew": "sensor"}  # one for the whole arm
+_SINGLE_MUSCLE = ("force-asymmetry", "length-asymmetry", "flow-mismatch")
+_SHARED = {"supply-sag": "valve", "clock-skew": "sensor"}  # shared by the whole arm
 _TWICE = ("force_difference", "length_difference", "flow_mismatch", "wear")
 #: factors of sizes at joint 1
 _AT_JOINT_1 = {
@@ -89,7 +89,7 @@ def _for_arm(fault: Fault) -> Fault:
     }
     if fault.name == "end-stop":
         sizes["stop_rad"] = between(radians(20.0), radians(27.0))
-    # one muscle's length moves one muscle, the zero of an angle two
+    # a length moves its muscle only, the zero of an angle moves two
     return replace(
         fault,
         sizes=sizes,
@@ -108,8 +108,8 @@ def draw_site(name: str, random: np.random.Generator) -> str:
         return f"{name}@{_SHARED[name]}"
     kin = _kin(name)
     places = KIN[kin]
-    # sensors fail one by one
-    alike = places == MUSCLES and name not in _ONE_ONLY and kin != "pressure_sensor"
+    # each sensor fails alone
+    alike = places == MUSCLES and name not in _SINGLE_MUSCLE and kin != "pressure_sensor"
     if alike and random.random() < EVERYWHERE:
         return f"{name}@{kin}"
     return f"{name}@{kin}_{places[int(random.integers(len(places)))]}"
@@ -125,7 +125,7 @@ def draw_sizes(site: str, random: np.random.Generator) -> dict[str, float]:
 
 
 def truth_of(site: str) -> dict[str, Any]:
-    """Right answer for a fault at its place. The port is the one that is reported."""
+    """Right answer for a fault at its place. The port is as reported."""
     name, place = split(site)
     return {**ARM_FAULTS[name].truth, "fault": site, "port": reported(place)}
 
@@ -149,7 +149,7 @@ def placed(faults: Mapping[str, Mapping[str, float]]) -> tuple[Planted, ...]:
     sizes by fault@place.
 
     UsageError for a fault or a place that the arm does not have, or two faults that set the same
-    size at one place.
+    size at a place.
     """
     spots: list[dict[str, Mapping[str, float]]] = [{} for _ in range(7)]
     for site, sizes in faults.items():

@@ -73,8 +73,8 @@ def wheel_inertia(j: int, a: Any, f: Any) -> float:
 
 @njit
 def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
-    """Angles and speeds of both joints one step on, in place; torque: N m at each joint, by muscles
-    and places.
+    """Angles and speeds of both joints a step later, in place; torque: N m at each joint, by
+    muscles and places.
 
     Of joint j `x[j]` holds angle and speed of its wheel against the link before it, and those of
     link j against the vertical as load.
@@ -146,7 +146,7 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
 
 @njit
 def read(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
-    """Filters of all readings, in their order, one step on. Contractions are read where the chains
+    """Filters of all readings, in their order, a step later. Contractions are read where the chains
     leave the wheel."""
     for j in range(2):
         wound = winding(x[j], m[j], f[JOINT + j])[0]

@@ -2,8 +2,8 @@
 from recording to recording.
 
 Platt's calibration (1999, Advances in Large Margin Classifiers) with several features in the place
-of one score: logistic regression with a ridge penalty, which keeps the weights finite where the
-cases can be separated without error (le Cessie and van Houwelingen 1992, Applied Statistics
+of a single score: logistic regression with a ridge penalty, which keeps the weights finite where
+the cases can be separated without error (le Cessie and van Houwelingen 1992, Applied Statistics
 41:191). Only the figures and labels of calibration parts are used, of any number of machines; test
 parts stay unseen.
 """
@@ -47,7 +47,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Lesson:
-    """The finished calibration cases of a machine, marked; bare: the tool was not told of its
+    """The finished calibration cases of a machine, marked; bare: the tool did not receive its
     tolerances."""
 
     machine: str
@@ -122,7 +122,7 @@ def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
 def learnt_text(lessons: Sequence[Lesson]) -> str:
     """The number of examples, and the calibration error on every machine by weights that were
     learnt from the others."""
-    examples, errors = _examples(lessons), leave_one_machine_out(lessons)
+    examples, errors = _examples(lessons), leave_machines_out(lessons)
     machines = dict.fromkeys(k.machine for k in lessons)
     return "\n".join(
         [
@@ -134,7 +134,7 @@ def learnt_text(lessons: Sequence[Lesson]) -> str:
     )
 
 
-def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
+def leave_machines_out(lessons: Sequence[Lesson]) -> dict[str, float]:
     """Expected calibration error on every machine, by weights that were learnt from the others;
     machines whose answers are all the same, or whose others are, are left out."""
     errors = {}
@@ -150,7 +150,7 @@ def leave_one_machine_out(lessons: Sequence[Lesson]) -> dict[str, float]:
 
 
 def learnt(examples: Sequence[Example]) -> dict[str, float]:
-    """Weights by feature, and the constant. DataError if the examples all have one answer."""
+    """Weights by feature, and the constant. DataError if all examples have the same answer."""
     from sklearn.linear_model import LogisticRegression
 
     answers = np.array([e.yes for e in examples])

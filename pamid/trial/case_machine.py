@@ -1,8 +1,8 @@
-"""The machine of one case, its recordings, and which effects act in them.
+"""The machine of a case, its recordings, and which effects act in them.
 
 A further effect of an open case is scaled until its change of the held-out readings is the drawn
-share of the planted one's. Both changes are measured on the machine itself: two runs on the same
-commands, one with the effect and one without. The diagnosis has no part in it.
+share of the planted effect's. Both changes are measured on the machine itself: two runs on the same
+commands, with and without the effect. The diagnosis has no part in it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class RecordedCase:
 
 @dataclass(frozen=True)
 class CaseMachine:
-    """The machine of one case. seeds: excitation and noise of the first two recordings."""
+    """The machine of a case. seeds: excitation and noise of the first two recordings."""
 
     case: Case
     machine: Machine
@@ -96,8 +96,8 @@ class CaseMachine:
         }
         if c.loop == "closed":
             meta["controller"] = dict(machine.controller)
-        if case.own is not None and isinstance(c, StarterConditions):
-            meta = case.own.meta(c)
+        if case.given_machine is not None and isinstance(c, StarterConditions):
+            meta = case.given_machine.meta(c)
         visible = {k: v for k, v in columns.items() if k != TIME and not self._hidden(k)}
         write_recording(path, columns[TIME], visible, meta)
         return read_recording(path)
@@ -105,7 +105,7 @@ class CaseMachine:
     def recorded(
         self, folder: Path, faults: Faults | None = None, *, fresh: int = 1
     ) -> RecordedCase:
-        """The case as files: recording.csv and, in an open one, held-out.csv; then as many fresh
+        """The case as files: recording.csv and, in an open case, held-out.csv; then as many fresh
         recordings (fresh-1.csv ...). faults: what acts in their place."""
         make_folder(folder)
         case = self.case
@@ -147,7 +147,7 @@ class CaseMachine:
 
     @cached_property
     def acting(self) -> tuple[ActingEffect, ...]:
-        """Effects that act, the one first without which the held-out readings change most."""
+        """Effects that act, those that change the held-out readings most first."""
         effects = [
             ActingEffect(
                 **self.case.machine.truth(site),
@@ -241,7 +241,7 @@ class CaseMachine:
         self, site: str, drawn: Mapping[str, float], share: float
     ) -> dict[str, float] | None:
         """Sizes with which a further effect changes the held-out readings by a share of what the
-        planted one does; None if no size does."""
+        planted effect does; None if no size does."""
         known = self.machine.faults
         fault = known.get(site) or known[site.partition("@")[0]]  # on the arm faults have places
         planted = self.change(self.case.planted)
@@ -266,14 +266,14 @@ class CaseMachine:
 def study_case(
     rig: str, number: int, seed: int, folder: Path, *, part: str = "calibration", fresh: int = 1
 ) -> RecordedCase:
-    """Record one open case of a rig: what a study of decision rules replays.
+    """Record an open case of a rig, for studies of decision rules.
 
     Parameters
     ----------
     rig : name of a rig for which the trial has a machine
     number, seed : of the case; `part` as in `pamid trial --world open`
     folder : where the recordings are written
-    fresh : number of recordings besides the fitted and the held-out one
+    fresh : number of recordings besides the fitted and the held-out recording
 
     Returns
     -------

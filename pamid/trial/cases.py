@@ -1,9 +1,9 @@
 """The cases of the blind trial: what is planted, under which conditions it is recorded, what the
 tool may not know.
 
-In a closed case one or two effects are the whole gap. In an open one further effects of other
-families act as well, each a share of the planted one, the maps are rougher than the rig states, and
-the logger is a poor one (`pamid.trial.logger`), as on real machines.
+In a closed case an effect or two are the whole gap. In an open case further effects of other
+families act as well, each a share of the planted effect, the maps are rougher than the rig states,
+and the logger is poor (`pamid.trial.logger`), as on real machines.
 
 A case depends on the trial's machine, seed, part and number alone, never on how many are drawn and
 never on the processor: what is drawn is rounded to DRAWN_DIGITS before it is used or digested.
@@ -39,11 +39,11 @@ STRATA = {
     OPEN: {"single": 0.6, "no-gap": 0.2, "nameless": 0.2},
 }
 WORLDS = tuple(STRATA)
-#: change of the readings by a further effect, in that by the planted one; a real machine's second
-#: and third effect are neither as large as its first nor lost in its noise
+#: change of the readings by a further effect, in that by the planted effect; a real machine's
+#: second and third effect are neither as large as its first nor lost in its noise
 FURTHER_SHARES = (0.1, 0.6)
 MOST_FURTHER = 2
-CANDIDATES = 8  # drawn for these: some cannot be scaled, or set a size that the planted one sets
+CANDIDATES = 8  # drawn for these: some cannot be scaled, or set a size that the planted effect sets
 MAP_TOLERANCE = 0.02  # that rigs state (`background`)
 BEYOND_TOLERANCE = (1.0, 2.5)  # times it, in an open case
 NAMELESS = "nameless:"
@@ -56,16 +56,16 @@ DRAWN_DIGITS = 9
 
 @dataclass(frozen=True)
 class Case:
-    """One case with its label.
+    """A case with its label.
 
     planted     fault, or fault@place -> sizes
     removed     effects taken out of the tool's catalogue
     conditions  as the machine draws them
-    own         the machine, if there is none of the name of the rig to be found
+    given_machine  the machine, if none has the name of the rig
     bare        what the rig states of its tolerances is taken away from the tool
     world       "closed" or "open"
     further     candidates for the further effects of an open case -> sizes before they are scaled
-    shares      of the further effects: change of the readings, in that by the planted one
+    shares      of the further effects: change of the readings, in that by the planted effect
     """
 
     number: int
@@ -76,7 +76,7 @@ class Case:
     removed: tuple[str, ...]
     conditions: Conditions
     rig: str = ONE_DOF
-    own: OwnMachine | None = field(default=None, compare=False, repr=False)
+    given_machine: OwnMachine | None = field(default=None, compare=False, repr=False)
     bare: bool = False
     world: str = CLOSED
     further: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -84,13 +84,13 @@ class Case:
 
     @property
     def machine(self) -> Machine:
-        return self.own or machine_named(self.rig)
+        return self.given_machine or machine_named(self.rig)
 
     @property
-    def told(self) -> dict[str, Any]:
+    def plain_data(self) -> dict[str, Any]:
         """The case as plain data."""
-        fields = asdict(replace(self, own=None))
-        del fields["own"]
+        fields = asdict(replace(self, given_machine=None))
+        del fields["given_machine"]
         if not self.bare:
             del fields["bare"]
         if self.world == CLOSED:
@@ -101,25 +101,25 @@ class Case:
     @property
     def tools_rig(self) -> Rig:
         """Rig of the machine as the tool receives it."""
-        rig = self.own.rig if self.own else catalogue_rig(self.rig)
+        rig = self.given_machine.rig if self.given_machine else catalogue_rig(self.rig)
         if self.bare:
-            rig = copy(rig)  # a machine made of the rig keeps its own
+            rig = copy(rig)  # a machine made of the rig keeps its values
             rig.background = {}  # type: ignore[misc]
         return rig
 
     @property
     def sha256(self) -> str:
-        fields = self.told
+        fields = self.plain_data
         if self.rig in (ONE_DOF, TWO_LINK):  # their conditions tell them apart
             del fields["rig"]
-        if self.own is not None:
-            fields["own"] = self.own.sha256
+        if self.given_machine is not None:
+            fields["own"] = self.given_machine.sha256
         return hashlib.sha256(json_text(fields).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
         """The case as plain data, with the right answers to each fault."""
         truth = [self.machine.truth(site) for site in self.planted]
-        return {**self.told, "sha256": self.sha256, "truth": truth}
+        return {**self.plain_data, "sha256": self.sha256, "truth": truth}
 
 
 def draw_cases(
@@ -141,7 +141,7 @@ def draw_cases(
         raise UsageError(
             f"There are no open cases of {machine.name!r}: they need a machine with other "
             "equations than the rig.",
-            f"Rigs that have one: {', '.join(machine_names())}.",
+            f"Rigs with a machine: {', '.join(machine_names())}.",
         )
     numbers = range(count)
     cases = tuple(replace(_draw(machine, part, n, seed, world), bare=bare) for n in numbers)
@@ -153,12 +153,12 @@ def draw_cases(
 
 
 def draw_case(part: str, number: int, seed: int, rig: str, *, world: str = CLOSED) -> Case:
-    """The case of one number. UsageError as in `draw_cases`."""
+    """The case of a number. UsageError as in `draw_cases`."""
     return draw_cases(part, number + 1, seed, rig, world=world)[number]
 
 
 def cases_sha256(cases: Sequence[Case]) -> str:
-    """One digest over all cases, labels and all: two trials with the same one posed the same
+    """A digest over all cases, labels and all: two trials with the same digest posed the same
     questions."""
     return hashlib.sha256("".join(c.sha256 for c in cases).encode()).hexdigest()
 

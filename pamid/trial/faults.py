@@ -32,7 +32,7 @@ class Planted:
     delay_s: float = 0.0  # every command comes so much later
     # duty below which the valves stay shut; regained towards full command
     lost_duty: float = 0.0
-    pulse_period_s: float = 0.0  # of a slow pulse-width modulation, instead of the fast one
+    pulse_period_s: float = 0.0  # of a slow pulse-width modulation, instead of the fast modulation
     tick_s: float = 0.0  # the slow pulses are whole ticks long; 0: any length
     opening_s: float = 0.0  # from the beginning of a slow pulse to the open valve
     closing_s: float = 0.0  # from its end to the shut valve
@@ -63,8 +63,8 @@ class Planted:
     thread_reach: float = 5e-4  # contraction
     # contraction yielded in the end per newton, in two equal branches
     creep_1_n: float = 0.0
-    creep_1_s: float = 3.0  # time of the fast one
-    creep_2_s: float = 20.0  # time of the slow one
+    creep_1_s: float = 3.0  # time of the fast part
+    creep_2_s: float = 20.0  # time of the slow part
     threshold_pa: float = 0.0  # pressure lost to the membrane, with a soft knee
     force_difference: float = 0.0  # share by which muscle 1 is stronger than 2
     length_difference: float = 0.0  # share by which muscle 1 is longer than 2
@@ -115,7 +115,7 @@ class Planted:
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that can be wrong with the joint.
+    """A fault that the joint can have.
 
     name     catalogue name of the effect that is the truth, or "nameless:<word>"
     exact    catalogue names that are the exact answer
@@ -143,7 +143,7 @@ class Fault:
         }
 
     def draw(self, random: np.random.Generator) -> dict[str, float]:
-        """Sizes of one case, SI."""
+        """Sizes of a case, SI."""
         return {name: float(size(random)) for name, size in self.sizes.items()}
 
 
@@ -166,7 +166,7 @@ def planted(faults: Mapping[str, Mapping[str, float]]) -> Planted:
             if key in together:
                 raise UsageError(
                     f"Fault {name!r} sets {key!r}, which another fault has set.",
-                    "Plant one of the two.",
+                    "Plant only the first or only the second.",
                 )
             together[key] = float(value)
     return Planted(**together)
@@ -190,7 +190,7 @@ def fixed(value: float) -> Draw:
     return lambda random: value
 
 
-def one_of(*values: float) -> Draw:
+def drawn_from(*values: float) -> Draw:
     return lambda random: float(random.choice(values))
 
 
@@ -203,7 +203,7 @@ def known_fault(
     also: tuple[str, ...] = (),
     needs: tuple[str, ...] = (),
 ) -> Fault:
-    """An effect of the catalogue; without `amounts` the first size is the only one. also: other
+    """An effect of the catalogue; without `amounts` only the first size is set. also: other
     names of the very same."""
     return Fault(
         name,
@@ -219,7 +219,7 @@ def known_fault(
 def nameless_fault(
     word: str, port: str, sizes: Mapping[str, Draw], needs: tuple[str, ...] = ()
 ) -> Fault:
-    """One that is in no catalogue."""
+    """A fault that is in no catalogue."""
     return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),), needs=frozenset(needs))
 
 
@@ -251,7 +251,7 @@ _ALL = (
         "pressure",
         {"heat": around(0.5, 0.5, 2.0), "wall_w_k": between(0.5, 1.8)},
     ),
-    # a sum of stops of any widths: one and the same operator
+    # a sum of stops of any widths: the same operator
     known_fault(
         "maxwell-slip-hysteresis",
         _HYSTERESIS,
@@ -409,13 +409,17 @@ _ALL = (
     nameless_fault(
         "eccentric-wheel",
         "structure",
-        {"wheel": around(0.06), "wheel_waves": one_of(1.0, 3.0), "wheel_rad": between(0.0, 6.28)},
+        {
+            "wheel": around(0.06),
+            "wheel_waves": drawn_from(1.0, 3.0),
+            "wheel_rad": between(0.0, 6.28),
+        },
     ),
     nameless_fault("bent-damping", "joint", {"bent_damping": around(1.5)}),
     nameless_fault("bulge", "pressure", {"bulge": around(0.15)}),
     nameless_fault("one-sided-drag", "muscle", {"stretch_drag": around(4000.0)}),
     nameless_fault(
-        "detent", "joint", {"detent_nm": around(0.5), "detents": one_of(12.0, 18.0, 24.0)}
+        "detent", "joint", {"detent_nm": around(0.5), "detents": drawn_from(12.0, 18.0, 24.0)}
     ),
     nameless_fault(
         "hot-valves", "valve", {"wear": around(0.12, 0.5, 2.5), "wear_s": between(4.0, 15.0)}

@@ -31,7 +31,7 @@ JOINT_ROWS = (
     FigureRow("rates", "family_first", "family named first", 90.0),
     FigureRow("rates", "family_first_slight", "... where the gap adds 10 to 30 %", 60.0),
     FigureRow("rates", "family_first_two", "family among the first two", 97.0),
-    FigureRow("rates", "exact_first", "effect, or one measured to look alike, named first", 80.0),
+    FigureRow("rates", "exact_first", "effect, or a measured look-alike, named first", 80.0),
     FigureRow(
         "rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"
     ),
@@ -40,14 +40,14 @@ JOINT_ROWS = (
     FigureRow("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
     FigureRow("rates", "missed", "visible effect called no gap"),
     FigureRow("rates", "left_open", "visible effect left open: cannot tell"),
-    FigureRow("rates", "extra_causes", "one effect explained by two and more"),
+    FigureRow("rates", "extra_causes", "an effect explained by two and more"),
     FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible"),
-    FigureRow("rates", "both_seen", "... each of them visible beside the other", 65.0),
-    FigureRow("rates", "one_of_two", "at least one of two effects found", 95.0),
+    FigureRow("rates", "both_seen", "... each of them visible in addition to the other", 65.0),
+    FigureRow("rates", "one_of_two", "either or both of two effects found", 95.0),
     FigureRow(
         "rates",
         "wrong_beside_right",
-        "a wrong cause with P > 0.5 beside a right one",
+        "a wrong cause with P > 0.5 in addition to a right cause",
         3.0,
         upward=False,
     ),
@@ -61,7 +61,10 @@ JOINT_ROWS = (
     FigureRow("rates", "abstains_withheld", "... withheld from the catalogue"),
     FigureRow("rates", "abstains_nameless", "... never in any catalogue"),
     FigureRow(
-        "rates", "leaves_nameless", "... or real and none blamed, or over half said to remain", 88.0
+        "rates",
+        "leaves_nameless",
+        "... or real, with no cause named or over half of the gap remaining",
+        88.0,
     ),
     FigureRow("rates", "unknown_port", "port of an effect outside the catalogue right", 85.0),
     FigureRow("figures", "ece", "expected calibration error, 10 bins", 0.05, upward=False, unit=""),
@@ -92,7 +95,7 @@ _OPEN_ROWS = (
     FigureRow("rates", "open_remainder", "size and place of the remainder reported"),
     FigureRow("rates", "open_claims", "no less removed than claimed"),
 )
-# rates that mean something only where one effect, or two, are the whole gap
+# rates that mean something only where an effect, or two, are the whole gap
 _CLOSED_ONLY = (
     "extra_causes",
     "both_of_two",
@@ -128,7 +131,7 @@ TITLES = {
 
 
 def rows_of(scores: Mapping[str, Any]) -> tuple[FigureRow, ...]:
-    """The rows of the trial of this rig; a trial.json without one is of the joint."""
+    """The rows of the trial of this rig; a trial.json without a rig is of the joint."""
     rows = _ROWS_OF.get(scores.get("rig", ONE_DOF), _STARTER_ROWS)
     if scores.get("world") != OPEN:
         return rows
@@ -146,7 +149,7 @@ def trial_text(scores: dict[str, Any]) -> str:
         lines += ["", f"{dimension:24s}" + "".join(f"{t:>18s}" for t in TITLES.values())]
         lines += [f"{name:24s}" + "".join(f"{cell:>18s}" for cell in row) for name, row in table]
     if scores["reliability"]:
-        lines += ["", f"{'probability said':24s}{'mean':>18s}{'right':>18s}"]
+        lines += ["", f"{'stated probability':24s}{'mean':>18s}{'right':>18s}"]
         lines += [
             f"{b['low']:.1f} to {b['high']:.1f}".ljust(24)
             + f"{b['said']:18.2f}{_share(b['right']):>18s}"

@@ -2,7 +2,7 @@
 
 `m` is the machine (fields of `plant.Specimen` and the known constants), `f` what is planted (fields
 of `faults.Planted`), both as records; `x` the state of a joint, `s` that of its two muscles, `z` of
-their hystereses; SI throughout. All functions live in this one file: the compiler's cache looks
+their hystereses; SI throughout. All functions live in this file: the compiler's cache looks
 only at the file of the function that is called.
 """
 
@@ -22,7 +22,7 @@ REFERENCE_PA = 1.0e5  # Pa, of the conductances (ISO 8778)
 ROOM = 293.15  # K
 R_AIR, CV_AIR = 287.05, 717.6  # J/(kg K)
 TANK = 2.0e-4  # m3, between regulator and valves
-TUBE_VOLUME = 6.0e-5  # m3, of a tube that lags by 15 ms: a wide one, that throttles little
+TUBE_VOLUME = 6.0e-5  # m3, of a tube that lags by 15 ms: a wide tube, that throttles little
 BLEND = 10e3  # Pa, over which filling hands over to venting
 HYSTERESIS_ELEMENTS = 12  # of each hysteresis
 LAMINAR_RATIO = 0.99  # pressure ratio from which flow is linear
@@ -115,7 +115,7 @@ def volume(m: Any, f: Any, contraction: float, pressure: float) -> tuple[float, 
 def advance_air(
     i: int, x: Array, s: Array, m: Any, f: Any, valves: tuple[float, float], h: float
 ) -> float:
-    """Pressures of muscle i after one step, for the openings of its valves (fill, vent). Returns
+    """Pressures of muscle i after a step, for the openings of its valves (fill, vent). Returns
     the p V flow from the supply."""
     fill, vent = valves
     mate = (1.0 - 2.0 * i) * 0.5
@@ -161,8 +161,8 @@ def advance_air(
 
 @njit(cache=True)
 def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: float) -> float:
-    """Pressures of both muscles after one step: one is filled up to p0, then the other vented.
-    Returns the p V flow from the supply; f_1, f_2: faults of each muscle."""
+    """Pressures of both muscles after a step: the first is filled up to p0, then the other
+    vented. Returns the p V flow from the supply; f_1, f_2: faults of each muscle."""
     share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
     share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
     up, down = max(drive, 0.0), max(-drive, 0.0)
@@ -172,7 +172,7 @@ def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: fl
 
 @njit(cache=True)
 def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> float:
-    """Supply pressure (Pa) one step on, for the p V flow drawn from the tank behind the
+    """Supply pressure (Pa) a step later, for the p V flow drawn from the tank behind the
     regulator."""
     if f.sag_pa <= 0.0:
         return pressure
@@ -287,7 +287,7 @@ def advance_pull(
 
 @njit(cache=True)
 def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
-    """Length that a joint's wheel has wound from one chain to the other, over the length of a
+    """Length that a joint's wheel has wound between the two chains, over the length of a
     muscle, and its lever (m)."""
     turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
     wound = (
@@ -410,7 +410,7 @@ def command_of(
 
 @njit(cache=True)
 def driven(x: Array, m: Any, f: Any, commands: Array, at: int, steps: int, period: float) -> float:
-    """Signed share of step `at` of the recording in which the drive is on; commands: one per
+    """Signed share of step `at` of the recording in which the drive is on; commands: a value per
     sample."""
     h = period / steps
     late = int(np.floor((at - f.delay_s / h + 1e-6) / steps))

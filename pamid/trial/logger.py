@@ -24,7 +24,7 @@ GAUGE_BENDS = (0.2, 0.6)
 
 @dataclass(frozen=True)
 class Logger:
-    """The logger of one case; the defaults are a plain one.
+    """The logger of a case; plain by default.
 
     correlation  of the noise of a reading with that of the sample before
     jitter       standard deviation of the sampling instants, share of the sampling period

@@ -1,6 +1,6 @@
 """A machine of the trial: which faults it can have, how it is drawn and how it is recorded.
 
-There is one file for each in `pamid.trial.machines`, named after the rig that it stands for, with
+Each has a file in `pamid.trial.machines`, named after the rig that it stands for, with
 the machine as its `MACHINE`.
 """
 
@@ -67,7 +67,7 @@ class Machine(Protocol):
         ...
 
     def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Any:
-        """Reference of a closed loop, or command of an open one: that may be the command that this
+        """Reference of a closed loop, or command of an open loop: that may be the command that this
         machine without a fault would have used. noise: the seed of its readings'."""
         ...
 

@@ -1,4 +1,4 @@
-"""Scores of one case of the trial: its label and the answer of the diagnosis.
+"""Scores of a case of the trial: its label and the answer of the diagnosis.
 
 A case names a cause where its verdict has causes; a ranking below an abstention names nothing.
 """
@@ -20,7 +20,7 @@ OPEN_ANSWERS = ("leader", "lesser", "wrong", "left-open")
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """One case: its label, its result, and their comparison."""
+    """A case: its label, its result, and their comparison."""
 
     label: dict[str, Any]
     result: dict[str, Any]
@@ -46,14 +46,14 @@ class Marked:
 
     @property
     def present(self) -> list[dict[str, Any]]:
-        """Effects that act and that the tool's catalogue has; the one that removes most first."""
+        """Effects that act and that the tool's catalogue has; largest share first."""
         if self.opened:
             return [a for a in self.result["acting"] if a["family"]]
         return self.truth if self.stratum in ("single", "double") else []
 
     @property
     def lead(self) -> dict[str, Any]:
-        """Effect to be named first: the planted effect or, in an open case, the one that removes
+        """Effect to be named first: the planted effect or, in an open case, the effect that removes
         most. IndexError where nothing acts."""
         lead: dict[str, Any] = (self.result["acting"] if self.opened else self.truth)[0]
         return lead
@@ -81,13 +81,13 @@ class Marked:
         return float(self.result["visibility_each"] or 0.0) >= LEAST_VISIBILITY
 
     @property
-    def found(self) -> dict[str, Any]:
+    def diagnosis(self) -> dict[str, Any]:
         diagnosis: dict[str, Any] = self.result["diagnosis"]
         return diagnosis
 
     @property
     def verdict(self) -> str:
-        return str(self.found["verdict"])
+        return str(self.diagnosis["verdict"])
 
     @property
     def names(self) -> bool:
@@ -105,7 +105,7 @@ class Marked:
     def leaves_nameless(self) -> bool:
         """Whether the answer blames nothing and reports a material remainder, whatever its verdict.
         A cause next to a remainder above half may be a lesser effect."""
-        rest = self.found.get("remainder") or {}
+        rest = self.diagnosis.get("remainder") or {}
         if self.names:
             return float(rest.get("share") or 0.0) > 0.5
         return self.abstains or bool(rest.get("real"))
@@ -114,7 +114,7 @@ class Marked:
     def open_answer(self) -> str:
         """Kind of answer to the effect that removes most, in an open case.
 
-        "leader": named first, or in a set; a set of more than two families is named as one group
+        "leader": named first, or in a set; a set of more than two families is named as a group
         that predicts the same. "lesser": only effects of other families that act were named.
         "wrong": none that is named acts. "left-open": nothing is named."""
         if not self.names or not self.causes:
@@ -128,7 +128,7 @@ class Marked:
     @property
     def remainder_reported(self) -> bool:
         """Whether the answer states the size of the remainder and, if it is material, its place."""
-        rest = self.found.get("remainder") or {}
+        rest = self.diagnosis.get("remainder") or {}
         share = rest.get("share")
         return share is not None and (share < MATERIAL_REMAINDER or bool(rest.get("port")))
 
@@ -147,12 +147,13 @@ class Marked:
     @property
     def causes(self) -> list[dict[str, Any]]:
         """Effects that the verdict names, the strongest first."""
-        causes: list[dict[str, Any]] = self.found["causes"]
+        causes: list[dict[str, Any]] = self.diagnosis["causes"]
         return causes
 
     def is_right(self, table: dict[str, Any]) -> bool:
-        """Does an effect (with its family and port) act, or one of the same family at the same
-        port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
+        """Does an effect (with its family and port) act, or an effect of the same family at the
+        same port? An exact equivalent may act elsewhere, unless the fault has a place
+        (fault@place)."""
         return any(
             (table["family"] == t["family"] and table["port"] == t["port"]) or _is_exact(table, t)
             for t in self.present
@@ -160,7 +161,7 @@ class Marked:
 
     @cached_property
     def wrong_beside_right(self) -> bool:
-        """Whether the answer has a wrong probable cause in addition to a right one."""
+        """Whether the answer has a wrong probable cause in addition to a right cause."""
         right = [self.is_right(c) for c in self.causes]
         likely = [float(c["probability"]) > 0.5 for c in self.causes]
         return any(right) and any(p and not r for r, p in zip(right, likely, strict=True))
@@ -168,7 +169,7 @@ class Marked:
     @cached_property
     def ranking(self) -> list[dict[str, Any]]:
         """Candidates that were refitted, best first."""
-        return [r for r in self.found["ranking"] if r["family"]]
+        return [r for r in self.diagnosis["ranking"] if r["family"]]
 
     @cached_property
     def families(self) -> list[str]:
@@ -177,7 +178,7 @@ class Marked:
 
     @property
     def answer(self) -> str:
-        """The family named first, or how naming one was avoided."""
+        """The family named first, or how naming a family was avoided."""
         if self.names:
             return str(self.causes[0]["family"])
         if self.verdict == "cannot-tell":
@@ -186,21 +187,22 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Whether the first of the ranking is the fault itself, or one that these recordings cannot
-        separate from it."""
+        """Whether the first of the ranking is the fault itself, or an effect that these recordings
+        cannot separate from it."""
         exact = set(self.lead["exact"])
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
-        tied = {m["effect"] for step in self.found["comparison"][:1] for m in step["tied"]}
+        tied = {m["effect"] for step in self.diagnosis["comparison"][:1] for m in step["tied"]}
         return bool(exact & {_bare(name) for name in (tied if top in tied else {top})})
 
     @cached_property
     def port_right(self) -> bool:
-        """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact
-        equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
+        """Is the gap placed at the fault's port, at a port indistinguishable from it, or at an
+        exact equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is
+        wrong.
         """
-        where, truth = self.found["where"], self.lead
+        where, truth = self.diagnosis["where"], self.lead
         if not self.alarms:
             return False
         same = {
@@ -228,7 +230,7 @@ def _is_exact(named: dict[str, Any], truth: dict[str, Any]) -> bool:
 
 
 def _is_of(named: dict[str, Any], truth: dict[str, Any]) -> bool:
-    """Is a named effect of the family of one that acts, or its exact equivalent?"""
+    """Is a named effect of the family of an acting effect, or its exact equivalent?"""
     return named["family"] == truth["family"] or _is_exact(named, truth)
 
 

@@ -20,10 +20,10 @@ from pamid.model.sampling import stated_period
 Array = NDArray[np.float64]
 
 MEAN_HOLDS = 45  # of mean length that a recording is to have,
-MOST_OWN_SAMPLES = 8000  # as far as it has not more samples than these;
+MAX_SAMPLES = 8000  # as far as it has not more samples than these;
 FEWEST_HOLDS = 20  # then holds are shortened until there are so many
 SAMPLES_PER_HOLD = 40  # in the shortest hold, where the rig states no sampling period
-UNSTATED = 1.0  # half range of an input of which the rig says nothing, in its own unit
+UNSTATED = 1.0  # half range of an input of which the rig states nothing, in the unit of the input
 
 
 def driven_columns(rig: Rig, loop: str) -> tuple[str, ...]:
@@ -53,8 +53,8 @@ def runs_open(rig: Rig) -> bool:
 
 
 def stated_reach(rig: Rig, column: str) -> tuple[float, float]:
-    """Centre and half range of the usual signal, or of the allowed one, in the column's unit; half
-    is infinite if the rig states none."""
+    """Centre and half range of the usual signal, or of the allowed signal, in the column's unit;
+    half is infinite if the rig states none."""
     low, high = bounds_of(rig, column)
     if column in rig.excited:
         return rig.centre.get(column, 0.0), rig.excited[column]
@@ -68,7 +68,7 @@ def sampled(rig: Rig) -> tuple[float, float, tuple[float, float]]:
     shortest, longest = rig.hold_s
     period = stated_period(rig) or shortest / SAMPLES_PER_HOLD
     mean = 0.5 * (shortest + longest)
-    seconds = min(MEAN_HOLDS * mean, MOST_OWN_SAMPLES * period)
+    seconds = min(MEAN_HOLDS * mean, MAX_SAMPLES * period)
     faster = min(1.0, seconds / (FEWEST_HOLDS * mean))
     hold = (max(faster * shortest, 2.0 * period), max(faster * longest, 3.0 * period))
     return period, seconds, hold

@@ -1,5 +1,5 @@
 """Other forms of the catalogue's effects, and effects that are in no catalogue, for machines that
-are built from a rig's own equations.
+are built from a rig's equations.
 
 Such a machine must not be a model that the tool can reach by fitting, or the trial asks nothing.
 Here an effect of the catalogue acts in another form: with d the change that it makes,
@@ -7,8 +7,9 @@ Here an effect of the catalogue acts in another form: with d the change that it 
     value + lag(d (1 + bend tanh((d/scale)^2)), settling)
 
 large changes counting for more, or less, than small ones, on signals that are bent slightly. The
-bend is even in d: were it odd, a friction would become one that is larger one way, which is another
-effect of the catalogue. Where the effect is at its null d is 0, and so is all of this, exactly.
+bend is even in d: were it odd, a friction would become larger in a single direction, which is
+another effect of the catalogue. Where the effect is at its null d is 0, and so is all of this,
+exactly.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ class RememberedGain(Effect):
     parameters = (
         _amount(0.2),
         VALUE_SIZE,
-        Parameter("memory", 0.5, size="timescale", source="about as long as the machine's own"),
+        Parameter("memory", 0.5, size="timescale", source="about as long as the machine's memory"),
     )
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
@@ -185,7 +186,7 @@ class SpeedAcrossPlace(Effect):
 
 
 class LopsidedCross(Effect):
-    """A share of the value of one sign that depends on the velocity."""
+    """A share of the value of either sign that depends on the velocity."""
 
     family = "nameless"
     general_kinds = ("motion", "actuator-force")

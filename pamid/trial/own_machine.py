@@ -1,11 +1,11 @@
 """A machine of the trial for any rig: the rig itself, made unlike every model that the tool has.
 
 Its parameters are drawn from their priors, its ports have an ordinary roughness, what is planted
-acts in another form than the catalogue's (`own_forms`), it is integrated in finer steps than a fit
+acts in another form than the catalogue's, it is integrated in finer steps than a fit
 takes, and its readings have noise and the steps of a converter.
 
-What it has in common with the tool are the rig's equations: a trial on it says how well effects are
-told apart on that rig, not what becomes of a rig whose own equations are wrong in other ways.
+The tool has the same equations: a trial on it shows how well effects are
+distinguished on that rig, not what becomes of a rig whose equations are wrong in other ways.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ from pamid.trial.starter_machine import draw_map
 Array = NDArray[np.float64]
 
 ROUGH_KINDS = ("motion", "actuator-force", "flow", "rate")
-FINENESS = 7  # steps of the machine in one of a fit
+FINENESS = 7  # steps of the machine in each step of a fit
 NOISE_SHARE = 0.002  # of a reading's usual deviation, where the rig states no noise
 CONVERTER_STEPS = (0.2, 2.0)  # of the converters, in standard deviations of the noise
 OPEN_SHARE = 0.25  # of the cases, on a rig that runs in both ways
@@ -76,11 +76,11 @@ PROBE_SEED = 0  # of the excitation over which sizes are looked at
 
 @dataclass(frozen=True, eq=False)
 class OwnMachine:
-    """One machine; see `pamid.trial.machine.Machine`.
+    """A machine; see `pamid.trial.machine.Machine`.
 
     name        of the rig, or of its file without the folders
-    sent        the user's own excitation, if there is one
-    sha256      digest of the rig, its file included, and of the user's own excitation
+    sent        the user's excitation, if any
+    sha256      digest of the rig, its file included, and of the user's excitation
     """
 
     rig: Rig
@@ -285,7 +285,7 @@ class RigSpecimen:
             self._set_sizes(assembly, p, there[name], sizes)
         return assembly, p
 
-    def told(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
+    def shown_values(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
         """Parameters of the planted effects, by name with unit."""
         assembly, p = self._model({name: {**sizes, TIMES_TYPICAL: self.settled(name, sizes)}})
         label = _label(name)
@@ -444,7 +444,7 @@ def draw_specimen(
 
 
 def _drawn(b: Bound, random: np.random.Generator) -> float:
-    """Values within one standard deviation of the prior; those of one sign change by the same
+    """Values within a standard deviation of the prior; those of the same sign change by the same
     factor either way, so that they do not reach a bound."""
     u = float(random.uniform(-1.0, 1.0))
     if b.log:

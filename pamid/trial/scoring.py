@@ -106,7 +106,7 @@ def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
 
 
 def _naming(singles: list[Marked]) -> dict[str, Rate]:
-    """One known fault that shows: is it named?"""
+    """Whether a single known fault that shows is named."""
     seen = [m for m in singles if m.visible]
     return {
         "family_first": _rate(seen, lambda m: m.answer == m.family),
@@ -170,7 +170,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
 
 
 def _open(singles: list[Marked]) -> dict[str, Rate]:
-    """Rates for one planted effect among lesser ones: largest effect named, remainder reported."""
+    """Rates for a planted effect among lesser ones: largest effect named, remainder reported."""
     seen = [m for m in singles if m.material]
     named = [m for m in seen if m.names]
     answers = Counter(m.open_answer for m in seen)

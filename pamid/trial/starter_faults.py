@@ -2,7 +2,7 @@
 a motion.
 
 The forms are those of `starter_kernel`, none of them the catalogue's. Left out is what refitted
-parameters take up whole (a gain, a linear damper if there is one): it leaves no gap.
+parameters take up whole (a gain, a linear damper if any): it leaves no gap.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class SignalSizes:
     swallowed_reach: float = 1.0
     band_up: float = 0.0  # half widths of a worn band about zero
     band_down: float = 0.0
-    cap_up: float = 0.0  # one over a soft limit
+    cap_up: float = 0.0  # 1 over a soft limit
     cap_down: float = 0.0
     blocked: float = 0.0  # share of what is negative that does not pass
     unsigned: float = 0.0  # share of it that passes with the other sign
@@ -72,7 +72,7 @@ class ForceSizes:
     load_share: float = 0.0  # the same, per unit of load
     level_share: float = 0.0  # the same, per unit of a current or pressure
     level_knee: float = 1.0  # below which it grows slower
-    forward: float = 0.0  # the same, one way and the other
+    forward: float = 0.0  # the same, in each direction
     backward: float = 0.0
     dahl_reach: float = 1.0
     rounded: float = 0.0  # dry friction of stops of like widths

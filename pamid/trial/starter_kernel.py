@@ -1,9 +1,9 @@
 """Compiled parts of the machines behind the starter rigs: changes of a signal on its path, and
 forces against a motion.
 
-`f` is what is planted at one port, a record with the fields of `starter_faults`; `z` the memory of
-one such port. The forms are other than those of the catalogue: bundles of many stops, bristles,
-soft knees, filters of second order. All functions live in this one file: the compiler's cache looks
+`f` is what is planted at a port, a record with the fields of `starter_faults`; `z` the memory of
+such a port. The forms are other than those of the catalogue: bundles of many stops, bristles,
+soft knees, filters of second order. All functions live in this file: the compiler's cache looks
 no further than the file it compiles.
 """
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 BUNDLE = 16  # elements of a bundle
 BRISTLE, LOOP, PLASTIC, ROUND = range(4)
 SPREAD = ROUND + BUNDLE
-FORCE_MEMORY = SPREAD + BUNDLE  # of the forces at one port
+FORCE_MEMORY = SPREAD + BUNDLE  # of the forces at a port
 
 
 @njit(cache=True)
@@ -62,13 +62,13 @@ def soft_limit(value: float, most: float) -> float:
 
 @njit(cache=True)
 def worn_band(value: float, half: float) -> float:
-    """A band about zero whose edges are worn: the slope rises from nothing to one."""
+    """A band about zero whose edges are worn: the slope rises from 0 to 1."""
     return value - half * np.tanh(value / half) if half > 0.0 else value
 
 
 @njit(cache=True)
 def passed_on(signal: Array, f: Any, h: float) -> Array:
-    """A signal, one value per h seconds, after the effects planted in its path."""
+    """A signal, a value per h seconds, after the effects planted in its path."""
     out = np.empty_like(signal)
     stops = np.zeros(BUNDLE)
     before, follower, smooth, slope = signal[0], signal[0], signal[0], 0.0
@@ -195,7 +195,7 @@ def arrested(free: float, v: float, f: Any, h: float, mass: float) -> float:
 def turned(
     x: Array, push: float, damped: float, inertia: float, f: Any, link: Any, h: float
 ) -> None:
-    """One step of a shaft, in place: angle, speed, and those of a share of the inertia behind a
+    """A step of a shaft, in place: angle, speed, and those of a share of the inertia behind a
     spring with play. Damping by the trapezoidal rule, so that the error of a step is of second
     order; f: forces on the shaft, link: sizes of the spring."""
     angle, speed = x[0], x[1]

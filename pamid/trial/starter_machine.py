@@ -1,6 +1,6 @@
-"""A machine behind a starter rig: stated in one file, drawn, driven and logged here.
+"""A machine behind a starter rig: stated in a file, drawn, driven and logged here.
 
-What is sent, or imposed, is logged and passes the ports of its columns; it drives the machine's own
+What is sent, or imposed, is logged and passes the ports of its columns; it drives the machine's
 equations at a fine step, and what they give passes the ports of the readings, each by
 `starter_kernel.passed_on`; then come the logger's clock, noise and steps. Nothing is shared with
 the rig, the effects or the engine.
@@ -41,7 +41,7 @@ CLOCK = "clock"  # the place of what is planted in the logger
 
 @dataclass(frozen=True)
 class LoggedColumn:
-    """A column of the log: `per_si` of its unit are one SI unit, after `shift` is subtracted; noise
+    """A column of the log: `per_si` of its unit are an SI unit, after `shift` is subtracted; noise
     and the steps of the converter in its unit; port: the port that it passes."""
 
     per_si: float = 1.0
@@ -59,7 +59,7 @@ class LoggedColumn:
 
 @dataclass(frozen=True)
 class SentLevels:
-    """Levels sent in one column, in a range (SI), each held for a time (s).
+    """Levels sent in a column, in a range (SI), each held for a time (s).
 
     paired  every level is followed by its opposite about the middle, as what integrates it needs
     ramped  it cannot jump: it goes from level to level in a straight line
@@ -74,20 +74,20 @@ class SentLevels:
 
 @dataclass(frozen=True, eq=False)
 class StarterMachine:
-    """One machine; see `pamid.trial.machine.Machine`.
+    """A machine; see `pamid.trial.machine.Machine`.
 
     seconds     of a recording
     steps       of the integration per sample
     sent, logged  input and output columns in the order of `run`; log: how each is written
     parameters  true constants, SI, as they are drawn
     ports       place -> what is there when nothing is planted; `inside`: those that `run` takes
-    further     faults beside those that every way of a signal and every motion can have; of these,
-                leave_out names what leaves no gap at a port, or cannot be
+    further     faults in addition to those that every way of a signal and every motion can have; of
+                these, leave_out names what leaves no gap at a port, or cannot be
     commands    ports of what is sent, not read; clock: the name of all readings together, where
-                they can have a clock of their own
+                they can have a separate clock
     twins       fault -> effect of another port that is the very same here
     maps        half ranges over which the errors of the machine's maps run, SI
-    without     columns of which a case may lack one
+    without     columns of which a case may lack any
     """
 
     name: str
@@ -185,7 +185,7 @@ class StarterMachine:
                 if (place, key) in occupied:
                     raise UsageError(
                         f"Fault {name!r} sets {key!r}, which another fault has set.",
-                        "Plant one of the two.",
+                        "Plant only the first or only the second.",
                     )
                 occupied.add((place, key))
                 places[place] = replace(places[place], **{key: float(value)})
@@ -205,8 +205,8 @@ class StarterMachine:
         readout: Readout,
     ) -> dict[str, Array]:
         """Simulate the recording of a specimen: constants, errors of its maps, and the converter's
-        steps of each column, in its unit. The columns come back in their own units. UsageError if
-        the machine flies apart."""
+        steps of each column, in its unit. The columns come back in their declared units. UsageError
+        if the machine flies apart."""
         from pamid.trial.starter_kernel import passed_on
 
         places, n = self.planted(faults), len(next(iter(signal.values())))

@@ -37,7 +37,7 @@ from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
 Array = NDArray[np.float64]
 
 PLOT_ROWS = 8000  # residuals to which the rows are thinned
-PLOT_POINTS = 300  # shown, of one channel
+PLOT_POINTS = 300  # shown, of a channel
 DIGITS = 4  # of a point: a file half as large
 
 
@@ -90,7 +90,7 @@ def _plots(
 
 
 def _without(column: Array, other: Array) -> Array:
-    """A column less its part along another one."""
+    """A column less its part along another column."""
     size = float(other @ other)
     return column - other * (float(other @ column) / size) if size > 0.0 else column
 
@@ -103,7 +103,7 @@ def _rows(fitted: Fit, at: Fit, p: Array, *, derivatives: bool = False) -> Linea
 
 
 def _with_and_without(fitted: Fit, model: CandidateModel, label: str) -> tuple[Array, Array]:
-    """Rows of a model, and of it without one of its effects; of the data sheet those of the other
+    """Rows of a model, and of it without any of its effects; of the data sheet those of the other
     parameters."""
     p, labels = model.fit.p.copy(), label.split(" + ")
     for i, bound in enumerate(model.assembly.parameters):

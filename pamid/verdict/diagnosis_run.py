@@ -78,8 +78,8 @@ def diagnose_into(
 ) -> dict[str, Any]:
     """Diagnose and write fit.json, residual.csv, free-run.csv, added-variables.json (where
     candidates were refitted), missing.csv (the points of an unknown effect), next-experiment.csv
-    (where there is something left to measure, with its TOML; a further one per further setting) and
-    diagnosis.json; returns the last. pool: who does the jobs (default: this process);
+    (where there is something left to measure, with its TOML; a further file per further setting)
+    and diagnosis.json; returns the last. pool: who does the jobs (default: this process);
     those that failed are named in `failed_jobs`. settings: as in
     `pamid.diagnosis.pipeline.diagnose`."""
     pool = pool or WorkerPool(1)

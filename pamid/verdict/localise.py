@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 # kinds of port whose signals state a regime, best first
 REGIME_PORTS = ("motion", "actuator-force", "flow")
-# kinds whose own value is such a signal, too, and what it is called
+# kinds whose value is such a signal, too, and what it is called
 VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 
 
@@ -43,7 +43,8 @@ VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 REGIME_BINS, REGIME_GAIN, REGIME_BOUND, REGIME_ORDER = 12, 0.15, 0.01, 0.002
 # standard errors of its share of the gap by which a regime holds more of it than of the time
 REGIME_ERRORS = 2.0
-REGIMES_MOST, REGIME_OVERLAP = 4, 0.5  # stated; share of the samples that makes two of them one
+# stated; share of the samples that makes two of them the same
+REGIMES_MOST, REGIME_OVERLAP = 4, 0.5
 # correlation times: half of what measured signals are smoothed over, a segment of the spectrum
 SMOOTHED, SPECTRUM_SEGMENT = 0.025, 13.0
 STILL_SHARE = 0.02  # of the usual speed (95th percentile): a slower motion reverses nothing
@@ -77,7 +78,7 @@ def regimes(
     evidence: DataSplit, base: CandidateModel, after: CandidateModel | None
 ) -> tuple[Regime, ...]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
-    best first; of two that hold about the same samples only the better one."""
+    best first; of two that hold about the same samples only the better."""
     befores = base.replays
     gap = np.concatenate(
         [
@@ -242,7 +243,7 @@ def _followed(
     recorded: Mapping[str, str],
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, in the units that quantities were recorded in where
-    they were (`own`), and the time since the last reversal."""
+    they were (`recorded`), and the time since the last reversal."""
     outputs = run_windows(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
     )

@@ -30,7 +30,7 @@ from pamid.verdict.verdict_words import joined
 FEW_WINDOWS = 12  # held-out windows; a note warns about fewer
 # tolerances by which an effect must relieve a strained parameter, and number of effects to list
 EASED, EASING_MOST = 0.5, 3
-ONE_SAMPLE = 0.05  # sampling periods by which a delay of one may be off
+PERIOD_TOLERANCE = 0.05  # sampling periods by which a delay of a period may be off
 # errors with the causes of a channel that no model explains: of the data sheet's, in noise floors
 UNEXPLAINED_ERROR, ABOVE_NOISE = 0.9, 10.0
 UNUSED_LISTED, UNUSED_TRIED = 6, 24  # recorded columns without a place in the rig
@@ -70,7 +70,8 @@ def remark(d: Diagnosis) -> str:
     )
     return (
         f"The recordings do not show this machine. {shown} Check that every column is the channel "
-        "in its name, that one clock recorded all of them, and that the input acted on the rig."
+        "in its name, that a single clock recorded all of them, and that the input acted on the "
+        "rig."
         f"{rest}"
     )
 
@@ -101,7 +102,7 @@ def notes_of(d: Diagnosis) -> list[str]:
 
 
 def unexplained(reached: Mapping[str, Reach]) -> list[str]:
-    """One sentence per channel that no model explains.
+    """A sentence per channel that no model explains.
 
     Its error with the causes is about that of the data sheet, and far above the noise floor.
     reached: errors by channel.
@@ -141,8 +142,8 @@ def _signs(d: Diagnosis) -> list[str]:
 
 
 def _unused(d: Diagnosis) -> list[str]:
-    """Recorded columns outside the rig that move, and the one that a lagged regression finds in the
-    remaining error."""
+    """Recorded columns outside the rig that move, and the column that a lagged regression finds in
+    the remaining error."""
     moving = (c for r in d.evidence.recordings for c in r.unused if motion(r.columns[c]) > 0.0)
     names = list(dict.fromkeys(moving))
     if not names:
@@ -238,7 +239,7 @@ def _between(d: Diagnosis) -> list[str]:
 
 
 def _row_order(d: Diagnosis) -> list[str]:
-    """Readings in a wrong row, and delays of one sampling period, which may come from the log.
+    """Readings in a wrong row, and delays of a sampling period, which may come from the log.
 
     Only the log of the first recording is examined, because the others have the same format.
     """
@@ -252,10 +253,10 @@ def _row_order(d: Diagnosis) -> list[str]:
     return [f"{order.text(recording)} Then diagnose again." for order in orders] + [
         f"{b.owner} is {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row has a "
         "command that acts from the next row on, or a reading of the row before. Shift that "
-        "column by one row (`rows` in the mapping of `pamid ingest`) and diagnose again."
+        "column by a row (`rows` in the mapping of `pamid ingest`) and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
         if b.key.endswith((":delay", ":start"))
-        and abs(abs(late) / period_s - 1.0) < ONE_SAMPLE
+        and abs(abs(late) / period_s - 1.0) < PERIOD_TOLERANCE
         and not (orders and ports.get(b.owner) in readings)
     ]
 

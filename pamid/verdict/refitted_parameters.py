@@ -1,4 +1,4 @@
-"""The parameters that the answer's own model moved off the data sheet, for terminal, page and card.
+"""The parameters that the answer's model moved off the data sheet, for terminal, page and card.
 
 Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift is
 more than a rounding of its tolerance, or of the value where the tolerance is wide. The others are

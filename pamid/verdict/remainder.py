@@ -3,8 +3,8 @@ formula for it.
 
 The missing term is the latent value that the smoother finds at the port. A sparse regression then
 describes it; the formula is a description, never the verdict. The model's parameters are estimated
-anew beside it, for they have absorbed a part of it: where they move, term and model may grow
-together and cancel. How much is missing is therefore told with the parameters as fitted.
+anew with it, for they have absorbed a part of it: where they move, term and model may grow
+together and cancel. How much is missing is therefore reported with the parameters as fitted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 MOST_TERMS = 4  # of a formula that is given
 # sparse regression: bootstrap samples, coefficient set to zero (standard deviations of the target),
-# ridge (share of the rows), speed over which a sign is smoothed (share of the usual one)
+# ridge (share of the rows), speed over which a sign is smoothed (share of the usual speed)
 BAGS, LEAST_COEFFICIENT, FORMULA_RIDGE, SMOOTH_SIGN = 24, 0.08, 1e-3, 0.05
 FEWEST_SLICES = 40  # fewer are not described
 DESCRIBED = 0.5  # share of the variance: what is described worse depends on the past
@@ -46,15 +46,15 @@ DESCRIBED = 0.5  # share of the variance: what is described worse depends on the
 PARITY_BINS, PARITY_FACTOR = 8, 3.0
 MISSING_ROWS = 4000  # of missing.csv at most
 
-PASSING = "passing"  # beside the signals at a port: what passes there
+PASSING = "passing"  # in addition to the signals at a port: what passes there
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A latent value at one port with the formula that describes it best; fit: share of its
+    """A latent value at a port with the formula that describes it best; fit: share of its
     variance described.
 
-    values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value"
+    values (n,), signals and time_s: an entry per slice, in the units people read (`units`, "value"
     among them); recording: its index among the recordings, as in residual.csv; amount: root mean
     square of what is missing to the model as fitted; passing: of what passes the port then, effects
     and the missing value included; both in the unit of the values.
@@ -75,9 +75,9 @@ class Missing:
 
 
 def find_missing(d: Diagnosis, *, pool: WorkerPool | None = None) -> Missing | None:
-    """The missing term beside the causes, at the port with the largest latent evidence, or where a
-    free form takes it up; of ports that the recordings cannot separate, at the one whose own
-    signals describe it best. None where nothing is missing, or no function of these signals
+    """The missing term next to the causes, at the port with the largest latent evidence, or where a
+    free form takes it up; of ports that the recordings cannot separate, at the port whose signals
+    describe it best. None where nothing is missing, or no function of these signals
     fits."""
     located = d.left_at
     if located is None or located.most <= 0.0:
@@ -135,7 +135,7 @@ def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
     speed = best.signals.get("velocity")
     return result.Unknown(
         port=group_of(best.port),
-        # a longer one describes the points, and nothing that a reader would recognise
+        # a longer formula describes the points, and nothing that a reader would recognise
         formula=f"missing [{unit or '1'}] = {formula.lstrip('+')}"
         if len(terms) <= MOST_TERMS
         else "",
@@ -222,7 +222,7 @@ def missing_value(
     smoother: Smoother, smoothed: SmoothingResult
 ) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
-    held-out recordings, one per slice, and the means over it of the port's signals (SI), and of
+    held-out recordings, a value per slice, and the means over it of the port's signals (SI), and of
     what passes in the end, with all that acts there."""
     assembly, port = smoother.assembly, smoother.ports[0]
     passage = next(q for q in assembly.traced.passages if q.port == port)
@@ -312,7 +312,7 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
 
 
 def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Array]:
-    """Sparse coefficients (target in its own standard deviations) and how often each term is kept
+    """Sparse coefficients (target in its standard deviations) and how often each term is kept
     over bags: sequentially thresholded least squares (Brunton, Proctor and Kutz 2016, PNAS
     113(15)), bagged (Fasel, Kutz, Brunton and Brunton 2022, Proc. R. Soc. A 478)."""
     import pysindy

@@ -77,7 +77,7 @@ def with_experiment(
 
 
 def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
-    """The confidence set of every step that added an effect, and of the last one."""
+    """The confidence set of every step that added an effect, and of the last."""
     if d.selection is None:
         return ()
 
@@ -150,8 +150,8 @@ def _leading_port(
     unknown: result.Unknown | None,
 ) -> str:
     """The port of the cause that removes most, which carries most of the gap among those that the
-    sensors cannot tell from it; without a cause the one with the largest share, of several with the
-    same, or that the sensors cannot tell from it, the one whose signals describe best what is
+    sensors cannot tell from it; without a cause the port with the largest share, of several with
+    the same, or that the sensors cannot tell from it, the port whose signals describe best what is
     missing."""
     if causes:
         return causes[0].port
@@ -190,7 +190,7 @@ def _port_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
 
 
 def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
-    """Causes that the verdict names, the one that removes most first; for "ambiguous" the members
+    """Causes that the verdict names, the largest first; for "ambiguous" the members
     that cannot be separated."""
     if d.answer is None or d.cause is None:
         return ()
@@ -198,8 +198,8 @@ def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
 
 
 def _parts_of_causes(answer: Answer) -> list[tuple[NamedCause, float]]:
-    """Every cause, the one that removes most first, with its part of what they remove one by
-    one."""
+    """Every cause, the largest first, with its part of what they remove
+    separately."""
     causes = sorted(answer.causes, key=lambda c: -c.removes.share)
     removed = [max(c.removes.share, 0.0) for c in causes]
     total = sum(removed)
@@ -292,7 +292,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
         for i, channel in enumerate(d.evidence.channels)
     }
     first = d.ranking[0]
-    # an effect that is named has one probability: that of the answer
+    # an effect that is named has a single probability: that of the answer
     named = {k.effect.label: k.figures for k in d.answer.causes} if d.answer and d.cause else {}
     label, labels = c.label, [a.label for a in c.attached]
     parameters = {
@@ -326,7 +326,7 @@ def _ranked(d: Diagnosis, c: CandidateModel) -> result.Candidate:
 
 
 def _how_far(d: Diagnosis, i: int) -> result.Reach:
-    """Errors of one channel on windows that had no part in the choice, in the column's unit."""
+    """Errors of a channel on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     rows, left = ~np.isnan(b.floor[:, i]), d.reported(d.cause or b.baseline)
     before, after = b.baseline.absolutes[rows, i], left[rows, i]
@@ -427,7 +427,7 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
 
 
 def _parameters(c: CandidateModel, label: str) -> dict[str, result.Estimate]:
-    """Parameters of one of a model's effects, by name with unit: what was fitted, and amounts that
+    """Parameters of an effect of a model, by name with unit: what was fitted, and amounts that
     were read off the recordings."""
     fitted = {
         b.name: result.Estimate(value=e.value, low=e.low, high=e.high, unit=e.unit, word=e.word)

@@ -77,7 +77,7 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
             if diagnosis.where and diagnosis.where.port
             else ""
         )
-        return f"A curve at one of the ports does.{at}"
+        return f"A curve at any of the ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
     elsewhere = f", or equally at the {joined(others, 'or')} port," if others else ""
@@ -87,7 +87,7 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     )
 
 
-#: causes with the same effect, at one or several ports
+#: causes with the same effect, at any number of ports
 Finding: TypeAlias = tuple[Cause, ...]
 
 
@@ -270,7 +270,7 @@ def amount_of(rest: Remainder) -> str:
 
 
 def weight_of(rest: Remainder) -> str:
-    """Text that says whether the remainder is a material part of the gap."""
+    """Text that states whether the remainder is a material part of the gap."""
     return "a material part of the gap" if rest.real else "no material part of the gap"
 
 

@@ -324,7 +324,7 @@ DAMAGED: tuple[tuple[str, str, Any, int, str], ...] = (
     ("report page", "fit.json", ("mae", "angle_deg", 3), 3, "mae.angle_deg"),
     ("report page", "diagnosis.json", "[]", 3, "object"),
     ("report page", "diagnosis.json", ("verdict", "explaned"), 3, "verdict|explaned"),
-    ("report page", "diagnosis.json", ("causes", []), 3, "at least one effect"),
+    ("report page", "diagnosis.json", ("causes", []), 3, "a list of effects"),
     ("report page", "diagnosis.json", ("where", "windows_s", [[1.0]]), 3, "pairs"),
     ("report page", "diagnosis.json", ("ranking", 1, "effect", GONE), 3, "ranking[1].effect"),
     ("report page", "diagnosis.json", ("transfer", 0, "angle_deg", 3), 3, "transfer[0].angle_deg"),

@@ -174,7 +174,7 @@ def test_what_others_may_have_written_is_never_loaded(
     planted = file.read_bytes()
     # planted by the user himself: it does what it says
     np.testing.assert_array_equal(_unseen(0.75), wrong)
-    monkeypatch.setattr(trust, "_own_group", lambda gid: False)
+    monkeypatch.setattr(trust, "_private_group", lambda gid: False)
     for told, share in OTHERS.items():
         file.write_bytes(planted)
         share(file)

@@ -138,7 +138,7 @@ def test_a_strict_c99_compiler_takes_the_header_and_prints_the_numbers(tmp_path:
         numbers[2000:], np.stack([PERIOD * at, sent["reference_1_deg"][at]], axis=1)
     )
     text = (tmp_path / "my-sent.h").read_text()
-    assert "in deg, one value per sample" in text and "no unit" in text
+    assert "in deg, a value per sample" in text and "no unit" in text
 
 
 # ---- structured text --------------------

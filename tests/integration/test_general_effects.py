@@ -233,7 +233,7 @@ def test_two_parts_are_played_by_two_ports() -> None:
     assert attach(rig, "overflow-into-store", effects()).ports == ("upper_balance", "lower_balance")
     rig.ports = {"lower_balance": rig.ports["lower_balance"]}  # type: ignore[misc]
     with pytest.raises(
-        FileError, match="offering stored and downstream; and one offering upstream"
+        FileError, match="offering stored and downstream; and another offering upstream"
     ):
         attach(rig, "overflow-into-store", effects())
 

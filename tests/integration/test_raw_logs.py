@@ -642,7 +642,7 @@ NO_LOGS = {
     "YAML": (
         "topic.txt",
         repeated_lines("header:\n  stamp:\n    sec: {k}\nposition:\n- {t:.3f}\n---\n"),
-        "one value a line",
+        "a value a line",
         "ros2 topic echo --csv",
     ),
     "rows of several kinds": (

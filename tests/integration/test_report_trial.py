@@ -50,7 +50,7 @@ def test_one_page_with_four_figures(folder: Path) -> None:
         "Blind trial, part test, seed 7: 240 cases, 1 failed; 12 of 160 planted gaps do not show",
         "family named first 87.3 % 79.8 to 92.3 110 ≥ 90 % missed",
         "known effect called unknown 6.4 % 3.1 to 12.6 110 ≤ 10 % reached",
-        "each of them visible beside the other - 0 ≥ 65 % no cases",
+        "each of them visible in addition to the other - 0 ≥ 65 % no cases",
         "1.1 to 1.3 67 % (20/30) 60 % (18/30) 93 % (28/30) 5 % (1/20)",
         "inertia [kg m²]",
         "Case 17: the joint ran into its stop <b>hard</b>",

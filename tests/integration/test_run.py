@@ -159,7 +159,7 @@ def test_opening_what_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="not a run folder"):
         Run.open(tmp_path)
     (tmp_path / "run.json").write_text("[]")
-    with pytest.raises(FileError, match="one JSON object"):
+    with pytest.raises(FileError, match="single JSON object"):
         Run.open(tmp_path)
     (tmp_path / "run.json").write_text('{"schema": "other/1"}')
     with pytest.raises(FileError, match="other/1"):

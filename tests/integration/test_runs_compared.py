@@ -73,7 +73,7 @@ def test_runs_side_by_side(pair: tuple[Path, Path], tmp_path: Path, capsys: Capt
     assert found["changed"] == ["recordings", "content (sha256)"]
     assert [one["causes"] for one in found["runs"]] == [["coulomb-friction"], ["stribeck-friction"]]
     text = flat(outline_of(page).text)
-    assert "The runs differ: monday/RUN says Coulomb friction; friday/RUN says Stribeck" in text
+    assert "The runs differ: monday/RUN gives Coulomb friction; friday/RUN gives Stribeck" in text
     rows = text.split("damping_m2_s")[1].split("sonic_conductance")[0]
     assert "differs" in rows and "0.00160" in rows and "0.00320" in rows
     assert "agrees" in text.split("dead_volume_m3")[1][:120]

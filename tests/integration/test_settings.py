@@ -221,10 +221,10 @@ def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     """Ownership by what the file system says; another user is played, as tests may not be root."""
     file = tmp_path / "pamid.toml"
     file.write_text("")
-    assert trust.why_shared(file) == "" and trust.is_own(file)
+    assert trust.why_shared(file) == "" and trust.is_users_file(file)
     me = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: me + 1)  # now it is somebody else's
-    assert not trust.is_own(file)
+    assert not trust.is_users_file(file)
     if me:
         assert "belongs to another user" in trust.why_shared(file)
     # root's are believed, for harmless options

@@ -23,7 +23,7 @@ from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import data_of
 from pamid.trial.case_machine import CaseMachine
 from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
-from pamid.trial.own_excitation import MOST_OWN_SAMPLES, made_excitation, sampled
+from pamid.trial.own_excitation import MAX_SAMPLES, made_excitation, sampled
 from pamid.trial.own_faults import TIMES_TYPICAL
 from pamid.trial.own_forms import (
     FORM_BEND,
@@ -193,7 +193,7 @@ def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig: str) -> Non
     columns = made_excitation(made, "open", 1.2, 4)
     again = made_excitation(made, "open", 1.2, 4)
     for name, column in columns.items():
-        assert len(column) == round(seconds / period) <= MOST_OWN_SAMPLES
+        assert len(column) == round(seconds / period) <= MAX_SAMPLES
         low, high = made.ranges.get(name, (-np.inf, np.inf))
         assert low <= column.min() < column.max() <= high
         np.testing.assert_array_equal(column, again[name])

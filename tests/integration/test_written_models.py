@@ -291,7 +291,7 @@ def test_the_most_probable_rival_is_written_or_the_chosen_one(
     words = (run, "--rig", file, "--to", "mjcf", "--output", new)
     said = export(capsys, *words)
     assert said["effects"] == [dry] and 'frictionloss="0.15"' in new.read_text()
-    assert said["notes"][0].endswith(f"--choose {drag} writes that one")
+    assert said["notes"][0].endswith(f"--choose {drag} writes that effect")
     assert export(capsys, *words, "--choose", drag, "--overwrite")["effects"] == [drag]
     assert 'damping="0.15"' in new.read_text() and "frictionloss" not in new.read_text()
     refused = export(capsys, *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)

@@ -52,9 +52,9 @@ def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
 
 
 def test_shapes_must_agree() -> None:
-    with pytest.raises(DataError, match="one shape"):
+    with pytest.raises(DataError, match="equal shape"):
         mae([1.0, 2.0], [1.0])
-    with pytest.raises(DataError, match="one shape"):
+    with pytest.raises(DataError, match="equal shape"):
         mae([], [])
 
 

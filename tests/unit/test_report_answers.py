@@ -31,10 +31,10 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "that family was really there.",
         "The nearest two of these models are expected to differ there by 4.2 times the "
         "noise of the sensors; it takes about 8 min at the rig.",
-        "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
+        "Its excitations (a file per run) are next-experiment.csv and next-experiment-2.csv in "
         "the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
-        "one more sensor takes apart Force 1 and force 2 muscle and joint",
+        "additional sensor takes apart Force 1 and force 2 muscle and joint",
         "These sensors allow 3 independent checks.",
     ):
         assert told in text, told
@@ -131,7 +131,7 @@ def test_files_of_the_second_version_are_read(verdict: str, tmp_path: Path) -> N
 
 def test_the_first_version_is_refused_with_what_has_changed(tmp_path: Path) -> None:
     made = diagnosis_json("explained") | {"schema": "pamid.diagnosis/1"}
-    with pytest.raises(FileError, match="now pamid.diagnosis/3.*probability of its own") as caught:
+    with pytest.raises(FileError, match="now pamid.diagnosis/3.*separate probability") as caught:
         load_run(make_run(tmp_path / "RUN", diagnosis=made, without=NO_TRACES))
     assert "pamid diagnose" in caught.value.hint
     later = make_run(tmp_path / "LATER", diagnosis=made | {"schema": "pamid.diagnosis/4"})
@@ -167,7 +167,7 @@ def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
 
 
 def test_a_control_loop_is_shown_where_one_was_closed(tmp_path: Path) -> None:
-    heading = "In its own control loop"
+    heading = "In its control loop"
     assert heading in text_of(make_run(tmp_path / "CLOSED"))
     open_loop = make_run(tmp_path / "OPEN", fit=fit_json() | {"closed_loop": {}})
     assert heading not in text_of(open_loop)

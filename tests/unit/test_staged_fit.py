@@ -169,7 +169,7 @@ def test_the_command_takes_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
     assert pamid(arguments) == 0
     text = capsys.readouterr().out
-    assert "Drifts belong to a recording's own time" in text
+    assert "Drifts belong to a recording's time" in text
     told, run = (json.loads((tmp_path / "two" / n).read_text()) for n in ("fit.json", "run.json"))
     assert told["from"]["path"] == str(tmp_path / "one") == run["options"]["from"]
     assert any(one["path"].endswith("one/fit.json") for one in run["inputs"])

@@ -109,13 +109,13 @@ class FittedModel(RecordingArguments):
 class FitArguments(RunArguments, FittedModel):
     """Fit the parameters of a rig to recordings and score the model on held-out data.
 
-    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word:
-    settled (the recordings determine it), weak (the prior contributes) or silent (the recordings
-    do not depend on it). Parameters that only a combination determines are listed with that
-    combination.
+    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a
+    grade. settled: the recordings determine it. weak: the prior contributes. silent: the recordings
+    do not depend on it, so that its value is that of the data sheet. If the recordings determine
+    only a combination of parameters, the combination is listed with them.
 
-    Experiments can be fitted in stages, each on other recordings: give the run folder of one fit
-    to the next one with --from.
+    Experiments can be fitted in stages, each on other recordings: give the run folder of each fit
+    to the next with --from.
     """
 
     jobs: int = jobs_option("Processes for the bootstrap.", 1)
@@ -137,7 +137,7 @@ class SearchedEffects(RecordingArguments):
     without: Sequence[EffectName] = option((), "Effect of the catalogue to leave out.")
     horizon: str | float | None = option(
         None,
-        "Time to predict from one estimated state, rounded to whole windows; whole: over whole "
+        "Time to predict from an estimated state, rounded to whole windows; whole: over whole "
         "recordings. [default: as long as the noise of that state allows]",
         metavar="SECONDS|whole",
     )

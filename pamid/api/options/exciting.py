@@ -51,16 +51,16 @@ class ExcitationArguments:
     staircase     there and back with growing steps: --loop open for the smallest duties that move
     torque-loops  an external torque up and down, with shut valves, at --pressure
 
-    Random signals excite all joints together, other signals one joint after the other. Prints how
+    Random signals excite all joints together, other signals the joints in turn. Prints how
     well they cover amplitude and frequency, and what they cannot excite.
 
     valve-pulses: pulses of 30 to 500 ms that bypass the controller, every 1.5 s, to vent and fill
-    one muscle after the other. gravity-test: no command; the rig swings after its release, with
+    the muscles in turn. gravity-test: no command; the rig swings after its release, with
     vented muscles.
 
     Writes a CSV (time_s and the columns to send), or what Simulink, a PLC or a C program plays: mat
     and mat-matrix for From Workspace, mat-file for From File, st with change points, h with samples
-    and change points. Beside it a JSON file with what they are and their sha256 and, where the rig
+    and change points. Next to it a JSON file with what they are and their sha256 and, where the rig
     has to be set to something, a TOML file with it. `pamid simulate` reads CSV and TOML.
     """
 
@@ -85,7 +85,7 @@ class ExcitationArguments:
     duration: float | None = option(
         None,
         "Length in s. [default: 200, or 125 of the rig's longest holds; gravity test: 20; torque "
-        "loops: one pass]",
+        "loops: a single pass]",
         applies_to=("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops", "gravity-test"),
     )
     period: float | None = option(
@@ -104,7 +104,7 @@ class ExcitationArguments:
     )
     hold: tuple[float, float] | None = option(
         None,
-        "Shortest and longest time at one level in s. [default: the rig's; one-dof: 0.4 1.6; "
+        "Shortest and longest time at a level in s. [default: the rig's; one-dof: 0.4 1.6; "
         "prbs: 0.1 1, steps: 2 2, staircase: 1 1]",
         metavar="MIN MAX",
         applies_to=("aprbs", "prbs", "steps", "staircase"),

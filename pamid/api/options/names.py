@@ -91,7 +91,7 @@ def network_sizes() -> dict[str, dict[str, tuple[int, int, str, str]]]:
 
 def _literal(file: Path, name: str) -> Any:
     """Literal that a file, or a class in it, assigns to a name, or the values of a `Literal[...]`;
-    {} without one."""
+    {} without values."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]

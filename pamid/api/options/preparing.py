@@ -42,8 +42,8 @@ class CheckArguments:
     A model (.xml, .urdf): the same, after a list of the elements that are left out, with their
     lines.
 
-    An effect (.py): whether its data sheet is complete, its null is exact, and it behaves at every
-    port where it fits.
+    An effect (.py): whether its data sheet is complete, whether it vanishes exactly at amount zero,
+    and whether it can be computed at every port where it fits.
 
     Long lists are shortened on the screen, and complete with --all and --json. The exit code is 3
     if there is a fault, and 0 if there are only notes.
@@ -55,7 +55,7 @@ class CheckArguments:
     )
     rig: RigLike | None = option(
         None,
-        "Rig of the recording, by name or file. [default: the one that its TOML names]",
+        "Rig of the recording, by name or file. [default: as its TOML names it]",
     )
 
 
@@ -88,7 +88,7 @@ class NewRigArguments:
     _: KW_ONLY
     like: RigName | None = option(
         None,
-        "Rig to start from. [default: the one whose columns fit best]",
+        "Rig to start from. [default: whose columns fit best]",
         "--like",
         "--rig",
     )

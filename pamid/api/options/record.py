@@ -1,4 +1,4 @@
-"""Arguments of a verb as one record: the signature of its function, and the options of its command.
+"""Arguments of a verb as a record: the signature of its function, and the options of its command.
 
 A field states name, type, default and help once. `verb` makes the Python function of it, and
 `cli/generated.py` the command.
@@ -53,8 +53,8 @@ class About:
     choices          values of a text
     command_default  default of the command, where it differs
     parse            function from the text of the command line to the value
-    applies_to       values of another option with which this one makes sense; (): all
-    separator        between the items of a sequence that is given as one text
+    applies_to       values of another option with which this option makes sense; (): all
+    separator        between the items of a sequence that is given as a single text
     formerly         earlier name of a switch, still accepted
     negated          the switch turns the field off
     positional       argument of the command, instead of an option

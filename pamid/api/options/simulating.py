@@ -56,9 +56,10 @@ class SimulationArguments:
     )
     which: str = option(
         "best",
-        "With --model, the model to simulate. cause: the model with the causes of a diagnosis; "
-        "network: the model that the network was trained on, together with the network; refitted; "
-        "best: causes and network if they go together, else the first of these that the run has.",
+        "With --model, the model to simulate. cause: with the causes of the diagnosis. network: as "
+        "the network was trained, with the network. refitted: the fitted rig alone. best: causes "
+        "and network if the network was trained with the causes, else the first of cause, network "
+        "and refitted that the run has.",
     )
     effects: EffectLike | Iterable[EffectLike] = option(
         (),
@@ -125,7 +126,7 @@ class ScoreArguments:
     recordings: RecordingLike | Sequence[RecordingLike] = argument("Recordings to score on.")
     _: KW_ONLY
     rig: RigLike | None = option(
-        None, "Path of the run's rig file, if it has one (it is run if it is unchanged)."
+        None, "Path of the run's rig file, if any (it is run if it is unchanged)."
     )
     effects: EffectLike | Iterable[EffectLike] = option(
         (), "Path of an effect file of the run (it is run if it is unchanged).", "--effect"

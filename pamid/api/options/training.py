@@ -91,8 +91,9 @@ class TrainingArguments(NetworkSizes):
     preset: Literal["paper"] | None = option(
         None,
         "paper: train as in the first paper, with plain Levenberg-Marquardt steps from a random "
-        "start (Nguyen-Widrow), no acceleration, no weights solved for, no bound on the context, "
-        "fixed factors for mu, 5000 steps. The derivative through time stays exact.",
+        "start (Nguyen-Widrow), without acceleration, without a linear solution of the output "
+        "weights, without a bound on the context, with fixed factors for mu and 5000 steps. The "
+        "derivative through time stays exact.",
     )
     as_in_paper: bool = option(False, "Earlier name of --preset paper.", click={"hidden": True})
     mu: float | None = option(None, "Initial damping. [default: 0.005, as in MATLAB and the paper]")
@@ -112,7 +113,7 @@ class TrainingArguments(NetworkSizes):
     )
     at: str = option(
         "output",
-        "Place of the correction. output: added to one output of the model; PORT: added to the "
+        "Place of the correction. output: added to an output of the model; PORT: added to the "
         "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them), which "
         "needs the recordings.",
         "--port",

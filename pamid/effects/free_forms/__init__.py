@@ -1,1 +1,1 @@
-"""Free forms of the families: one file per form, scanned as the catalogue is, but no part of it."""
+"""Free forms of the families: a file per form, scanned as the catalogue is, but no part of it."""

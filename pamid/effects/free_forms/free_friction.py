@@ -4,7 +4,7 @@ What it is
     A force that depends on the velocity, and at rest holds as friction does: whatever curve it has
     over the speed, and as unequal as it may be in the two directions.
 What it looks like
-    What is missing, seen over the velocity, falls into one line through the origin, or onto one
+    What is missing, seen over the velocity, falls onto a line through the origin, or onto a line
     that jumps there.
 Looks like it
     Hysteresis, where most of the motion is short and to and fro; a lag of the drive, where the
@@ -45,7 +45,7 @@ class FreeFriction(FreeFormEffect):
     )
     look_alikes = ("coulomb-friction", "viscous-friction", "quadratic-drag")
     along = "velocity"
-    shown = "friction beyond the rig's own"
+    shown = "friction beyond that of the rig"
     known_by = "a function of the velocity"
 
     @classmethod
@@ -53,7 +53,7 @@ class FreeFriction(FreeFormEffect):
         return {"half": max(abs(low), abs(high))}
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
-        """Shapes for a motion that has long gone one way."""
+        """Shapes for a motion that has long kept its direction."""
         return self._with_bend(sign(x), x, p)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

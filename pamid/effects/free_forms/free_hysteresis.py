@@ -3,7 +3,7 @@
 What it is
     A force that depends on where the motion has turned and not on how fast it is: a bank of
     elasto-slip elements that slip after an eightieth of the range up to after four fifths of it,
-    each twice as late as the one before, with a force of its own.
+    each twice as late as the element before, with a separate force.
 What it looks like
     Loops of what is missing over the position, the same slow and fast, that differ with the length
     of the way.
@@ -66,7 +66,7 @@ class FreeHysteresis(FreeFormEffect):
     parameters = (*(coefficient(name, 0.3, 0.5) for name in ELEMENT_NAMES), half_width("position"))
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     along = "position"
-    shown = "force beyond the rig's own"
+    shown = "force beyond that of the rig"
     known_by = "a force that remembers where the motion turned"
 
     @classmethod

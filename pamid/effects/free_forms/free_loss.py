@@ -30,5 +30,5 @@ class FreeLoss(FreeCurve):
     parameters = (coefficient("offset", 0.3, 0.5), *rises(QUARTERS, 0.5, 0.5), *places("stored"))
     look_alikes = ("leak", "first-order-loss", "orifice-loss", "heat-transfer", "overflow")
     along = "stored"
-    shown = "loss beyond the rig's own"
+    shown = "loss beyond that of the rig"
     known_by = "a function of what is stored"

@@ -1,10 +1,10 @@
 """A force that depends on the position by no known law.
 
 What it is
-    A spring without a formula, a cam, a magnet that pulls towards one place, a weight
-    on a lever, a cable that drags along: one force at one place, whatever went before.
+    A spring without a formula, a cam, a magnet that pulls towards a place, a weight
+    on a lever, a cable that drags along: a fixed force at each place, whatever went before.
 What it looks like
-    What is missing, seen over the position, falls into one line, the same up and down.
+    What is missing, seen over the position, falls onto a line, the same up and down.
 Looks like it
     Friction or hysteresis, whose lines up and down part; a sensor that is not straight, which other
     sensors do not follow.
@@ -34,5 +34,5 @@ class FreePositionForce(FreeCurve):
     parameters = (coefficient("offset", 0.3, 0.5), *rises(QUARTERS, 0.5, 0.5), *places("position"))
     look_alikes = ("linear-stiffness", "cubic-stiffness", "gravity", "end-stop", "cogging")
     along = "position"
-    shown = "force beyond the rig's own"
+    shown = "force beyond that of the rig"
     known_by = "a function of the position"

@@ -3,7 +3,7 @@
 What it is
     A command or a reading that lags behind every turn of what it should follow by a share of the
     way since then, at any speed: a bank of plays whose widths go from an eightieth of the range to
-    four fifths of it, each with a share of its own.
+    four fifths of it, each with a separate share.
 What it looks like
     A loop between what goes in and what comes out, of the same width slow and fast; small loops
     close.

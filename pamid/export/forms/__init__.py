@@ -1,1 +1,1 @@
-"""One file per form of export; each holds its `FORM` and is found by scanning."""
+"""A file per form of export; each holds its `FORM` and is found by scanning."""

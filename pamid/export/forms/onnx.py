@@ -1,4 +1,4 @@
-"""`pamid export --to onnx`: one sample and a whole run."""
+"""`pamid export --to onnx`: a sample and a whole run."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""One file per kind of log; each names its `KIND` and is found by scanning."""
+"""A file per kind of log; each names its `KIND` and is found by scanning."""

@@ -19,7 +19,7 @@ UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 
 def read_hdf5(builder: ChannelBuilder) -> None:
     """Every dataset of numbers as a channel without stamps, named by its groups; fields of
-    compounds one by one."""
+    compounds separately."""
     import h5py
 
     with h5py.File(builder.path, "r") as file:

@@ -1,4 +1,4 @@
-"""JSON logs as people write them: arrays of records, records of arrays, one record a line, and
+"""JSON logs as people write them: arrays of records, records of arrays, a record a line, and
 either of these nested in others, as `data[i].actions`."""
 
 from __future__ import annotations
@@ -63,9 +63,9 @@ def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
     elif isinstance(value, list):
         _enter_list(builder, name, value)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        builder.leave_out(f"{name} = {value:.6g}", "one number")
+        builder.leave_out(f"{name} = {value:.6g}", "a single number")
     elif value is not None:
-        builder.leave_out(name, "text" if isinstance(value, str) else "one value")
+        builder.leave_out(name, "text" if isinstance(value, str) else "a single value")
 
 
 def _enter_record(builder: ChannelBuilder, name: str, record: dict[str, Any]) -> None:
@@ -127,7 +127,7 @@ def _is_record_column(values: list[Any]) -> bool:
 
 
 def _are_rows(records: list[Any]) -> bool:
-    """Are these samples? Else they are recordings, with arrays of their own lengths."""
+    """Are these samples? Else they are recordings, with arrays of different lengths."""
     count = len(records)
     for key in dict.fromkeys(
         key for record in records if isinstance(record, dict) for key in record

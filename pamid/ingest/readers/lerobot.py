@@ -1,8 +1,8 @@
-"""LeRobot data sets: a folder with meta/info.json and Parquet files, or one of these files.
+"""LeRobot data sets: a folder with meta/info.json and Parquet files, or any of these files.
 
 Vectors (`observation.state`, `action`) become a channel per joint, named as meta/info.json names
 them. Every episode has the stamps of its frames, and a pause between itself and the next, longer
-than any gap that is bridged, so that it becomes a recording of its own. Videos are not opened.
+than any gap that is bridged, so that it becomes a separate recording. Videos are not opened.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def read_lerobot(builder: ChannelBuilder) -> None:
 
 
 def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:
-    """Columns of one file by name."""
+    """Columns of a file by name."""
     open_data(file, LOG).close()  # a regular file of a size that can be read
     return {name: values for name, values, _ in columns_of(builder, file)}
 
@@ -105,10 +105,10 @@ def _stamps(
     pause, end = max(PAUSE_S, PAUSE_FRAMES * step), 0.0
     shifted, notes = np.empty_like(stamps), []
     for first, last in zip(begins[:-1], begins[1:], strict=True):
-        own = stamps[first:last]
-        if not own.size:
+        inside = stamps[first:last]
+        if not inside.size:
             continue
-        shifted[first:last] = own - own.min() + end
+        shifted[first:last] = inside - inside.min() + end
         notes.append(f"{float(episode[first]):g} from {end:g} s")
         end = float(np.ceil(shifted[first:last].max() + pause))
     shown = notes if len(notes) <= 8 else [*notes[:6], "...", notes[-1]]
@@ -141,9 +141,9 @@ def _enter(
         name.startswith("observation") and not name.startswith("observation.environment")
     )
     for place in range(size):
-        own = names[place] if names else ""
-        label = f"{name}/{own or place + 1}" if size > 1 or own else name
-        robot = _robot(name, own, place, size) if of_robot else None
+        axis_name = names[place] if names else ""
+        label = f"{name}/{axis_name or place + 1}" if size > 1 or axis_name else name
+        robot = _robot(name, axis_name, place, size) if of_robot else None
         builder.add(label, values[:, place], stamps, robot=robot)
     if of_robot and not names and size > 1:
         builder.note(f"{name}: {INFO} does not name its {size} values")

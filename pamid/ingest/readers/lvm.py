@@ -1,5 +1,5 @@
-"""LabVIEW measurement files (.lvm): a header of tags, then segments, each with a header of its own
-and a table."""
+"""LabVIEW measurement files (.lvm): a header of tags, then segments, each with a header and a
+table."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _way(path: Path, lines: Sequence[str]) -> _Way:
 
 
 def _tags(lines: Sequence[str], delimiter: str) -> dict[str, list[str]]:
-    """A tag and its values, one for each channel, a line."""
+    """A tag and its values, for each channel, a line."""
     rows = [line.split(delimiter) for line in lines if line.strip()]
     return {row[0].strip(): [cell.strip() for cell in row[1:]] for row in rows}
 
@@ -86,7 +86,7 @@ def _segment(
     first: int,
     way: _Way,
 ) -> None:
-    """Enter one table, whose names stand in line `first`, counted from 1."""
+    """Enter a table, whose names stand in line `first`, counted from 1."""
     names = [name.strip() for name in lines[0].split(way.delimiter)] if lines else []
     rows = [line for line in lines[1:] if line.strip()]
     if not rows:

@@ -75,7 +75,7 @@ def _plain(value: Any) -> Any:
 
 
 def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
-    """Enter one variable or field, whatever it is."""
+    """Enter a variable or field, whatever it is."""
     if isinstance(value, np.ndarray):
         builder.add(name, value)
     elif isinstance(value, dict):
@@ -121,7 +121,7 @@ def _enter_simulink(
 
 def _enter_controldesk(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
     """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
-    own."""
+    stamps."""
     rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
     builder.note(f"{name}: ControlDesk structure, stamps from X")
     for index, struct in enumerate(_structs(value["Y"])):
@@ -151,7 +151,7 @@ def _add(
     builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray | None, unit: str
 ) -> None:
     if isinstance(values, np.ndarray):
-        if values.dtype.kind == "O":  # a column of a table: cells, all of one size
+        if values.dtype.kind == "O":  # a column of a table: cells, all of equal size
             values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
         builder.add(name, values, stamps, unit)
     else:

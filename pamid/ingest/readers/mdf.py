@@ -1,4 +1,4 @@
-"""MDF files, versions 3 and 4, channel by channel with the stamps of its own group: nothing is
+"""MDF files, versions 3 and 4, channel by channel with the stamps of its group: nothing is
 filled in."""
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def _reserve(builder: ChannelBuilder, group: Any, name: str) -> bool:
 
 
 def _clock_conversion(file: Any, number: int) -> Any:
-    """The conversion_type of the channel that stamps a group: whoever reads another one evaluates
-    it, too."""
+    """The conversion_type of the channel that stamps a group: whoever reads another channel
+    evaluates it, too."""
     master = file.masters_db.get(number)
     clock = None if master is None else file.groups[number].channels[master]
     return getattr(getattr(clock, "conversion", None), "conversion_type", None)

@@ -1,5 +1,5 @@
 """Parquet files. Columns of numbers, truth values, dates and durations, and of lists of numbers
-that all have one length; texts and other nested ones are left out by name."""
+of equal length; texts and other nested columns are left out by name."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _is_list(kind: Any) -> bool:
 
 
 def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
-    """A column of lists as (n, m), NaN where one is missing; None, and left out, where their
+    """A column of lists as (n, m), NaN where a list is missing; None, and left out, where their
     lengths differ."""
     import pyarrow
     import pyarrow.compute

@@ -2,8 +2,8 @@
 was measured.
 
 Stamps are those of the message's header; the time at which the recorder got it, which jitters, is
-used only where there is no header, and said. Arrays with one value per joint (JointState and its
-like) become one channel per joint, whatever their order in a message; a joint that is not in every
+used only where there is no header, with a note. Arrays with a value per joint (JointState and its
+like) become a channel per joint, whatever their order in a message; a joint that is not in every
 message has the stamps of those that it is in.
 """
 
@@ -23,7 +23,7 @@ from pamid.ingest.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
 CLOCKS_APART = 60.0
-#: fields of sensor_msgs, trajectory_msgs and control_msgs with one value per joint
+#: fields of sensor_msgs, trajectory_msgs and control_msgs with a value per joint
 _PER_JOINT = {
     "position": "position",
     "positions": "position",
@@ -47,7 +47,7 @@ _NAMES = ("name", "names", "joint_names")
 
 @dataclass
 class _Topic:
-    """Messages of one topic.
+    """Messages of a topic.
 
     count   messages
     values  numbers by the path of their field, and in `places` which messages have it
@@ -126,12 +126,12 @@ def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None
         builder.note(f"{name} has no header: its stamps are times of recording, not of measurement")
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
     partly: dict[int, list[str]] = {}
-    shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under one topic
+    shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under the same topic
     for path, numbers in topic.values.items():
         places = np.frombuffer(topic.places[path], dtype=np.int64)
-        own = shared.setdefault(places.tobytes(), stamps[places])
-        partly.setdefault(own.size, []).append(path)
-        builder.add(path, np.array(numbers), own, robot=topic.robot.get(path))
+        used_stamps = shared.setdefault(places.tobytes(), stamps[places])
+        partly.setdefault(used_stamps.size, []).append(path)
+        builder.add(path, np.array(numbers), used_stamps, robot=topic.robot.get(path))
     for count, paths in partly.items():
         if count < stamps.size:
             builder.note(f"in {count} of {stamps.size} messages: {', '.join(paths)}")
@@ -139,7 +139,7 @@ def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None
 
 @dataclass
 class _Flat:
-    """The numbers of one message by the path of their field, and what they are to a robot."""
+    """The numbers of a message by the path of their field, and what they are to a robot."""
 
     builder: ChannelBuilder
     topic: str
@@ -156,13 +156,13 @@ class _Flat:
             parts.pop("header", None)
             for word in _NAMES:
                 if isinstance(parts.get(word), list):
-                    names = self._told_apart(parts.pop(word), path)
+                    names = self._distinct_names(parts.pop(word), path)
             for word, inside in parts.items():
                 self._field(inside, path, word, names)
         else:
             self.builder.leave_out(path, "text")
 
-    def _told_apart(self, names: list[Any], path: str) -> list[str] | None:
+    def _distinct_names(self, names: list[Any], path: str) -> list[str] | None:
         if not all(isinstance(name, str) for name in names):
             return None
         if len(set(names)) < len(names):

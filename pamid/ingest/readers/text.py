@@ -40,17 +40,17 @@ ENCODED_BYTES = 1 << 12  # of a text whose encoding is looked for
 ZERO_BYTES = 0.5  # more of the even or of the odd bytes are zero in UTF-16
 TEXT_COPIES, CELL_BYTES = 5, 16
 COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
-#: of a table with one value a row: columns that vary within a signal, and signals, at most
+#: of a table with a value a row: columns that vary within a signal, and signals, at most
 LONG_COLUMNS, MOST_SIGNALS = 4, 64
-MOST_TURNS = 0.5  # share of rows with another signal than the one above, of signals in turn
+MOST_TURNS = 0.5  # share of rows with another signal than the row above, of signals in turn
 SPARSE = 1.25  # times as many instants as such a table has where no signal lacks a value
 #: text that is no table, and what to do
 _MESSAGES = (
     (
         re.compile(r"[ \t]{0,40}(?:- )?(?:[A-Za-z_]\w{0,60}:(?: \S.{0,200})?|- \S{1,60}|---)?\s*$"),
-        "messages with one value a line (YAML), no rows of numbers",
+        "messages with a value a line (YAML), no rows of numbers",
         "Of ROS record a bag (ros2 bag record TOPIC), or write rows: ros2 topic echo --csv TOPIC. "
-        "A device that prints them puts all values of an instant into one line, u:1.2,angle:3.4. "
+        "A device that prints them puts all values of an instant into a line, u:1.2,angle:3.4. "
         "Of a YAML file save the list of records as JSON.",
     ),
     (
@@ -153,8 +153,8 @@ def add_table(builder: ChannelBuilder, text: str, dialect: TextDialect) -> None:
 
 
 def _joined_dates(builder: ChannelBuilder, frame: Any, dialect: TextDialect) -> int | None:
-    """The column of dates that was put before the times of day in another one; None if there
-    are not one of each."""
+    """The column of dates that was put before the times of day in another column; None if either
+    is missing."""
     places: dict[str, list[int]] = {}
     for column in range(dialect.width):
         cells = frame[column].dropna()
@@ -172,7 +172,7 @@ def _signal_per_column(
     builder: ChannelBuilder, frame: Any, dialect: TextDialect
 ) -> tuple[Any, TextDialect]:
     """The table with a column for each signal, where it has a row for each value: an instant, the
-    signal in words, and one or two values (a historian, a database, a decoded bus). Rows of signals
+    signal in words, and a value or two (a historian, a database, a decoded bus). Rows of signals
     that are not sampled together have empty cells."""
     long = next(filter(None, (_long_columns(frame, words) for words in frame.columns)), None)
     if long is None:
@@ -197,7 +197,7 @@ def _signal_per_column(
 
 
 def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
-    """(column of words, of stamps, those of values) of a table with one value a row; None if the
+    """(column of words, of stamps, those of values) of a table with a value a row; None if the
     words name no signals."""
     column = frame[words]
     if column.dtype.kind in "biuf" or not column.notna().all():
@@ -217,7 +217,7 @@ def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
     instants = frame[stamp].nunique()
     shared = instants <= SPARSE * len(frame) / signals
     turns = float((column != column.shift()).mean()) > MOST_TURNS
-    # a value that only one signal has is in a column of its own already
+    # a value that only a single signal has is in a separate column already
     numbers = all(
         frame[place].dtype.kind in "biuf" and frame.groupby(words)[place].count().all()
         for place in values
@@ -227,7 +227,7 @@ def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
 
 
 def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
-    """Does each signal have one value at an instant, and do instants rise?"""
+    """Does each signal have a single value at an instant, and do instants rise?"""
     if frame[[words, stamp]].duplicated().any():
         return False
     if frame[stamp].dtype.kind not in "biuf":  # dates
@@ -237,7 +237,7 @@ def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
 
 def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tuple[bytes, int]:
     """The rows that have all their cells, and how many; a row cut short and lines of text at the
-    end are dropped and said."""
+    end are dropped with a note."""
     if any("\n" + mark in text for mark in COMMENT):
         lines = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
         builder.note(f"{text.count(chr(10)) + 1 - len(lines)} lines of comment are left out")
@@ -270,7 +270,7 @@ def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tup
 
 
 def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
-    """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line
+    """Cells of every line, 0 for a blank line, and where the lines end; body ends with a line
     end."""
     whole = np.frombuffer(body, dtype=np.uint8)
     widths, line_ends, begin = list[Any](), list[Any](), 0

@@ -1,2 +1,2 @@
-"""One file per paper that is reproduced, with what `pamid.replications.reproducing.Paper` asks of
+"""A file per paper that is reproduced, with what `pamid.replications.reproducing.Paper` needs of
 it; found by scanning."""

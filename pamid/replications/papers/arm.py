@@ -531,16 +531,16 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
 
 
 def _coupling(each: list[dict[str, Any]]) -> list[str]:
-    """Motion of one joint under pulses on the other."""
+    """Motion of a joint under pulses on the other."""
     head = ("joint", "moves by", "data sheet", "uncoupled", "fitted", "noise")
     names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
     return [
         "Coupling: the angle of a joint while only the other joint's valves are pulsed, deg",
         f"{head[0]:24s}" + "".join(f"{word:>11s}" for word in head[1:]),
         *(
-            f"{one['moved'].rsplit('_', 1)[0]:24s}{one['swing_deg']:11.3f}"
-            + "".join(number_cell(one["mae"].get(name), 11) for name in names)
-            for one in each
+            f"{estimate['moved'].rsplit('_', 1)[0]:24s}{estimate['swing_deg']:11.3f}"
+            + "".join(number_cell(estimate["mae"].get(name), 11) for name in names)
+            for estimate in each
         ),
         "",
     ]
@@ -553,7 +553,7 @@ def _combinations(estimates: dict[str, Any]) -> list[str]:
         f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
         f"{'all gravity tests':>38s}",
         *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_told(estimate[UNLOADED])}{_told(estimate['gravity'])}"
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate[UNLOADED])}{_estimate_cell(estimate['gravity'])}"
             for name, estimate in estimates.items()
         ),
     ]
@@ -564,15 +564,15 @@ def _parameters(estimates: dict[str, Any]) -> list[str]:
         f"{'Parameter':28s}{'data sheet':>11s}{'truth':>11s}{'fitted, analytic law':>38s}"
         f"{'fitted, ANFIS law':>38s}",
         *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_told(estimate['fitted_analytic'])}"
-            f"{_told(estimate['fitted_anfis'])}"
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate['fitted_analytic'])}"
+            f"{_estimate_cell(estimate['fitted_anfis'])}"
             for name, estimate in estimates.items()
         ),
         "* the interval does not hold the truth",
     ]
 
 
-def _told(table: dict[str, Any]) -> str:
+def _estimate_cell(table: dict[str, Any]) -> str:
     """Value and 95 % interval."""
     text = f"{table['value']:.4g} ({table['low']:.4g} .. {table['high']:.4g})"
     return f"{text:>37s}{'*' if table['holds'] is False else ' '}"

@@ -1,7 +1,7 @@
-"""`pamid reproduce-paper --paper joint`: the first paper's results beside the published ones: the
-analytic model, the refitted model, the analytic model with an Elman network, the model with the
+"""`pamid reproduce-paper --paper joint`: the first paper's results next to the published results:
+the analytic model, the refitted model, the analytic model with an Elman network, the model with the
 causes that `diagnose` names; trained at 6.4 times the nominal inertia, tested on steps there and at
-the nominal one. Interrupted, the network keeps what it has reached.
+the nominal inertia. Interrupted, the network keeps what it has reached.
 """
 
 from __future__ import annotations
@@ -418,7 +418,7 @@ def converged(paper: dict[str, Any]) -> bool:
 
 
 def text(paper: dict[str, Any]) -> str:
-    """The table, the training beside the paper's, the causes, and what all of it is not."""
+    """The table, the training next to the paper's, the causes, and what all of it is not."""
     cases = list(paper["rows"][0]["mae"])
     plan, twin = paper["plan"], paper["twin"]["analytic_mae_without_noise"]
     lines = (

@@ -1,1 +1,1 @@
-"""Kinds of model file, one file each; the folder is scanned."""
+"""Kinds of model file, a file each; the folder is scanned."""

@@ -1,4 +1,4 @@
-"""Models of MuJoCo (MJCF), and URDF through MuJoCo's own loader."""
+"""Models of MuJoCo (MJCF), and URDF through MuJoCo's loader."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pamid.simulators.mujoco_mechanism import read_mechanism
 
 
 def rig(path: Path) -> Rig:
-    """The rig in a file; FileError where it cannot be read or made one."""
+    """The rig in a file; FileError where it cannot be read or made a rig."""
     return rig_of(read_mechanism(path))
 
 

@@ -1,1 +1,1 @@
-"""The machines of the trial, one file per rig, found by scanning this folder."""
+"""The machines of the trial, a file per rig, found by scanning this folder."""

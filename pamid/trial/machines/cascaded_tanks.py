@@ -1,4 +1,4 @@
-"""Two tanks, one above the other, filled by a pump."""
+"""Two tanks, stacked, filled by a pump."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHALLOW_M = 1e-4  # below it the outflow dies away with the level
 
 @dataclass(frozen=True)
 class TankSizes:
-    """Sizes of the faults at one tank.
+    """Sizes of the faults at a tank.
 
     crack: m2, a hole in the wall at its bottom, whose flow is lost; seep: m2/s, lost in proportion
     to the level; rim: m, height from which it spills; weir: m1.5/s, its width as a weir; caught:
@@ -131,7 +131,7 @@ MACHINE = StarterMachine(
     clock="gauge",
     leave_out={
         "pump": ("gain-error",),
-        # a gain of a level is one of areas and holes
+        # a gain of a level equals a gain of areas and holes
         "gauge": ("dead-zone", "gain-error"),
         "upper_gauge": ("dead-zone", "gain-error"),
     },

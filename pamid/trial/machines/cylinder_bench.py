@@ -22,8 +22,8 @@ class BarrelSizes:
     """Sizes of faults at this rig that no catalogue contains.
 
     barrel: relative change of the bore's area over 20 mm of the way; late_s: by which the recorded
-    pressure is behind the one at the piston; bleed: share of the force that a cell which holds a
-    charge loses in the end, bleed_s: how soon
+    pressure is behind the pressure at the piston; bleed: share of the force that a cell which holds
+    a charge loses in the end, bleed_s: how soon
     """
 
     barrel: float = 0.0
@@ -76,8 +76,8 @@ MACHINE = StarterMachine(
         "load_cell": SignalSizes(full=350.0, timescale_s=0.3, one_sided=True),
     },
     inside=("piston", "barrel"),
-    # One clock for pressure and force is left out: the pressure is what the rig is given, so what
-    # is early there is late in the force. A zero and a gain are the preload and the area; the
+    # A common clock for pressure and force is left out: the pressure is what the rig is given, so
+    # what is early there is late in the force. A zero and a gain are the preload and the area; the
     # pressure never comes near zero.
     leave_out={
         # what the gauge reads is recorded as the input: it shows its steps by itself, and the

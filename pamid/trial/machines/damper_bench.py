@@ -23,7 +23,7 @@ class FluidSizes:
 
     bypass: share of the damping that grooves in the tube take off within 3 mm of the middle; gulp:
     share of it missing while air is pushed through the piston after a turn, over gulp_m of the way;
-    rubber, rubber_s: stiffness (N/m) of a bush beside the damper, and how soon its force is gone
+    rubber, rubber_s: stiffness (N/m) of a bush next to the damper, and how soon its force is gone
     """
 
     bypass: float = 0.0

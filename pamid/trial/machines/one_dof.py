@@ -1,10 +1,10 @@
 """The joint of the blind trial: the same machine as the one-dof rig on paper, in equations of its
-own.
+separate equations.
 
-Two antagonistic 20 mm muscles, one kept at p0 while the other is vented, pulse-driven valves, a PD
-controller at 3 ms. Nothing is shared with the rig, the effects or the engine: force law, volume,
-valves, air, sensors and integration are written anew, so that no model of the tool describes the
-recordings exactly.
+Two antagonistic 20 mm muscles, the first kept at p0 while the other is vented, pulse-driven valves,
+a PD controller at 3 ms. Nothing is shared with the rig, the effects or the engine: force law,
+volume, valves, air, sensors and integration are written anew, so that no model of the tool
+describes the recordings exactly.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ STROKE, LOW_PA, HIGH_PA = 0.20, 1e5, 6e5  # over which the error of the force ma
 
 @dataclass(frozen=True)
 class JointConditions:
-    """Conditions of a recording of one joint. loop: "closed" | "open"; channels: "all" |
+    """Conditions of a recording of a joint. loop: "closed" | "open"; channels: "all" |
     "no-forces" | "angle"; noise: factor on the sensors' usual noise; background: size of effects
     that no model of the tool can represent; amplitude in deg, holds in s."""
 
@@ -72,7 +72,7 @@ class JointConditions:
 
 @dataclass(frozen=True, eq=False)
 class Specimen:
-    """True constants of one machine, SI unless said otherwise.
+    """True constants of a machine, SI unless stated otherwise.
 
     waves: error of the force map, shape (2 muscles, 1 + waves, 3): relative amplitude, angular wave
     number and phase of cosines; the first runs over gauge pressure, the others over contraction.
@@ -105,7 +105,7 @@ class Specimen:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Input of the machine, one value per 3 ms: a reference (the loop is closed) or the command
+    """Input of the machine, a value per 3 ms: a reference (the loop is closed) or the command
     itself."""
 
     reference_deg: Array | None = None
@@ -113,11 +113,13 @@ class Excitation:
 
     def __post_init__(self) -> None:
         if (self.reference_deg is None) == (self.command is None):
-            raise UsageError("An excitation is a reference or a command.", "Give one of the two.")
+            raise UsageError(
+                "An excitation is a reference or a command.", "Give either of the two."
+            )
 
 
 def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
-    """A machine within about one tolerance of its data sheet; background: rms error of its force
+    """A machine within about a tolerance of its data sheet; background: rms error of its force
     map (0 .. 0.04)."""
 
     def even(low: float, high: float) -> float:
@@ -157,7 +159,7 @@ def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
 
 
 def draw_waves(random: np.random.Generator, rms: float) -> Array:
-    """Force-map errors of both muscles: 1 to 6 half waves along the stroke and one slow wave along
+    """Force-map errors of both muscles: 1 to 6 half waves along the stroke and a slow wave along
     the pressure."""
     count = int(random.integers(1, 7))
     waves = np.zeros((2, count + 1, 3))
@@ -195,7 +197,7 @@ def record(
     gives them).
 
     White noise is 0.05 deg, 1 kPa, 3 N at factor 1. The columns of a recording come back in their
-    own units. UsageError if the machine flies apart.
+    declared units. UsageError if the machine flies apart.
     """
     from pamid.trial.joint_kernel import run  # compiling takes seconds: only who records pays
 
@@ -225,10 +227,10 @@ def record(
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)
     logged = _logged(specimen, f, readings, jitter[:n], stamps)
-    asked_for = {"reference_deg": reference} if closed else {}
+    references = {"reference_deg": reference} if closed else {}
     return {
         "time_s": time,
-        **asked_for,
+        **references,
         "command": commands[:n],
         **{name: logged[:, i] for i, name in enumerate(JOINT_CHANNELS)},
     }
@@ -258,7 +260,7 @@ def _logged(specimen: Specimen, f: Planted, readings: Array, jitter: Array, time
 
 
 class OneDofMachine:
-    """One joint with two muscles; see `pamid.trial.machine.Machine`."""
+    """A joint with two muscles; see `pamid.trial.machine.Machine`."""
 
     name: ClassVar[str] = ONE_DOF
     period_s: ClassVar[float] = PERIOD_S

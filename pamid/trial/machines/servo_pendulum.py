@@ -91,7 +91,7 @@ MACHINE = StarterMachine(
     leave_out={
         "driver": ("gain-error", "full-wave-rectification"),
         "gear": ("viscous-friction",),
-        # but for large angles a gain of it is one of the drive
+        # but for large angles a gain of it equals a gain of the drive
         "encoder": ("gain-error", "rectification", "full-wave-rectification"),
     },
     twins={"constant-offset@gear": "offset", "offset@driver": "constant-offset"},

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, known_fault, nameless_fault, one_of
+from pamid.trial.faults import around, between, drawn_from, known_fault, nameless_fault
 from pamid.trial.starter_faults import NEVER, SignalSizes
 from pamid.trial.starter_kernel import rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
@@ -44,7 +44,7 @@ class BlockSizes:
 
 @njit
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
-    """The temperature of the block above the room's usual one."""
+    """The temperature of the block above the room's usual temperature."""
     block = f[0]
     warm = deep = 0.0
     for k in range(u.shape[0]):
@@ -95,7 +95,7 @@ MACHINE = StarterMachine(
     inside=("block",),
     commands=("heater",),
     clock="sensor",
-    # A zero of the heater and one of the sensor are one and the same. Heat has no play.
+    # A zero of the heater and a zero of the sensor have the same effect. Heat has no play.
     leave_out={
         "heater": ("gain-error", "offset", "play"),
         "sensor": ("gain-error", "offset", "play"),
@@ -109,7 +109,7 @@ MACHINE = StarterMachine(
             "pwm-quantisation",
             "valve-dead-band",
             "heater",
-            {"pulse_s": between(60.0, 150.0), "ticks": one_of(6.0, 8.0, 12.0)},
+            {"pulse_s": between(60.0, 150.0), "ticks": drawn_from(6.0, 8.0, 12.0)},
         ),
         known_fault("growing-loss", "leak", "block", {"glow": around(0.2)}),
         known_fault(

@@ -1,8 +1,8 @@
 """The arm of the blind trial: the same machine as the two-link rig on paper, in equations of its
-own.
+separate equations.
 
 Two links in a vertical plane, two antagonistic 20 mm muscles at each joint, four pulse-driven valve
-pairs on one supply, a PD controller at each joint. Muscles, valves and air are those of the
+pairs on a common supply, a PD controller at each joint. Muscles, valves and air are those of the
 joint; links and their coupling stand in `arm_kernel`. Angle 1 is counted from hanging straight
 down, angle 2 from link 1.
 """
@@ -45,7 +45,7 @@ from pamid.trial.machines.one_dof import (
 
 Array = NDArray[np.float64]
 
-# gentler than the joint's: with that one the arm, ten times as heavy, never comes to rest
+# gentler than the joint's: with that controller the arm, ten times as heavy, never comes to rest
 ARM_CONTROLLER = {
     "kp_per_deg": 0.03,
     "kd_s_per_deg": 0.003,
@@ -83,7 +83,7 @@ ANGLES_AND_PRESSURES = "angles-and-pressures"  # channels
 
 @dataclass(frozen=True)
 class ArmConditions:
-    """How a case of the arm is recorded: as one of a joint, with a payload and an amplitude for
+    """How a case of the arm is recorded: as a case of a joint, with a payload and an amplitude for
     each joint; channels: "all" | "no-forces" | "angles-and-pressures"."""
 
     payload_kg: float
@@ -118,7 +118,7 @@ class ArmBody:
 
 @dataclass(frozen=True, eq=False)
 class ArmSpecimen:
-    """True constants of one arm. joints: the muscles and valves of each; links: as in TRUE_ARM, SI;
+    """True constants of an arm. joints: the muscles and valves of each; links: as in TRUE_ARM, SI;
     viscous: N m s."""
 
     joints: tuple[Specimen, Specimen]
@@ -146,11 +146,11 @@ class ArmSpecimen:
 
 
 def draw_arm(random: np.random.Generator, background: float) -> ArmSpecimen:
-    """An arm within about one tolerance of its data sheet; background: rms error of its force maps
+    """An arm within about a tolerance of its data sheet; background: rms error of its force maps
     (0 .. 0.04).
 
-    Muscles and valves of both joints come from one lot: what is not of the single piece is the same
-    in all.
+    Muscles and valves of both joints come from the same lot: what is not of the single piece is the
+    same in all.
     """
     first, other = draw_specimen(random, background), draw_specimen(random, background)
     part = background / 0.04
@@ -185,7 +185,7 @@ def record_arm(
     commands of shape (samples, 2).
 
     White noise is 0.05 deg, 2e-4 contraction, 1 kPa, 3 N at factor 1. The columns of a recording
-    come back in their own units. UsageError if the arm flies apart.
+    come back in their declared units. UsageError if the arm flies apart.
     """
     from pamid.trial.arm_kernel import run  # compiling takes seconds: only who records pays
 
@@ -221,12 +221,12 @@ def record_arm(
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     stamps = time + PERIOD_S * logger.delays(random, n)
     logged = _logged(arm.joints[0], f, readings, jitter[:n], stamps)
-    asked_for = (
+    references = (
         {f"reference_{j}_deg": reference[:, k] for k, j in enumerate(JOINTS)} if closed else {}
     )
     return {
         "time_s": time,
-        **asked_for,
+        **references,
         **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
         **{name: logged[:, i] for i, name in enumerate(ARM_CHANNELS)},
     }

@@ -1,4 +1,4 @@
-"""Two carriages on a rail, joined by a spring, the first one driven."""
+"""Two carriages on a rail, joined by a spring, the first driven."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ MACHINE = StarterMachine(
     clock="ruler",
     leave_out={
         "drive": ("gain-error", "full-wave-rectification"),
-        # between two masses nothing has a weight or a stick of its own; stiffness and damping are
+        # between two masses nothing has a weight or a stick; stiffness and damping are
         # the rig's parameters
         "spring": ("gravity", "stribeck-friction", "viscous-friction", "linear-stiffness"),
         "carriage_1": ("gravity", "viscous-friction", "linear-stiffness"),
