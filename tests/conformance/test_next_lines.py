@@ -349,6 +349,11 @@ def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(next_experiment, "pairs_to_separate", pairs)
 
 
+def files_to_send(text: str) -> list[str]:
+    """Excitations that a diagnosis into the folder `run` proposes to send."""
+    return [f"run/{name}" for name in re.findall(r"`(next-experiment\S*\.csv)`", text)]
+
+
 def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) -> None:
     """What it recommends is sent, and both recordings are diagnosed together."""
     text = run(
@@ -356,8 +361,7 @@ def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) ->
     )
     (report,) = lines_of(text)
     run(*report)
-    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
-    files = line.split("ready to run: ")[1].split(" and ")
+    files = files_to_send(text)
     assert files == ["run/next-experiment.csv"]
     (diagnose,) = lines_of(
         run(
@@ -548,9 +552,8 @@ def test_the_example_of_the_readme_and_what_it_recommends(
     together."""
     example = ROOT / "data" / "example" / "joint.csv"
     text = run("diagnose", str(example), "--rig", "one-dof", "--output", "run")
-    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
-    files = line.split("ready to run: ")[1].split(" and ")
-    assert line.startswith("Measure next: torque-loops-two-pressures") and len(files) == 2
+    files = files_to_send(text)
+    assert "Next experiment  Torque loops two pressures." in text and len(files) == 2
     for k, path in enumerate(files):
         run(
             "simulate",
