@@ -115,9 +115,6 @@ def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path
     assert fitted.to_dict() == json.loads((folder / "fit.json").read_text())
 
 
-# ---- rigs and effects of one's own -------------------------------------------------------------
-
-
 # ---- a diagnosis -------------------------------------------------------------------------------
 
 

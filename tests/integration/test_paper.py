@@ -24,7 +24,7 @@ from pamid.replications.joint_twin import (
 )
 from pamid.replications.papers.joint import text as table_text
 
-SMALL = (
+SMALL = [
     "reproduce-paper",
     "--quick",
     "--seconds",
@@ -36,7 +36,7 @@ SMALL = (
     "--jobs",
     "1",
     "--json",
-)
+]
 WRITTEN = (
     "run.json",
     "training.csv",

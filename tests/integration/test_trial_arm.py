@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from middle_draws import MIDDLE, Middle
 from scipy.integrate import solve_ivp
 
 from pamid.api import trial_cases
@@ -54,16 +55,6 @@ from pamid.trial.scoring import score_cases
 
 STEP = 1e-4  # s
 SHORT = 3.3  # s, the least that has room for the holds
-
-
-class Middle:
-    """Draws the middle of every range, and the last of every choice."""
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.5 * (low + high)
-
-    def choice(self, values: tuple[float, ...]) -> float:
-        return values[-1]
 
 
 @cache
@@ -113,7 +104,7 @@ def middle(name: str) -> str:
 
 
 def sizes(site: str) -> dict[str, float]:
-    return draw_sizes(site, Middle())  # type: ignore[arg-type]
+    return draw_sizes(site, MIDDLE)
 
 
 # ---- links --------------------

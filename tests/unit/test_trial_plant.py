@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from middle_draws import MIDDLE
 
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
@@ -71,18 +72,8 @@ ONE_DOF = [
 ]
 
 
-class Middle:
-    """Draws the middle of every range."""
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.5 * (low + high)
-
-    def choice(self, values: tuple[float, ...]) -> float:
-        return values[-1]
-
-
 def middle(fault: Fault) -> dict[str, float]:
-    return fault.draw(Middle())  # type: ignore[arg-type]
+    return fault.draw(MIDDLE)
 
 
 @cache
