@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 HELP_ORDER = 80
 _MOST_RANKED = 8
+_LEAST_SHARE = 0.005  # of the gap, at a port that is listed
 _PLAIN = str.maketrans({"\u00a0": " ", "\u2212": "-", "→": "->"})  # for any terminal
 _HOLD_HINT = "(TOML next to the recording: [known] fixes a parameter, [free] releases a fixed one)"
 EXAMPLE = """
@@ -92,21 +93,27 @@ def diagnosis_text(run: RunData, output: Path) -> str:
                 wrapped = textwrap.wrap(text.translate(_PLAIN), 81, break_on_hyphens=False)
                 lines += [f"{'':17s}{line}" for line in wrapped]
             lines[first] = f"{answer.question:17s}{lines[first].strip()}"
-        lines += [_HOLD_HINT, "", *_ranking(diagnosis), ""]
+        lines += [_HOLD_HINT, "", *_tables(diagnosis)]
     lines.append(mae_text(rows))
     if not diagnosis.remark:
-        lines += [f"Note      {note}" for note in diagnosis.notes]
+        notes = (note for note in diagnosis.notes if note != diagnosis.withheld)
+        lines += [f"Note      {note}" for note in notes]
     lines += [f"Failed    {failed.job}: {failed.why}" for failed in diagnosis.failed_jobs or ()]
     return "\n".join([*lines, f"Next: pamid report {quoted(output)}"]).translate(_PLAIN)
 
 
-def _ranking(diagnosis: DiagnosisFile) -> list[str]:
-    """The candidates in the order of the ranking, by what each removes by itself, and by how many
-    standard errors it is behind the first."""
+def _tables(diagnosis: DiagnosisFile) -> list[str]:
+    """Share of the gap by port; the candidates in the order of the ranking, by what each removes by
+    itself, and by how many standard errors it is behind the first."""
     from pamid.base.share_words import percent_text, percents_text
     from pamid.report.channel_errors import aligned
     from pamid.verdict.verdict_words import chance_figure
 
+    shares = [
+        [port.port, percent_text(port.share)]
+        for port in (diagnosis.where.ports if diagnosis.where is not None else ())
+        if port.share >= _LEAST_SHARE
+    ]
     rows = [["candidate", "family", "removes", "95 % interval", "behind", "P"]]
     for each in diagnosis.ranking:
         if each.removes is not None and len(rows) <= _MOST_RANKED:
@@ -115,4 +122,5 @@ def _ranking(diagnosis: DiagnosisFile) -> list[str]:
             behind = "-" if each.behind is None else f"{each.behind:.1f}"
             chance = "-" if each.probability is None else chance_figure(each.probability)
             rows.append([each.effect, each.family, share, interval, behind, chance])
-    return [aligned(rows, 2)] if len(rows) > 1 else []
+    tables = [(["port", "share of the gap"], *shares), rows]
+    return [f"{aligned(table, k)}\n" for k, table in enumerate(tables, 1) if len(table) > 1]

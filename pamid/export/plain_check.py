@@ -17,7 +17,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import read_columns
+from pamid.correction.residual_data import read_columns, spans_of
 from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
@@ -214,7 +214,10 @@ def _stretches(
     readings = [c for c in fit.channels if c in columns and c in mechanism.outputs]
     si = {c: to_si(columns[c], split_column(c)[1]) for c in (*inputs, *readings)}
     time, window = columns["time_s"], columns["window"]
-    for begin, end in _parts(columns):
+    for span in spans_of(columns):
+        begin, end = span.rows.start, span.rows.stop
+        if span.part != 1 or end - begin <= 2:
+            continue
         period = float(np.median(np.diff(time[begin:end])))
         groups = _groups(window[begin:end], period, horizon_s)
         for first, opening, warm, last in groups:
@@ -233,16 +236,6 @@ def _stretches(
                 scored,
                 opening,
             )
-
-
-def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
-    """Consecutive held-out rows of one recording."""
-    change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0)
-    change |= np.diff(columns["time_s"]) <= 0
-    edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        if columns["part"][a] == 1 and b - a > 2:
-            yield a, b
 
 
 def _groups(
