@@ -42,9 +42,9 @@ from pamid.report.page import (
     table,
     text,
 )
+from pamid.report.provenance import provenance
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.style import Picture
-from pamid.report.tables import provenance
 from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Transfer, Where
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, FitFile, LoopError
