@@ -22,7 +22,8 @@ from pamid.diagnosis.settings import DEFAULT, settings_from
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.model.attachment import additions_of, attachments
 from pamid.parallel.jobs import WorkerPool
-from pamid.trial.case_machine import RecordedCase, study_case
+from pamid.trial.case_machine import CaseMachine, RecordedCase
+from pamid.trial.cases import OPEN, draw_case
 
 RIGS = ("dc-motor", "thermal-block", "servo-pendulum", "damper-bench", "cylinder-bench")
 
@@ -43,7 +44,8 @@ def main() -> None:
     for rig in chosen.rig:
         for number in range(chosen.cases):
             with tempfile.TemporaryDirectory() as folder:
-                case = study_case(rig, number, chosen.seed, Path(folder))
+                drawn = draw_case("calibration", number, chosen.seed, rig, world=OPEN)
+                case = CaseMachine.of(drawn).recorded(Path(folder))
                 if case.acting and case.acting[0].family:  # not an effect without a name
                     print(rig, number, case.acting[0].family)
                     tabulate(case, ["", *chosen.setting])

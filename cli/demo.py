@@ -18,7 +18,6 @@ from pamid.base.errors import quoted
 
 from . import frame
 from .hints import unused
-from .job import parameter_values
 from .terminal import aside, progress_line
 
 HELP_ORDER = 190
@@ -103,7 +102,11 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
         f"Named     {result['sentence']}",
     ]
     for cause in result["causes"]:
-        values = parameter_values(cause["parameters"])
+        values = ", ".join(  # an interval of no width is said by its word
+            f"{k} {v['value']:.4g} "
+            + (f"({v['low']:.4g} .. {v['high']:.4g})" if v["low"] < v["high"] else f"({v['word']})")
+            for k, v in cause["parameters"].items()
+        )
         lines.append(f"          {cause['effect']} ({cause['family']}): {values}")
     lines += [
         judged,

@@ -24,7 +24,6 @@ from .terminal import staged_progress, warning
 
 if TYPE_CHECKING:
     from pamid.export.plain_check import PlainCheck
-    from pamid.schemas.command_files import PlainMujoco
 
 HELP_ORDER = 120
 FORMS = export_forms()
@@ -105,13 +104,13 @@ def command(arguments: Arguments) -> frame.Result:
             anyway=a.anyway,
             randomise=None if a.randomise is None else Path(a.randomise),
         )
-    network = model.network
+    network, files = model.network, tuple(map(str, exported.files))
     for note in exported.notes:
-        warning(f"{exported.files[0]}: {note}.")
+        warning(f"{files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     written = WrittenExport(
         to=a.form,
-        files=tuple(map(str, exported.files)),
+        files=files,
         binary=exported.binary,
         rig=model.name,
         effects=effects,
@@ -122,10 +121,10 @@ def command(arguments: Arguments) -> frame.Result:
         notes=exported.notes,
     )
     if exported.check is not None:
-        written = written.model_copy(update={"plain_mujoco": _plain(exported.check)})
+        written = written.model_copy(update={"plain_mujoco": exported.check.errors})
     built = f", with a binary for {exported.binary}" if exported.binary else ""
     text = (
-        f"{', '.join(map(str, exported.files))}: {model.name} with "
+        f"{', '.join(files)}: {model.name} with "
         f"{', '.join(effects) or 'no effect'}"
         f"{'' if network is None else f' and a network ({written.network})'}{built}.\n"
         f"Every {model.period_s:g} s: {', '.join(model.inputs)} -> {', '.join(model.outputs)}"
@@ -135,35 +134,19 @@ def command(arguments: Arguments) -> frame.Result:
     return frame.Result(written, text)
 
 
-def _plain(check: PlainCheck) -> PlainMujoco:
-    from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
-
-    return PlainMujoco(
-        timestep_s=check.settings.timestep_s,
-        integrator=check.settings.integrator,
-        channels={
-            name: PlainChannel(
-                before=c.before, now=c.now, stated=c.stated, best=check.best_errors[name]
-            )
-            for name, c in check.channels.items()
-        },
-        best=PlainSettings(timestep_s=check.best.timestep_s, integrator=check.best.integrator),
-        reached=check.reached,
-    )
-
-
 def _plain_text(check: PlainCheck) -> str:
     """Errors of the old and the new file by channel, then the step that reaches the stated ones."""
     lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({check.settings}):"]
-    for name, c in check.channels.items():
+    channels, reached = check.errors.channels, check.errors.reached
+    for name, c in channels.items():
         stated = "" if c.stated is None else f"; the run states {c.stated:.4g}"
         lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
     if check.best == check.settings:
-        if check.reached is False:
+        if reached is False:
             lines.append("No other step or integrator is better.")
         return "\n".join(lines)
-    errors = ", ".join(f"{name} {error:.4g}" for name, error in check.best_errors.items())
-    words = "reaches the stated error" if check.reached else "comes nearest to the stated error"
+    errors = ", ".join(f"{name} {c.best:.4g}" for name, c in channels.items())
+    words = "reaches the stated error" if reached else "comes nearest to the stated error"
     lines.append(
         f"{check.best.integrator} with {1e3 * check.best.timestep_s:g} ms {words} ({errors}): "
         f"{check.best.option}"

@@ -9,8 +9,7 @@ from pamid.api.options.estimating import FitArguments
 from pamid.base.errors import quoted
 
 from . import frame
-from .job import failed_text, finished_result
-from .terminal import progress_line
+from .terminal import failed_text, progress_line
 
 HELP_ORDER = 50
 EXAMPLE = """
@@ -21,14 +20,16 @@ pamid fit rec.csv --rig one-dof --output fitted
 @frame.command("fit", FitArguments, example=EXAMPLE)
 def command(arguments: FitArguments) -> frame.Result:
     from pamid.api.fitting import fit
+    from pamid.base.json_file import read_json
     from pamid.base.run_folder import FIT_FILE
     from pamid.base.work_stages import WORK_STAGES
 
     stages = WORK_STAGES["fit --bootstrap" if arguments.bootstrap else "fit"]
     with progress_line("fit", stages=stages) as progress:
         model = fit.of(frame.reporting(arguments, progress))
-    content, text = finished_result(model.folder / FIT_FILE, lambda c: fit_text(c, model.folder))
-    return frame.Result(content, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
+    content = read_json(model.folder / FIT_FILE)
+    code = 5 if not model.converged else 6 if model.failed_jobs else 0
+    return frame.Result(content, fit_text(content, model.folder), code)
 
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:

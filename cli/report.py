@@ -94,8 +94,8 @@ def command(arguments: Arguments) -> frame.Result:
 
 def _page(run: Path, arguments: Arguments) -> frame.Result:
     """Page of a run."""
+    from pamid.report.channel_errors import mae_text
     from pamid.report.recording_errors import recording_errors_text
-    from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
     from pamid.schemas.command_files import WrittenReport
 

@@ -8,7 +8,7 @@ import errno
 import os
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -36,6 +36,11 @@ def aside(text: str) -> None:
 def warning(text: str) -> None:
     """Print a warning to stderr, in addition to the result."""
     aside(f"Warning: {text}")
+
+
+def failed_text(content: dict[str, Any]) -> list[str]:
+    """One line per failed job."""
+    return [f"Failed    {f['job']}: {f['why']}" for f in content.get("failed_jobs", ())]
 
 
 def progress_line(

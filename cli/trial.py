@@ -25,8 +25,7 @@ from pamid.api.options.record import (
 from pamid.base.errors import FileError, UsageError, quoted
 
 from . import frame
-from .job import failed_text
-from .terminal import progress_line
+from .terminal import failed_text, progress_line
 
 if TYPE_CHECKING:
     from pamid.api.trial_cases import CaseSelection

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ from pamid.rigs.muscle_experiments import (
     RELEASE_S,
     held_pressure,
 )
+from pamid.schemas.excitation_file import SignalCoverage
 from pamid.simulators.safe_excitation import SafeExcitation
 
 DUTY = 0.3  # default largest duty of a staircase, whose purpose is small commands
@@ -154,13 +155,11 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
         held = at_rest(rig, samples)
         meta = _meta(request, {} if pressure is None else held_pressure(rig, pressure))
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
-    return PlannedExcitation(
-        {**held, **columns},
-        _about_signals(request, settings, each, columns, meta) | _limits_entry(safe),
-        lines,
-        meta,
-        shown,
-    )
+    about = _about_signals(request, settings, each, columns, meta)
+    if safe is not None:
+        commands = [asdict(command) for command in safe.commands]
+        about["limits"] = {"checked": safe.limits, "commands": commands, "reached": safe.reached}
+    return PlannedExcitation({**held, **columns}, about, lines, meta, shown)
 
 
 def _within_limits(
@@ -191,17 +190,6 @@ def _reach(
     return centre - amplitude, centre + amplitude
 
 
-def _limits_entry(safe: SafeExcitation | None) -> dict[str, Any]:
-    """JSON entry about the limits."""
-    if safe is None:
-        return {}
-    commands = [
-        {"column": c.column, "factor": c.factor, "shift": c.shift, "why": c.why}
-        for c in safe.commands
-    ]
-    return {"limits": {"checked": safe.limits, "commands": commands, "reached": safe.reached}}
-
-
 def _about_signals(
     request: ExcitationArguments,
     settings: dict[str, Any],
@@ -228,23 +216,9 @@ def _about_signals(
 
 def _coverage_entry(covers: Coverage) -> dict[str, Any]:
     changes = covers.changes
+    same = [name for name in SignalCoverage.model_fields if name not in ("changes", "sentences")]
     return {
-        **{
-            name: getattr(covers, name)
-            for name in (
-                "evenness",
-                "visited",
-                "steps",
-                "shortest_hold_s",
-                "longest_hold_s",
-                "power_95_hz",
-                "band_20db_hz",
-                "histogram",
-                "crest",
-                "library_condition",
-                "even_condition",
-            )
-        },
+        **{name: getattr(covers, name) for name in same},
         "changes": None
         if changes is None
         else {

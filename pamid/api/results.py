@@ -17,12 +17,11 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
-from pamid.base.share_words import chance_text, percent_text, percents_text
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.report.captions import reason_text
+from pamid.report.answers import answers_of
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import load_run, read_diagnosis
 from pamid.schemas.diagnosis_file import (
@@ -35,14 +34,11 @@ from pamid.schemas.diagnosis_file import (
 )
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import FitFile, RecordingUsed
-from pamid.verdict.refitted_parameters import refitted_parameters
-from pamid.verdict.verdict_words import size_of, weight_of
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
     from pamid.report.writing import Report
 
-MOST_CARD_ROWS = 8  # rows of a card
 # attributes that a result has from its files as they are
 _OF_FIT = ("rig", "effects", "recordings", "channels", "converged", "why")
 _OF_CAUSE = ("effect", "family", "port", "share", "probability", "removes")
@@ -50,7 +46,6 @@ _OF_DIAGNOSIS = (
     *("verdict", "sentence", "remark", "remainder", "ranking", "tied"),
     *("unknown", "next_experiment"),
 )
-CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
 
 
 class ParameterEstimate(Estimate):
@@ -129,21 +124,11 @@ class IdentifiedCause:
     removes: GapShare | None = None
 
     def __repr__(self) -> str:
-        return f"<{self.effect} ({self.family}): {self.parameter_text()}>"
-
-    def removes_text(self) -> str:
-        """ "64 % (60 to 68 %)", of the gap."""
-        removed = self.removes
-        if removed is None:
-            return "–"
-        return f"{percent_text(removed.share)} ({percents_text(removed.low, removed.high)})"
-
-    def parameter_text(self) -> str:
-        """Values with their intervals in a line."""
-        return ", ".join(
+        values = ", ".join(
             f"{p.name} {number(p.value)} ({interval(p.low, p.high)})"
             for p in self.parameters.values()
         )
+        return f"<{self.effect} ({self.family}): {values}>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,55 +312,14 @@ class DiagnosisResult(FitResult):
 
         if self.remark:
             return card(self.verdict, paragraph(self.remark), self._errors_html())
-        where = ", ".join(f"{port} {percent_text(s)}" for port, s in self.ports if s >= 0.005)
-        causes = [
-            (
-                c.effect,
-                c.family,
-                c.port,
-                "–" if c.probability is None else chance_text(c.probability),
-                c.removes_text(),
-                c.parameter_text(),
-            )
-            for c in self.causes[:MOST_CARD_ROWS]
+        answers = answers_of(self.data, tuple(self.errors.values()))
+        texts = [
+            paragraph(text)
+            for answer in answers
+            for text in (f"{answer.question}: {answer.lead}", *answer.details, *answer.points)
         ]
-        gains = [
-            f"{name} {percent_text(e.shrinkage)} ({percents_text(e.low, e.high)})"
-            for name, e in self.errors.items()
-            if e.shrinkage is not None and e.low is not None and e.high is not None
-        ]
-        following = self.next_experiment
-        return card(
-            self.sentence or self.verdict,
-            paragraph(f"Where: {where}" if where else ""),
-            rig_svg(self.data.diagnosis),
-            html_table((CAUSE_HEADS, causes)),
-            paragraph(self._refitted()),
-            card_svg(self.data),
-            paragraph(self._left()),
-            paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
-            self._errors_html(),
-            paragraph(f"Measure next: {_short(following)}." if following else ""),
-        )
-
-    def _refitted(self) -> str:
-        """Parameters of the answer's model that moved off the data sheet."""
-        diagnosis = self.data.diagnosis
-        texts = refitted_parameters(diagnosis.parameters).texts() if diagnosis is not None else []
-        return f"Refitted: {'; '.join(texts)}." if texts else ""
-
-    def _left(self) -> str:
-        """Remaining error, and whether it exceeds the tolerances."""
-        if self.remainder is None:
-            return ""
-        size = size_of(self.remainder, with_causes=bool(self.causes))
-        return f"Left: {size}; {weight_of(self.remainder)}."
-
-
-def _short(following: NextExperiment) -> str:
-    """Its name and what it is; what it was weighed by is left to the page."""
-    why = reason_text(following)
-    return f"{following.name}: {why}" if why else following.name
+        pictures = rig_svg(self.data.diagnosis), card_svg(self.data)
+        return card(self.sentence or self.verdict, *texts, *pictures, self._errors_html())
 
 
 def result_of(

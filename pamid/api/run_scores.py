@@ -68,10 +68,4 @@ def score(arguments: ScoreArguments) -> ScoreResult:
             texts += unknown_columns(catalogue_rig(scores.rig), recording)
         for text in texts:
             warn(f"{recording.path}: {text}")
-    return ScoreResult(
-        run=str(run.folder),
-        rig=scores.rig,
-        models=scores.models,
-        recordings=scores.rows,
-        notes=scores.notes,
-    )
+    return ScoreResult(**dict(scores))

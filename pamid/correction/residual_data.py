@@ -145,7 +145,7 @@ def read_residual_data(
             REFIT_REMEDY,
             code="earlier-version",
         )
-    spans = _spans(columns)
+    spans = spans_of(columns)
     replay = replay or on == CAUSES
     model, usual, notes = _model_of(columns, channel, channels, spans, replay, kind, fit.inputs)
     if model == "loop":
@@ -248,7 +248,7 @@ def equal_periods(periods: Iterable[float]) -> bool:
     return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]
 
 
-def _spans(columns: dict[str, Array]) -> list[Segment]:
+def spans_of(columns: dict[str, Array]) -> list[Segment]:
     """Rows of a recording and part in succession."""
     change = (
         (np.diff(columns["recording"]) != 0)

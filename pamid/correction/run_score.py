@@ -37,7 +37,7 @@ from pamid.networks.network_folders import channel_networks
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
 from pamid.schemas.fit_file import FitFile, RecordingUsed
-from pamid.schemas.score_file import RecordingError
+from pamid.schemas.score_file import RecordingError, ScoreFile
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, replay_track
 from pamid.simulation.rig_data import Data, data_of
@@ -45,16 +45,6 @@ from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import track_of
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RunScore:
-    """Errors of a run's models: rows per recording, comparison and channel."""
-
-    rig: str
-    models: tuple[str, ...]
-    rows: tuple[RecordingError, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +80,7 @@ def score_run(
     *,
     rig: str | Rig | None = None,
     effects: tuple[str | type[Effect], ...] = (),
-) -> RunScore:
+) -> ScoreFile:
     """Errors of every model that a run has on these recordings; rig, effects: as in
     `load_identified`.
 
@@ -116,7 +106,13 @@ def score_run(
     if form is not None:  # something acts in a recording that the form of the rig leaves out
         texts = (form.left_out(models.refitted.assembly.rig, item) for item in recordings)
         notes = (*notes, *filter(None, texts))
-    return RunScore(models.refitted.name, tuple(models.named), tuple(rows), notes)
+    return ScoreFile(
+        run=str(folder),
+        rig=models.refitted.name,
+        models=tuple(models.named),
+        recordings=tuple(rows),
+        notes=notes,
+    )
 
 
 def _models_of(

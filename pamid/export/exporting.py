@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.files import make_folder, require_new, write_together
 from pamid.base.progress import tell
 from pamid.correction.identified_model import Identified
-from pamid.export.form import known_forms
-from pamid.export.plain_check import PlainCheck
+from pamid.export.form import Written, known_forms
 from pamid.export.randomisation import randomisation_yaml
 from pamid.export.statements import identifier
 from pamid.export.step import step_of
-
-
-@dataclass(frozen=True)
-class Exported:
-    """Result of an export.
-
-    binary: platform of an FMU's binary, "" for none; notes: remarks for the user; check: for a
-    model file, its errors in its simulator.
-    """
-
-    files: tuple[Path, ...]
-    binary: str = ""
-    notes: tuple[str, ...] = ()
-    check: PlainCheck | None = None
 
 
 def export_model(
@@ -38,7 +23,7 @@ def export_model(
     overwrite: bool = False,
     anyway: bool = False,
     randomise: Path | None = None,
-) -> Exported:
+) -> Written:
     """Write an identified model.
 
     Parameters
@@ -79,7 +64,6 @@ def export_model(
         )
     for folder in {file.parent for file in (*files, *further)}:
         make_folder(folder)
-    write_together({**written.files, **ranges})
-    return Exported(
-        (*files, *further), written.binary, (*model.notes, *written.notes), written.check
-    )
+    content = {**written.files, **ranges}
+    write_together(content)
+    return replace(written, files=content, notes=(*model.notes, *written.notes))

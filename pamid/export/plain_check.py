@@ -17,7 +17,8 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import read_columns
+from pamid.correction.residual_data import read_columns, spans_of
+from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
 from pamid.simulators.mechanism import Mechanism
@@ -46,40 +47,26 @@ MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays
 
 
 @dataclass(frozen=True)
-class PlainErrors:
-    """Mean absolute errors of a channel in its unit.
-
-    They are given for the old and the new file in the simulator, and as pamid states it (None if it
-    states none). spread: of the measurement.
-    """
-
-    before: float
-    now: float
-    stated: float | None
-    spread: float
-
-
-@dataclass(frozen=True)
 class PlainCheck:
-    """Errors on held-out data by channel.
+    """A new model file in its simulator.
 
+    errors    of the old and the new file on held-out data, and the first settings that reach the
+              stated errors, else the best tried ones
+    spread    of the measurement, by channel in its unit
     settings  step and integrator of the new file
-    best      the first settings that reach the stated error, else the best tried ones, with the
-              errors by channel in its unit
-    reached   True if these reach it, None if the run states none
+    best      those of `errors.best`
     """
 
-    channels: Mapping[str, PlainErrors]
+    errors: PlainMujoco
+    spread: Mapping[str, float]
     settings: SimulatorSettings
     best: SimulatorSettings
-    best_errors: Mapping[str, float]
-    reached: bool | None
 
     @property
     def is_worse(self) -> bool:
         """True if the new file has larger errors than the old file, over all channels."""
         before, now = (
-            sum(getattr(c, name) / c.spread for c in self.channels.values())
+            sum(getattr(e, name) / self.spread[c] for c, e in self.errors.channels.items())
             for name in ("before", "now")
         )
         return not now <= before
@@ -87,7 +74,8 @@ class PlainCheck:
     @property
     def worst_words(self) -> str:
         """Text on the channel with the largest increase."""
-        name, c = max(self.channels.items(), key=lambda item: _ratio(item[1].now, item[1].before))
+        channels = self.errors.channels.items()
+        name, c = max(channels, key=lambda item: _ratio(item[1].now, item[1].before))
         return (
             f"in MuJoCo ({self.settings}) its errors on held-out data are larger than those of the "
             f"original file: {name} by {c.now:.4g}, not {c.before:.4g}"
@@ -154,17 +142,23 @@ def plain_check(
         if (_reached(errors_there, wanted) if reached else _total(errors_there, spread) <= least)
     )
     shown = [c for c in units if not np.isnan(now[c])]
-    channels = {
-        c: PlainErrors(
-            size_from_si(before[c], units[c]),
-            size_from_si(now[c], units[c]),
-            stated.get(c),
-            size_from_si(spread[c], units[c]),
-        )
-        for c in shown
-    }
-    best_errors = {c: size_from_si(nearest[c], units[c]) for c in shown}
-    return PlainCheck(channels, model_settings, best, best_errors, reached if wanted else None)
+    plain = PlainMujoco(
+        timestep_s=model_settings.timestep_s,
+        integrator=model_settings.integrator,
+        channels={
+            c: PlainChannel(
+                before=size_from_si(before[c], units[c]),
+                now=size_from_si(now[c], units[c]),
+                stated=stated.get(c),
+                best=size_from_si(nearest[c], units[c]),
+            )
+            for c in shown
+        },
+        best=PlainSettings(timestep_s=best.timestep_s, integrator=best.integrator),
+        reached=reached if wanted else None,
+    )
+    spread = {c: size_from_si(spread[c], units[c]) for c in shown}
+    return PlainCheck(plain, spread, model_settings, best)
 
 
 def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:
@@ -220,7 +214,10 @@ def _stretches(
     readings = [c for c in fit.channels if c in columns and c in mechanism.outputs]
     si = {c: to_si(columns[c], split_column(c)[1]) for c in (*inputs, *readings)}
     time, window = columns["time_s"], columns["window"]
-    for begin, end in _parts(columns):
+    for span in spans_of(columns):
+        begin, end = span.rows.start, span.rows.stop
+        if span.part != 1 or end - begin <= 2:
+            continue
         period = float(np.median(np.diff(time[begin:end])))
         groups = _groups(window[begin:end], period, horizon_s)
         for first, opening, warm, last in groups:
@@ -239,16 +236,6 @@ def _stretches(
                 scored,
                 opening,
             )
-
-
-def _parts(columns: Mapping[str, Array]) -> Iterator[tuple[int, int]]:
-    """Consecutive held-out rows of a recording."""
-    change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0)
-    change |= np.diff(columns["time_s"]) <= 0
-    edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        if columns["part"][a] == 1 and b - a > 2:
-            yield a, b
 
 
 def _groups(

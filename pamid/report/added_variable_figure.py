@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pamid.report.captions import added_line, slope_text
+from pamid.report.captions import added_leaders, added_line, slope_text, usable_plots
 from pamid.report.formatting import capital, channel_label, channel_unit, effect_label, percent
 from pamid.report.load import RunData
 from pamid.report.markup import prose, tag
@@ -31,7 +31,6 @@ from pamid.report.style import (
 from pamid.schemas.added_variables_file import AddedVariable
 from pamid.schemas.diagnosis_file import DiagnosisFile
 
-MOST_LEADERS = 3
 _MARGIN = 1.08
 ADDED_NOTE = (
     "Added-variable plots, on the recordings that were fitted. Up: measured less the refitted "
@@ -39,35 +38,6 @@ ADDED_NOTE = (
     "parameters can make of either is projected out. A missing term is a narrow cloud along the "
     "line; slope 1 is the refitted size of the effect, 0 is no effect."
 )
-
-
-def added_leaders(run: RunData) -> list[AddedVariable]:
-    """The plots shown at once: those of the causes, then of the best candidate of each further
-    family, three in all."""
-    diagnosis = run.diagnosis
-    if diagnosis is None:
-        return []
-    plots = {(plot.effect, bool(plot.beside)): plot for plot in reversed(usable_plots(run))}
-    together = any(company for _, company in plots) and diagnosis.verdict != "ambiguous"
-    leaders, families = [], set[str]()
-    for cause in diagnosis.causes:
-        if plot := plots.get((cause.effect, together)):
-            leaders.append(plot)
-            families.add(cause.family)
-    for candidate in diagnosis.ranking:
-        plot = plots.get((candidate.effect, False))
-        if plot is not None and candidate.family not in families:
-            leaders.append(plot)
-            families.add(candidate.family)
-    return leaders[:MOST_LEADERS]
-
-
-def usable_plots(run: RunData) -> list[AddedVariable]:
-    """Plots of a run with two points or more."""
-    plots = run.added.plots if run.added is not None else ()
-    return [
-        plot for plot in plots if len(plot.added) == len(plot.residual) >= 2 and any(plot.added)
-    ]
 
 
 def added_drawing(run: RunData) -> Drawing | None:

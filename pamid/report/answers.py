@@ -1,5 +1,5 @@
-"""The three answers, the remainder and the next experiment. An `Answer` holds both its card and
-its section of the page, so that the two cannot contradict each other."""
+"""The answers of a run in words: where, which, how far, what is left, what next. Page, cards,
+terminal and notebook show these, so that no two of them can contradict each other."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from pathlib import Path
 
 from pamid.base.errors import quoted
 from pamid.base.share_words import minutes_text, times_text
+from pamid.base.units import split_column
 from pamid.checks.sampling_slips import OF_THE_LOG
 from pamid.report import formatting
-from pamid.report.added_variable_figure import added_leaders
 from pamid.report.captions import (
     SPELLING,
+    added_leaders,
     added_line,
     at_port,
     causes_label,
@@ -43,17 +44,9 @@ from pamid.report.formatting import (
 )
 from pamid.report.formula import formula_text
 from pamid.report.load import RunData
-from pamid.report.page import Card
-from pamid.schemas.diagnosis_file import (
-    Cause,
-    DiagnosisFile,
-    NextExperiment,
-    Regime,
-    Unknown,
-    Where,
-)
+from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unknown
+from pamid.schemas.estimates import Estimate
 from pamid.verdict import verdict_words
-from pamid.verdict.refitted_parameters import bound_text, refitted_parameters
 from pamid.verdict.verdict_words import chance_figure
 
 PROBABILITY_MEANS = (
@@ -65,11 +58,27 @@ CHECK_FIRST = "Check the recordings first."
 _MOST_WINDOWS, _MOST_PORTS, _MOST_CAUSES, _NO_SHARE = 6, 3, 3, 0.005
 _INSEPARABLE = "nothing on the menu"  # phrase in `why` of an experiment that separates little
 _DOMINANT_SHARE = 0.95  # share of a port above which no further sensor is advised
+# least refit that is shown: of a prior standard deviation, and of the value; precise data resolve
+# smaller shifts, which matter to nobody
+LEAST_SHIFT, LEAST_PART = 0.1, 0.05
+MOST_UNDETERMINED = 4  # parameters that are named; more are counted
+
+
+@dataclass(frozen=True)
+class Card:
+    """A short answer at the top of the page. lead: the answer; lines: details; place: linked
+    heading; quiet: there is no finding."""
+
+    question: str
+    lead: str
+    lines: tuple[str, ...] = ()
+    place: str = ""
+    quiet: bool = False
 
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer of the page.
+    """An answer to a question.
 
     lead: the answer in a sentence; details: further sentences; points: items of a list below; card:
     its short form, if any.
@@ -84,13 +93,20 @@ class Answer:
 
 def answers_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> tuple[Answer, ...]:
     """Return the answers of a run in the order of the page."""
-    remainder = left_answer(run)
+    remainder = _what_is_left(run.diagnosis)
+    if run.diagnosis is None:
+        where, which = (
+            Answer(question, "Not diagnosed yet.", (DIAGNOSE_HINT,))
+            for question in ("Where", "Which")
+        )
+    else:
+        where, which = _where(run.diagnosis), _which(run, run.diagnosis)
     return (
-        where_answer(run),
-        which_answer(run),
-        how_far_answer(run, rows),
+        where,
+        which,
+        _how_far(run, rows),
         *((remainder,) if remainder else ()),
-        next_answer(run),
+        _next_experiment(run),
     )
 
 
@@ -98,36 +114,34 @@ def _answer(
     question: str,
     lead: str,
     details: list[str],
-    short_lead: str,
-    lines: list[str],
+    card: tuple[str, list[str]],
     points: list[str] | None = None,
     *,
     quiet: bool = False,
 ) -> Answer:
-    """Build an answer with its card, without empty sentences."""
+    """Build an answer with its card, from the lead and the lines of that, without empty
+    sentences."""
+    short_lead, lines = card
     place = question.lower().replace(" ", "-")
-    card = Card(question, short_lead, tuple(filter(None, lines)), place, quiet)
-    return Answer(question, lead, tuple(filter(None, details)), tuple(points or ()), card)
+    shown = Card(question, short_lead, tuple(filter(None, lines)), place, quiet)
+    return Answer(question, lead, tuple(filter(None, details)), tuple(points or ()), shown)
 
 
 # ---- where ---------------------------------------------------------------------------------------
 
 
-def where_answer(run: RunData) -> Answer:
-    """Answer to where the gap lies: port, inseparable ports and a sensor that separates them,
-    regimes, band and windows."""
-    diagnosis, question = run.diagnosis, "Where"
-    if diagnosis is None:
-        return Answer(question, "Not diagnosed yet.", (DIAGNOSE_HINT,))
+def _where(diagnosis: DiagnosisFile) -> Answer:
+    """Where the gap lies: port, inseparable ports and a sensor that separates them, regimes, band
+    and windows."""
+    question, where = "Where", diagnosis.where
     if diagnosis.remark:
-        return _answer(question, "Undetermined.", [], "Undetermined", [CHECK_FIRST], quiet=True)
+        return _answer(question, "Undetermined.", [], ("Undetermined", [CHECK_FIRST]), quiet=True)
     if diagnosis.verdict == "no-structural-gap":
-        lead, line = "Nowhere: there is no gap.", "There is no gap."
-        return _answer(question, lead, [], "Nowhere", [line], quiet=True)
-    where = diagnosis.where
+        lead = "Nowhere: there is no gap."
+        return _answer(question, lead, [], ("Nowhere", ["There is no gap."]), quiet=True)
     if where is None or not (where.port or where.ports):
         lead = "The diagnosis names no port."
-        return _answer(question, lead, [], "Undetermined", [lead], quiet=True)
+        return _answer(question, lead, [], ("Undetermined", [lead]), quiet=True)
     causes = diagnosis.causes if diagnosis.verdict != "ambiguous" else ()
     # the form of an effect separates ports that the sensors alone cannot
     inseparable = (
@@ -135,35 +149,15 @@ def where_answer(run: RunData) -> Answer:
         if causes
         else sorted(where.inseparable_from(where.port))
     )
-    short_lead, lines = _where_card(diagnosis, where, inseparable)
-    return _answer(
-        question,
-        _where_lead(where, causes, inseparable),
-        [_sensors_text(where), *_concentration_texts(where)],
-        short_lead,
-        lines,
-        list(map(_regime, where.regimes)),
-    )
-
-
-def _where_lead(where: Where, causes: tuple[Cause, ...], inseparable: list[str]) -> str:
-    if not where.port:
-        return "No single port stands out."
-    named = dict.fromkeys(cause.port for cause in causes if cause.port) or [where.port]
-    labels = list(map(port_label, named))
-    lead = f"at the {formatting.join(labels)} port{'s' if len(labels) > 1 else ''}"
-    if not inseparable:
-        return sentence(lead)
-    if causes:
-        return sentence(
-            f"{lead}, or at {ports_text(inseparable)}: these recordings cannot separate them"
-        )
-    return sentence(f"{lead}; these sensors cannot separate it from {ports_text(inseparable)}")
-
-
-def _where_card(
-    diagnosis: DiagnosisFile, where: Where, inseparable: list[str]
-) -> tuple[str, list[str]]:
+    lead = "no single port stands out"
+    if where.port:
+        at = list(dict.fromkeys(cause.port for cause in causes if cause.port)) or [where.port]
+        labels = formatting.join(map(port_label, at))
+        lead = f"at the {labels} port{'s' if len(at) > 1 else ''}"
+        if inseparable and causes:
+            lead += f", or at {ports_text(inseparable)}: these recordings cannot separate them"
+        elif inseparable:
+            lead += f"; these sensors cannot separate it from {ports_text(inseparable)}"
     shares = {item.port: item.share for item in where.ports}
 
     def with_share(port: str) -> str:
@@ -176,118 +170,121 @@ def _where_card(
         for port, share in sorted(shares.items(), key=lambda item: -item[1])
         if port not in named and share >= _NO_SHARE
     ][:_MOST_PORTS]
-    best = where.regimes[0] if where.regimes else None
-    return formatting.join(map(with_share, named)), [
+    lines = [
         f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}",
         f"cannot be separated from {ports_text(inseparable)} yet" if inseparable else "",
-        f"{percent(best.share_of_gap)} of it in {percent(best.share_of_time)} of the time: "
-        f"{regime_label(best)}"
-        if best is not None and best.share_of_gap is not None
-        else "",
     ]
-
-
-def _sensors_text(where: Where) -> str:
-    """Ports that the sensors cannot separate, and the sensor that would help most; "" without
-    any."""
-    groups = [
-        formatting.join(map(port_label, group))
-        for group in where.indistinguishable
-        if len(group) > 1
-    ]
+    best = where.regimes[0] if where.regimes else None
+    if best is not None and best.share_of_gap is not None:
+        lines.append(
+            f"{percent(best.share_of_gap)} of it in {percent(best.share_of_time)} of the time: "
+            f"{regime_label(best)}"
+        )
+    # ports that the sensors cannot separate, and the sensor that would help most
     texts = []
+    groups = [group for group in where.indistinguishable if len(group) > 1]
     if groups:
-        inseparable = ", or at ".join(groups)
-        texts.append(f"these sensors cannot separate effects of unknown form at {inseparable}")
+        together = ", or at ".join(formatting.join(map(port_label, group)) for group in groups)
+        texts.append(f"these sensors cannot separate effects of unknown form at {together}")
     if where.unseen:
         texts.append(f"they do not respond to {formatting.join(map(port_label, where.unseen))}")
     splitting = next((sensor for sensor in where.sensors if sensor.splits), None)
-    largest = max((each.share for each in where.ports), default=0.0)
-    if splitting is not None and largest < _DOMINANT_SHARE:
+    if splitting is not None and max(shares.values(), default=0.0) < _DOMINANT_SHARE:
         texts.append(
             f"measuring {sensor_label(splitting.sensor)} as well would separate "
             f"{', and '.join(split_labels(splitting))}"
         )
-    return sentence("; ".join(texts))
-
-
-def _concentration_texts(where: Where) -> list[str]:
-    """The band and the windows in which the gap shows."""
-    details = []
+    details = [sentence("; ".join(texts))]
+    # the band and the windows in which the gap shows
     if where.frequency_hz:
         low, high = (short(edge, 2) for edge in where.frequency_hz)
         details.append(f"Most of it lies between {low} and {high} Hz.")
     if where.windows_s:
-        shown_windows = sorted(where.windows_s[:_MOST_WINDOWS])
-        further = len(where.windows_s) - len(shown_windows)
+        windows = sorted(where.windows_s[:_MOST_WINDOWS])
+        further = len(where.windows_s) - len(windows)
         details.append(
             "It shows most in these windows of the recording: "
-            f"{', '.join(formatting.span(low, high, 's') for low, high in shown_windows)}"
+            f"{', '.join(formatting.span(*window, 's') for window in windows)}"
             f"{f', and {further} more' if further else ''}."
         )
-    return details
+    card = formatting.join(map(with_share, named)), lines
+    return _answer(question, sentence(lead), details, card, list(map(_regime_text, where.regimes)))
 
 
-def _regime(regime: Regime) -> str:
-    if regime.share_of_gap is None:
-        return sentence(regime_label(regime))
-    text = f"{regime_label(regime)}: {percent(regime.share_of_gap)} of the gap"
-    if regime.share_of_time:
-        ratio = times_text(regime.share_of_gap / regime.share_of_time)
-        text += f" in {percent(regime.share_of_time)} of the time, {ratio} times its share"
+def _regime_text(regime: Regime) -> str:
+    text = regime_label(regime)
+    if regime.share_of_gap is not None:
+        text += f": {percent(regime.share_of_gap)} of the gap"
+        if regime.share_of_time:
+            ratio = times_text(regime.share_of_gap / regime.share_of_time)
+            text += f" in {percent(regime.share_of_time)} of the time, {ratio} times its share"
     return sentence(text)
 
 
 # ---- which ---------------------------------------------------------------------------------------
 
 
-def which_answer(run: RunData) -> Answer:
+def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
     """Cause of the gap, similar effects, and the runner-up."""
-    diagnosis, question = run.diagnosis, "Which"
-    if diagnosis is None:
-        return Answer(question, "Not diagnosed yet.", (DIAGNOSE_HINT,))
-    supplements = [*_refit_texts(diagnosis), *_confidence_texts(diagnosis)]
-    if diagnosis.remark or diagnosis.verdict == "cannot-tell":
-        lines = [CHECK_FIRST] if diagnosis.remark else [_best_guess(diagnosis)]
-        return _answer(question, "Undetermined.", supplements, "Undetermined", lines, quiet=True)
-    if diagnosis.verdict == "no-structural-gap":
+    question, verdict = "Which", diagnosis.verdict
+    supplements = _supplements(diagnosis)
+    if diagnosis.remark or verdict == "cannot-tell":
+        best = next((each for each in diagnosis.ranking if each.removes is not None), None)
+        line = "These recordings do not suffice."
+        if diagnosis.remark:
+            line = CHECK_FIRST
+        elif best is not None and best.removes is not None and best.probability is not None:
+            line = (
+                f"{effect_label(best.effect)} may be missing: removes "
+                f"{percent(best.removes.share)} of the gap (P {chance_figure(best.probability)})."
+            )
+        card = "Undetermined", [line]
+        return _answer(question, "Undetermined.", supplements, card, quiet=True)
+    if verdict == "no-structural-gap":
         lead = "No effect is needed beyond refitted parameters and the tolerances."
-        lines = ["Refitted parameters and ordinary tolerances suffice."]
-        return _answer(question, lead, supplements, "No effect", lines, quiet=True)
-    if diagnosis.verdict == "unknown-effect":
+        card = "No effect", ["Refitted parameters and ordinary tolerances suffice."]
+        return _answer(question, lead, supplements, card, quiet=True)
+    if verdict == "unknown-effect":
         families = verdict_words.free_families(diagnosis, SPELLING)
         lead = f"None of the catalogue; it is {families}." if families else "None of the catalogue."
-        first = sentence(families) if families else "No effect of the catalogue explains it."
+        lines = [sentence(families) if families else "No effect of the catalogue explains it."]
+        candidate = closest(diagnosis)
+        if (
+            candidate is not None
+            and candidate.probability is not None
+            and candidate.shrinkage is not None
+        ):
+            lines.append(
+                f"closest: {effect_label(candidate.effect)}, removes "
+                f"{percent(candidate.shrinkage)} of the held-out error, "
+                f"P {chance_figure(candidate.probability)}"
+            )
         texts = _unknown_texts(diagnosis.unknown) if diagnosis.unknown is not None else []
-        lines = [first, _closest_line(diagnosis)]
-        return _answer(question, lead, texts + supplements, "None of the catalogue", lines)
-    if diagnosis.verdict == "ambiguous":
-        lead = sentence(f"{causes_label(diagnosis)}: these recordings cannot separate them")
+        return _answer(question, lead, texts + supplements, ("None of the catalogue", lines))
+    if verdict == "ambiguous":
+        lead = f"{causes_label(diagnosis)}: these recordings cannot separate them"
     else:
-        findings = verdict_words.findings_of(diagnosis)
-        lead = sentence(
-            formatting.join(_with_probability(diagnosis, finding) for finding in findings)
-        )
-    details = [
-        *_share_texts(diagnosis),
-        *_parameter_texts(diagnosis),
-        *_not_converged_texts(diagnosis),
-        *supplements,
-    ]
-    return _answer(question, lead, details, *_which_card(run, diagnosis))
-
-
-def _which_card(run: RunData, diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    last = "or" if diagnosis.verdict == "ambiguous" else "and"
+        labels = []
+        for finding in verdict_words.findings_of(diagnosis):
+            cause, text = finding[0], verdict_words.finding_label(diagnosis, finding, SPELLING)
+            text += at_port(cause.port) if len(finding) == 1 and "@" not in cause.effect else ""
+            chance = cause.probability
+            labels.append(
+                text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
+            )
+        lead = formatting.join(labels)
+    details = [*_share_texts(diagnosis), *supplements]
     causes, plots = diagnosis.causes[:_MOST_CAUSES], added_leaders(run)
-    lead = formatting.capital(formatting.join(map(_with_value, causes), last))
     several = len(causes) > 1
-    lines = [_cause_line(cause, several) for cause in causes]
+    lines = []
+    for cause in causes:
+        text = _cause_line(cause)
+        lines.append(f"{effect_label(cause.effect)}: {text}" if several and text else text)
     if plots:
-        lines.append(
-            (f"{effect_label(plots[0].effect)} " if several else "") + added_line(plots[0])
-        )
-    return lead, lines
+        name = f"{effect_label(plots[0].effect)} " if several else ""
+        lines.append(name + added_line(plots[0]))
+    named = formatting.join(map(_with_value, causes), "or" if verdict == "ambiguous" else "and")
+    return _answer(question, sentence(lead), details, (formatting.capital(named), lines))
 
 
 def _with_value(cause: Cause) -> str:
@@ -300,7 +297,7 @@ def _with_value(cause: Cause) -> str:
     return f"{name} {value}" if unit_text else f"{name}, {channel_label(parameter[0])} {value}"
 
 
-def _cause_line(cause: Cause, several: bool) -> str:
+def _cause_line(cause: Cause) -> str:
     parts = []
     if cause.removes is not None:
         parts.append(f"removes {percent(cause.removes.share)} of the gap")
@@ -310,99 +307,48 @@ def _cause_line(cause: Cause, several: bool) -> str:
     if parameter is not None and None not in (parameter[1].low, parameter[1].high):
         span = formatting.span(parameter[1].low, parameter[1].high, channel_unit(parameter[0]))
         parts.append(f"{channel_label(parameter[0])} {span}")
-    text = ", ".join(parts)
-    return f"{effect_label(cause.effect)}: {text}" if several and text else text
-
-
-def _best_guess(diagnosis: DiagnosisFile) -> str:
-    best = next((each for each in diagnosis.ranking if each.removes is not None), None)
-    if best is None or best.removes is None or best.probability is None:
-        return "These recordings do not suffice."
-    return (
-        f"{effect_label(best.effect)} may be missing: removes {percent(best.removes.share)} of the "
-        f"gap (P {chance_figure(best.probability)})."
-    )
-
-
-def _closest_line(diagnosis: DiagnosisFile) -> str:
-    """Closest candidate, with the evidence for it."""
-    best = closest(diagnosis)
-    if best is None or best.probability is None or best.shrinkage is None:
-        return ""
-    return (
-        f"closest: {effect_label(best.effect)}, removes {percent(best.shrinkage)} of the held-out "
-        f"error, P {chance_figure(best.probability)}"
-    )
-
-
-def _with_probability(diagnosis: DiagnosisFile, finding: verdict_words.Finding) -> str:
-    cause, text = finding[0], verdict_words.finding_label(diagnosis, finding, SPELLING)
-    text += at_port(cause.port) if len(finding) == 1 and "@" not in cause.effect else ""
-    chance = cause.probability
-    return text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
+    return ", ".join(parts)
 
 
 def _share_texts(diagnosis: DiagnosisFile) -> list[str]:
-    """Share of the gap that each cause removes, and its part of the sum of shares."""
-    several = len(diagnosis.causes) > 1
-    context = " next to the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
+    """Share of the gap that each cause removes and its part of the sum of shares, its parameters
+    with intervals, and refits that did not converge."""
+    causes = diagnosis.causes
+    several = len(causes) > 1
+    context = " next to the other" + ("s" if len(causes) > 2 else "") if several else ""
     if diagnosis.verdict == "ambiguous":
         context = " alone"
-    details = [
-        sentence(
-            f"{effect_label(cause.effect)} removes {percent(cause.removes.share)} of the gap"
-            f"{context}{interval_tail(percent_span(cause.removes.low, cause.removes.high))}"
-        )
-        for cause in diagnosis.causes
+    texts = [
+        f"{effect_label(cause.effect)} removes {percent(cause.removes.share)} of the gap"
+        f"{context}{interval_tail(percent_span(cause.removes.low, cause.removes.high))}"
+        for cause in causes
         if cause.removes is not None
     ]
     if several and diagnosis.verdict != "ambiguous":
         shares = [
-            f"{effect_label(cause.effect)} accounts for {percent(cause.share)}"
-            for cause in diagnosis.causes
+            f"{effect_label(cause.effect)} accounts for {percent(cause.share)}" for cause in causes
         ]
-        details.append(f"Of the sum of their shares, {formatting.join(shares)}.")
-    return details
-
-
-def _parameter_texts(diagnosis: DiagnosisFile) -> list[str]:
-    """Parameters of the causes, with intervals."""
-    return [
-        sentence(f"{effect_label(cause.effect)}: {formatting.parameter_text(name, parameter)}")
-        for cause in diagnosis.causes
+        texts.append(f"Of the sum of their shares, {formatting.join(shares)}")
+    texts += [
+        f"{effect_label(cause.effect)}: {formatting.parameter_text(name, parameter)}"
+        for cause in causes
         for name, parameter in cause.parameters.items()
     ]
-
-
-def _not_converged_texts(diagnosis: DiagnosisFile) -> list[str]:
-    """Causes whose refit did not converge."""
-    named = {cause.effect for cause in diagnosis.causes}
-    return [
-        sentence(not_converged(f"the refit with {effect_label(candidate.effect)}", candidate.why))
+    named = {cause.effect for cause in causes}
+    texts += [
+        not_converged(f"the refit with {effect_label(candidate.effect)}", candidate.why)
         for candidate in diagnosis.ranking
         if candidate.effect in named and not candidate.converged
     ]
+    return list(map(sentence, texts))
 
 
-def _refit_texts(diagnosis: DiagnosisFile) -> list[str]:
-    """Parameters of the answer's model that differ from the data sheet, with intervals."""
-    if diagnosis.remark:
-        return []
-    refits = refitted_parameters(diagnosis.parameters)
-    texts = []
-    for name, entry in refits.shown.items():
-        prior = "" if entry.prior is None else f"{short(entry.prior)} → "
-        value = formatting.with_unit(short(entry.value), channel_unit(name))
-        tail = interval_tail(formatting.span(entry.low, entry.high)) + bound_text(entry)
-        texts.append(f"{channel_label(name)} {prior}{value}{tail}")
-    texts += [refits.remark()] if refits.remark() else []
-    return [sentence(f"refitted: {'; '.join(texts)}")] if texts else []
-
-
-def _confidence_texts(diagnosis: DiagnosisFile) -> list[str]:
-    """Inseparable candidates, if the lead does not name them, and the meaning of a probability. The
-    ranking of the page shows the other candidates."""
+def _supplements(diagnosis: DiagnosisFile) -> list[str]:
+    """Parameters that were refitted, inseparable candidates if the lead does not name them, and the
+    meaning of a probability. The ranking of the page shows the other candidates."""
     details = []
+    if not diagnosis.remark and (refits := refitted_texts(diagnosis.parameters)):
+        details.append(sentence(f"refitted: {'; '.join(refits)}"))
     if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
         names = formatting.join(map(effect_label, diagnosis.tied))
         details.append(f"These recordings cannot separate {names}.")
@@ -413,11 +359,56 @@ def _confidence_texts(diagnosis: DiagnosisFile) -> list[str]:
     return details
 
 
+def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
+    """Parameters that the answer's own model moved off the data sheet, the largest shift first:
+    "mass 0.5 → 0.62 kg (95 % interval 0.61 to 0.63)".
+
+    Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift
+    is more than a rounding of its tolerance, or of the value where the tolerance is wide. The
+    others are counted. Those that the recordings say nothing about are named: their values are the
+    priors'.
+    """
+
+    def moved(estimate: Estimate) -> bool:
+        prior, low, high = estimate.prior, estimate.low, estimate.high
+        if prior is None or low is None or high is None:
+            return prior is None
+        if low <= prior <= high:
+            return False
+        strained = estimate.strain is None or abs(estimate.strain) >= LEAST_SHIFT
+        return strained or abs(estimate.value - prior) >= LEAST_PART * abs(prior)
+
+    shown = [name for name, estimate in parameters.items() if moved(estimate)]
+    shown.sort(key=lambda name: -abs(parameters[name].strain or 0.0))
+    texts = []
+    for name in shown:
+        entry = parameters[name]
+        prior = "" if entry.prior is None else f"{short(entry.prior)} → "
+        value = formatting.with_unit(short(entry.value), channel_unit(name))
+        side = "lower" if entry.at_bound == "low" else "upper"
+        bound = f", at its {side} bound" if entry.at_bound else ""
+        tail = interval_tail(formatting.span(entry.low, entry.high)) + bound
+        texts.append(f"{channel_label(name)} {prior}{value}{tail}")
+    rest = len(parameters) - len(shown)
+    if not rest:
+        return texts
+    noun = "other" if shown else "parameter"
+    text = f"{rest} {noun}{'s' if rest > 1 else ''} not moved materially"
+    silent = [k for k, e in parameters.items() if e.word == "silent" and k not in shown]
+    if silent:
+        names = [split_column(name)[0] for name in silent[:MOST_UNDETERMINED]]
+        more = len(silent) - len(names)
+        names += [f"{more} more"] if more else []
+        text += f"; not determined by these recordings: {', '.join(names)}"
+    return [*texts, text]
+
+
 # ---- an effect outside the catalogue -------------------------------------------------------------
 
 
 def _unknown_texts(unknown: Unknown) -> list[str]:
-    """Share that each nonparametric curve removes; nature and formula of the missing term."""
+    """Share that each nonparametric curve removes; parity, memory, dissipation and formula of the
+    missing term."""
     texts = []
     for form in unknown.free_forms:
         share = form.removes or form
@@ -431,11 +422,6 @@ def _unknown_texts(unknown: Unknown) -> list[str]:
             "The curve is fitted together with the parameters of the rig. A part that both can "
             "take up, such as a part in proportion, may be divided differently."
         )
-    return [*texts, *_nature_texts(unknown), *_formula_texts(unknown)]
-
-
-def _nature_texts(unknown: Unknown) -> list[str]:
-    """Parity, memory and dissipation of the missing term, in words."""
     against = port_label(
         "velocity" if "velocity" in unknown.variables else (unknown.variables or ("signal",))[0]
     )
@@ -456,9 +442,11 @@ def _nature_texts(unknown: Unknown) -> list[str]:
         None: "",
     }
     return [
+        *texts,
         parity.get(unknown.parity, "") if unknown.variables else "",
         memory[unknown.memory],
         energy[unknown.dissipative],
+        *_formula_texts(unknown),
     ]
 
 
@@ -489,15 +477,15 @@ def _formula_texts(unknown: Unknown) -> list[str]:
 # ---- how far -------------------------------------------------------------------------------------
 
 
-def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
-    """Answer to how far the gap shrinks: mean absolute errors of the headline channel, and the
-    shrinkage of every channel."""
+def _how_far(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
+    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of
+    every channel."""
     question, row, diagnosis = "How far", headline(rows), run.diagnosis
     if row is None:
         lead = "No channel was scored."
         if diagnosis is None:
             return Answer(question, lead)
-        return _answer(question, lead, [], "Not scored", [], quiet=True)
+        return _answer(question, lead, [], ("Not scored", []), quiet=True)
     unit_text, channel = channel_unit(row.channel), channel_label(row.channel)
     cause = causes_label(diagnosis) if diagnosis is not None else "the cause"
     steps = formatting.join(
@@ -517,78 +505,56 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
         for item in rows
         if item.shrinkage is not None
     ]
-    return _answer(
-        question,
-        sentence(f"the held-out {channel} error is {steps or 'unknown'}"),
-        [_limits(row, unit_text), *_horizon(run, row, unit_text), _forecast(run)],
-        *_how_far_card(row, diagnosis),
-        points if len(rows) > 1 else [],
-    )
-
-
-def _how_far_card(row: ChannelErrors, diagnosis: DiagnosisFile | None) -> tuple[str, list[str]]:
-    unit_text, channel = channel_unit(row.channel), channel_label(row.channel)
-    steps = [error for error in (row.refitted, row.with_cause) if error is not None]
-    if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
-        steps = [row.data_sheet, row.refitted]
-    names = "refitted → with the cause" if row.with_cause is not None else "data sheet → refitted"
-    references = []
+    details, references = [], []
     if row.with_cause is not None and row.data_sheet is not None:
         references.append(f"data sheet {with_unit_text(row.data_sheet, unit_text)}")
     if row.noise_floor is not None:
-        references.append(f"noise floor {with_unit_text(row.noise_floor, unit_text)}")
+        floor = with_unit_text(row.noise_floor, unit_text)
+        references.append(f"noise floor {floor}")
+        text = f"The noise floor is {floor}"
+        best = row.with_cause if row.with_cause is not None else row.refitted
+        if best is not None and row.noise_floor > 0:
+            times = best / row.noise_floor
+            compared = "no larger" if times < 1.1 else f"{times_text(times)} times that"
+            text += f"; the remaining error is {compared}"
+        details.append(f"{text}.")
+    # prediction horizon; if it spans several windows, also the error over single windows
+    if diagnosis is not None and diagnosis.horizon_s is not None:
+        time = with_unit_text(diagnosis.horizon_s, "s")
+        details.append(f"The model predicts over up to {time} from one estimated state.")
+        reach = diagnosis.how_far.get(row.channel)
+        if reach is not None and reach.mae_refitted_short is not None:
+            error = with_unit_text(reach.mae_refitted_short, unit_text)
+            details.append(f"With a state estimated in every window the refitted error is {error}.")
+    if diagnosis is not None and (forecast := diagnosis.forecast) is not None:
+        interval = interval_tail(percent_span(forecast.low, forecast.high))
+        share = percent(forecast.share)
+        details.append(f"On a new recording {share} of the error would be removed{interval}.")
+    compared_errors = [error for error in (row.refitted, row.with_cause) if error is not None]
+    if row.with_cause is None and row.data_sheet is not None and row.refitted is not None:
+        compared_errors = [row.data_sheet, row.refitted]
+    names = "refitted → with the cause" if row.with_cause is not None else "data sheet → refitted"
     lines = [f"held-out {channel} error, {names}", ", ".join(references)]
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is not None and rest is not None and not diagnosis.remark:
         size = set_figures(verdict_words.size_of(rest, with_causes=bool(diagnosis.causes)))
         at = f", at the {port_label(rest.port)}" if rest.port else ""
         lines.append(f"remaining: {size}{at}")
-    return formatting.with_common_unit(steps, unit_text, " → "), lines
-
-
-def _limits(row: ChannelErrors, unit_text: str) -> str:
-    """Noise floor, compared with the error of the best model."""
-    best = row.with_cause if row.with_cause is not None else row.refitted
-    if row.noise_floor is None:
-        return ""
-    text = f"The noise floor is {with_unit_text(row.noise_floor, unit_text)}"
-    if best is None or row.noise_floor <= 0:
-        return f"{text}."
-    times = best / row.noise_floor
-    compared = "no larger" if times < 1.1 else f"{times_text(times)} times that"
-    return f"{text}; the remaining error is {compared}."
-
-
-def _horizon(run: RunData, row: ChannelErrors, unit_text: str) -> list[str]:
-    """Prediction horizon; if it spans several windows, also the error over single windows."""
-    diagnosis = run.diagnosis
-    if diagnosis is None or diagnosis.horizon_s is None:
-        return []
-    time = with_unit_text(diagnosis.horizon_s, "s")
-    texts = [f"The model predicts over up to {time} from an estimated state."]
-    reach = diagnosis.how_far.get(row.channel)
-    if reach is not None and reach.mae_refitted_short is not None:
-        error = with_unit_text(reach.mae_refitted_short, unit_text)
-        texts.append(f"With a state estimated in every window the refitted error is {error}.")
-    return texts
-
-
-def _forecast(run: RunData) -> str:
-    """Share of the error that the causes would remove on a new recording."""
-    forecast = run.diagnosis.forecast if run.diagnosis is not None else None
-    if forecast is None:
-        return ""
-    interval = interval_tail(percent_span(forecast.low, forecast.high))
-    return f"On a new recording {percent(forecast.share)} of the error would be removed{interval}."
+    return _answer(
+        question,
+        sentence(f"the held-out {channel} error is {steps or 'unknown'}"),
+        details,
+        (formatting.with_common_unit(compared_errors, unit_text, " → "), lines),
+        points if len(rows) > 1 else [],
+    )
 
 
 # ---- what is left, and what next -----------------------------------------------------------------
 
 
-def left_answer(run: RunData) -> Answer | None:
-    """Answer to what is left of the gap: size, port and form of the remainder. Without causes, the
-    remainder is the whole gap. None without a remainder."""
-    diagnosis = run.diagnosis
+def _what_is_left(diagnosis: DiagnosisFile | None) -> Answer | None:
+    """Size, port and form of the remainder. Without causes, the remainder is the whole gap. None
+    without a remainder."""
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return None
@@ -612,7 +578,7 @@ def left_answer(run: RunData) -> Answer | None:
     return Answer("What is left", sentence(lead), tuple(filter(None, details)))
 
 
-def next_answer(run: RunData) -> Answer:
+def _next_experiment(run: RunData) -> Answer:
     """Next experiment, its expected result, its duration and the place of its excitation."""
     question = "Next experiment"
     if run.diagnosis is None:
@@ -623,19 +589,29 @@ def next_answer(run: RunData) -> Answer:
         none = "The diagnosis recommends no further experiment."
         return Answer(question, formatting.clean(run.diagnosis.withheld) or none)
     separated = formatting.join(map(effect_label, experiment.separates))
+    expected = []
+    if experiment.expected_separation is not None:
+        expected.append(
+            "the nearest two of these models are expected to differ there by "
+            f"{times_text(experiment.expected_separation)} times the noise of the sensors"
+            + (", too little to set them apart clearly" if _INSEPARABLE in experiment.why else "")
+        )
+    if experiment.minutes is not None:
+        takes = formatting.unbroken(minutes_text(experiment.minutes))
+        expected.append(f"it takes about {takes} at the rig")
     details = [
-        sentence(reason_text(experiment)),
-        sentence(f"it separates {separated}") if separated else "",
-        _expected(experiment),
-        *(sentence(formatting.clean(text)) for text in experiment.cautions),
+        reason_text(experiment),
+        f"it separates {separated}" if separated else "",
+        "; ".join(expected),
+        *map(formatting.clean, experiment.cautions),
     ]
     # name only files in the run folder: pamid cannot vouch for others
     local_files = [name for name in experiment.files if name == Path(name).name]
     if local_files:
         single = len(local_files) == 1
-        verb = "Its excitation is" if single else "Its excitations (a file per run) are"
+        verb = "its excitation is" if single else "its excitations, a file per run, are"
         files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
-        details.append(f"{verb} {files} in the run folder, ready to be sent.")
+        details.append(f"{verb} {files} in the run folder, ready to be sent")
     runs = [
         formatting.join(
             f"{channel_label(name)} {with_unit_text(value, channel_unit(name))}"
@@ -647,23 +623,9 @@ def next_answer(run: RunData) -> Answer:
     return Answer(
         question,
         sentence(effect_label(experiment.name)),
-        tuple(filter(None, details)),
+        tuple(map(sentence, filter(None, details))),
         tuple(points) if len(runs) > 1 else (),
     )
-
-
-def _expected(experiment: NextExperiment) -> str:
-    texts = []
-    if experiment.expected_separation is not None:
-        texts.append(
-            "the nearest two of these models are expected to differ there by "
-            f"{times_text(experiment.expected_separation)} times the noise of the sensors"
-            + (", too little to set them apart clearly" if _INSEPARABLE in experiment.why else "")
-        )
-    if experiment.minutes is not None:
-        takes = formatting.unbroken(minutes_text(experiment.minutes))
-        texts.append(f"it takes about {takes} at the rig")
-    return sentence("; ".join(texts))
 
 
 def _diagnose_command(run: RunData) -> str:

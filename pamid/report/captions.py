@@ -33,6 +33,7 @@ from pamid.verdict.verdict_words import Spelling, finding_label, findings_of, se
 
 #: where the reason for an experiment goes on with its settings, or with what it was weighed by
 _WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")
+MOST_LEADERS = 3  # added-variable plots that are shown at once
 #: names in the sentence of a verdict
 SPELLING = Spelling(effect_label, port_label)
 
@@ -120,6 +121,35 @@ def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
     """The most informative parameter of an effect: the first that is not 0."""
     every = list(cause.parameters.items())
     return next((item for item in every if item[1].value), every[0] if every else None)
+
+
+def added_leaders(run: RunData) -> list[AddedVariable]:
+    """The plots shown at once: those of the causes, then of the best candidate of each further
+    family, three in all."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return []
+    plots = {(plot.effect, bool(plot.beside)): plot for plot in reversed(usable_plots(run))}
+    together = any(company for _, company in plots) and diagnosis.verdict != "ambiguous"
+    leaders, families = [], set[str]()
+    for cause in diagnosis.causes:
+        if plot := plots.get((cause.effect, together)):
+            leaders.append(plot)
+            families.add(cause.family)
+    for candidate in diagnosis.ranking:
+        plot = plots.get((candidate.effect, False))
+        if plot is not None and candidate.family not in families:
+            leaders.append(plot)
+            families.add(candidate.family)
+    return leaders[:MOST_LEADERS]
+
+
+def usable_plots(run: RunData) -> list[AddedVariable]:
+    """Plots of a run with two points or more."""
+    plots = run.added.plots if run.added is not None else ()
+    return [
+        plot for plot in plots if len(plot.added) == len(plot.residual) >= 2 and any(plot.added)
+    ]
 
 
 def added_line(plot: AddedVariable) -> str:

@@ -3,11 +3,13 @@ headline channel."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.report.formatting import SPACE, channel_label, channel_unit, number
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 
@@ -64,6 +66,34 @@ def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
     names = list(run.fit.channels) if run.fit is not None else []
     names += [name for name in [*fitted, *reached] if name not in names]
     return tuple(_row(name, run) for name in names if name in fitted or name in reached)
+
+
+def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
+    """The models whose error is known for at least one channel."""
+    return [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
+
+
+def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
+    """Held-out MAE (eq. 11) per channel and model in plain text, columns aligned."""
+    fields = mae_fields(rows)
+    lines = [["MAE, held out", *(MODEL_NAMES[name] for name in fields)]]
+    for row in rows:
+        name = f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]"
+        lines.append([name, *(number(row.known().get(field)) for field in fields)])
+    return aligned(lines, 1)
+
+
+def aligned(lines: Sequence[Sequence[str]], left: int) -> str:
+    """Rows of cells in plain text, columns aligned, the first ones to the left."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    texts = []
+    for line in lines:
+        cells = [
+            cell.ljust(width) if k < left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ]
+        texts.append("  ".join(cells).replace(SPACE, " ").rstrip())
+    return "\n".join(texts)
 
 
 def _row(name: str, run: RunData) -> ChannelErrors:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from pamid.base.errors import UsageError
 from pamid.report import formatting
+from pamid.report.answers import Card
 from pamid.report.captions import causes_label, verdict_sentence
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.evidence import parameters_of
@@ -26,7 +27,7 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData, load_run
 from pamid.report.markup import joined, tag
-from pamid.report.page import Card, Page, Section, code, note, strong, table, text
+from pamid.report.page import Page, Section, code, note, strong, table, text
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.estimates import Interval
 

@@ -11,7 +11,7 @@ from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_places
 from pamid.report.captions import sensor_label, split_labels
-from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, disagreements
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, disagreements, mae_fields
 from pamid.report.equation import model_equations
 from pamid.report.evidence_figures import correlation_note
 from pamid.report.formatting import (
@@ -42,9 +42,9 @@ from pamid.report.page import (
     table,
     text,
 )
+from pamid.report.provenance import provenance
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.style import Picture
-from pamid.report.tables import mae_fields, provenance
 from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Transfer, Where
 from pamid.schemas.estimates import Estimate
 from pamid.schemas.fit_file import Combination, FitFile, LoopError

@@ -17,6 +17,7 @@ from importlib import resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from pamid.report.answers import Card
 from pamid.report.markup import Part, breakable, joined, paragraphs, printable, prose, tag
 from pamid.report.style import COLOURS, Picture
 
@@ -63,18 +64,6 @@ class Section:
         heading = tag(f"h{self.level}", question, prose(self.title), id=self.place)
         content = [part.html if isinstance(part, Section) else part for part in self.content]
         return tag("section", heading if self.title else "", content, class_=self.style)
-
-
-@dataclass(frozen=True)
-class Card:
-    """A short answer at the top of the page. lead: the answer; lines: details; place: linked
-    heading; quiet: there is no finding."""
-
-    question: str
-    lead: str
-    lines: tuple[str, ...] = ()
-    place: str = ""
-    quiet: bool = False
 
 
 @dataclass(frozen=True)

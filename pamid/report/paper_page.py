@@ -32,9 +32,9 @@ from pamid.report.formatting import (
 from pamid.report.load import RunData
 from pamid.report.markup import paragraphs
 from pamid.report.page import Page, Section, image, note, table
+from pamid.report.provenance import provenance
 from pamid.report.run_page import answer_sections
 from pamid.report.style import Picture
-from pamid.report.tables import provenance
 from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.paper_files import (
     ArmCoupling,

@@ -78,21 +78,21 @@ def targets_drawing(trial: Trial) -> Drawing | None:
 def reliability_drawing(trial: Trial) -> Drawing | None:
     """Share of right answers over the probability stated [-], with 95 % intervals and the number of
     answers."""
-    if not trial.reliability:
+    if not trial.file.reliability:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         line(axes, [0.0, 1.0], [0.0, 1.0], "muted", 0.9, (0, (4, 3)), label="as stated")
-        for bin_ in trial.reliability:
+        for bin_ in trial.file.reliability:
             right = bin_.right
             line(axes, [bin_.said] * 2, [right.low, right.high], "refitted", 1.6)
             top = max(right.high, right.share or 0.0)
             look = {"ha": "center", "va": "baseline"}
             number = count(right.of)
             annotate(axes, number, (bin_.said, top), (0, 5), "muted", 8.0, **look)
-        stated = [bin_.said for bin_ in trial.reliability]
-        shares = [bin_.right.share or 0.0 for bin_ in trial.reliability]
+        stated = [bin_.said for bin_ in trial.file.reliability]
+        shares = [bin_.right.share or 0.0 for bin_ in trial.file.reliability]
         name = "share right, 95 % interval, number of answers"
         line(axes, stated, shares, "refitted", 1.2, marker="o", markersize=5.0, label=name)
         axes.set_xlim(-0.02, 1.02)
@@ -109,7 +109,7 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
 
 def confusion_drawing(trial: Trial) -> Drawing | None:
     """Cases [count] by planted family and answer; the shade is the share of the row."""
-    rows = {family: row for family, row in trial.confusion.items() if sum(row.values()) > 0}
+    rows = {family: row for family, row in trial.file.confusion.items() if sum(row.values()) > 0}
     answers = list(rows) + sorted({name for row in rows.values() for name in row} - set(rows))
     if len(rows) * len(answers) <= 1:
         return None  # a single cell: the text has it
@@ -160,7 +160,7 @@ def strata_drawing(trial: Trial) -> Drawing | None:
     """Points with 95 % intervals: family first, and false alarms [%], by condition."""
     shown = [
         (name, key, rates)
-        for name, bins in trial.strata.items()
+        for name, bins in trial.file.strata.items()
         for key, rates in bins.items()
         if any(rates[series].of for series in SERIES)
     ]
@@ -204,7 +204,7 @@ def _strata_title(trial: Trial) -> str:
     visible faults"."""
     shares = [
         (rates["family_first"].share, stratum_label(name, key))
-        for name, bins in trial.strata.items()
+        for name, bins in trial.file.strata.items()
         for key, rates in bins.items()
         if rates["family_first"].share is not None
     ]

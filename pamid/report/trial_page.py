@@ -9,8 +9,8 @@ from markupsafe import Markup
 from pamid.report import formatting
 from pamid.report.formatting import channel_label, channel_unit, clean, count, effect_label
 from pamid.report.page import Page, Section, bullets, details, figures, note, strong, table, text
+from pamid.report.provenance import provenance
 from pamid.report.style import Picture
-from pamid.report.tables import provenance
 from pamid.report.trial_results import Trial, bin_label, reached_text, signs
 from pamid.schemas.run_file import Step
 from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
@@ -45,19 +45,19 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         ),
     )
     sections = [Section(title, (*shown, note(words))) for title, shown, words in contents if shown]
-    if trial.failures:
-        lines = [f"Case {clean(case)}: {clean(why)}" for case, why in trial.failures.items()]
+    if trial.file.failures:
+        lines = [f"Case {clean(case)}: {clean(why)}" for case, why in trial.file.failures.items()]
         rest = len(lines) - _SHOWN_FAILURES
         more = [f"... and {rest} more"] if rest > 0 else []
         failed = bullets([*lines[:_SHOWN_FAILURES], *more])
         sections.append(Section("Failed cases", (failed,)))
-    notes = [f"Seed {count(trial.content['seed'])}."]
-    if trial.digest:
-        notes.append(f"sha256 of the cases and their labels: `{clean(trial.digest)}`.")
+    notes = [f"Seed {count(trial.file.seed)}."]
+    if trial.file.cases_sha256:
+        notes.append(f"sha256 of the cases and their labels: `{clean(trial.file.cases_sha256)}`.")
     return Page(
         headline=formatting.sentence(reached_text(trial)),
-        subtitle=f"Blind trial, part {clean(trial.content['part'])}",
-        preface=text(clean(summary(dict(trial.content)))),
+        subtitle=f"Blind trial, part {clean(trial.file.part)}",
+        preface=text(clean(summary(trial.content))),
         sections=(*sections, provenance(steps, notes=notes)),
     )
 
@@ -78,14 +78,14 @@ def _confusion(trial: Trial) -> tuple[Markup, ...]:
             effect_label(family),
             ", ".join(f"{effect_label(answer)} {count(n)}" for answer, n in row.items()),
         ]
-        for family, row in trial.confusion.items()
+        for family, row in trial.file.confusion.items()
     ]
     return (details("The same in words", table(["planted", "answers"], body)),) if body else ()
 
 
 def _strata(trial: Trial) -> list[Markup]:
     tables = []
-    for name, rows in strata(dict(trial.content)).items():
+    for name, rows in strata(trial.content).items():
         unit_text = channel_unit(name)
         head = f"{channel_label(name)}{f' [{unit_text}]' if unit_text else ''}"
         body = [[bin_label(name, key), *rates] for key, rates in rows]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from pamid.base.result_file import damaged, read_result
 from pamid.base.trust import is_code
 from pamid.model.registry import in_catalogue
 from pamid.report import formatting
-from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
+from pamid.schemas.trial_file import Figure, Rate, TrialFile
 from pamid.trial.figure_table import TITLES, FigureRow, cells, rows_of
 from pamid.trial.machine import machine_names
 
@@ -41,16 +40,11 @@ class Scored:
 
 @dataclass(frozen=True)
 class Trial:
-    """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer ->
-    cases; content: the checked content of the file."""
+    """trial.json: as it is read, as it stands, and its rows with a figure."""
 
-    content: Mapping[str, Any]
+    file: TrialFile
+    content: dict[str, Any]
     scored: tuple[Scored, ...]
-    reliability: tuple[Bin, ...]
-    strata: dict[str, dict[str, dict[str, Rate]]]
-    confusion: dict[str, dict[str, int]]
-    failures: dict[str, str]
-    digest: str
 
     def of(self, key: str) -> Scored | None:
         """Row of a figure; None if it is not in the file."""
@@ -82,15 +76,7 @@ def read_trial(path: Path) -> Trial | None:
         for row in rows_of(content)
         if (value := getattr(trial, row.section).get(row.key)) is not None
     )
-    return Trial(
-        content=content,
-        scored=scored,
-        reliability=trial.reliability,
-        strata=trial.strata,
-        confusion=trial.confusion,
-        failures=trial.failures,
-        digest=trial.cases_sha256,
-    )
+    return Trial(trial, content, scored)
 
 
 def _scored(row: FigureRow, rate: Rate | Figure, texts: tuple[str, ...]) -> Scored:

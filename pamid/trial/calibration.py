@@ -60,42 +60,22 @@ class Lesson:
 def lesson_of(folder: Path) -> Lesson:
     """The finished cases in the folder of a trial's calibration part. DataError for another
     part."""
-    labels = read_json(folder / "labels.json")
-    results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
-    return lesson(
-        labels["cases"],
-        results,
-        machine=str(labels.get("rig", ONE_DOF)),
-        seed=int(labels["seed"]),
-        digest=str(labels["cases_sha256"]),
-        bare=bool(labels.get("bare")),
-    )
-
-
-def lesson(
-    labels: Sequence[dict[str, Any]],
-    results: Sequence[dict[str, Any]],
-    *,
-    machine: str,
-    seed: int,
-    digest: str,
-    bare: bool = False,
-) -> Lesson:
-    """The same from labels and results."""
-    if any(label["part"] != "calibration" for label in labels):
+    content = read_json(folder / "labels.json")
+    labels = {label["number"]: label for label in content["cases"]}
+    if any(label["part"] != "calibration" for label in labels.values()):
         raise DataError(
             "The probabilities of a verdict are fitted only to the calibration part.",
             "Give the folder of a trial with --part calibration.",
         )
-    known = {label["number"]: label for label in labels}
+    results = map(read_json, sorted((folder / "cases").glob("*.json")))
     return Lesson(
-        machine,
-        seed,
-        digest,
-        tuple(
-            Marked(known[r["case"]], r) for r in results if r["case"] in known and not r["failed"]
+        machine=str(content.get("rig", ONE_DOF)),
+        seed=int(content["seed"]),
+        digest=str(content["cases_sha256"]),
+        cases=tuple(
+            Marked(labels[r["case"]], r) for r in results if r["case"] in labels and not r["failed"]
         ),
-        bare,
+        bare=bool(content.get("bare")),
     )
 
 

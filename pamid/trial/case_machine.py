@@ -24,7 +24,7 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.schemas.trial_case_files import ActingEffect
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.trial.cases import FURTHER_SHARES, OPEN, Case, draw_case
+from pamid.trial.cases import FURTHER_SHARES, OPEN, Case
 from pamid.trial.conditions import StarterConditions
 from pamid.trial.machine import Machine, Record
 
@@ -261,25 +261,3 @@ class CaseMachine:
                 return None
             factor = min(factor * wanted / change, LARGEST_SCALING)
         return sizes if low <= change <= high else None
-
-
-def study_case(
-    rig: str, number: int, seed: int, folder: Path, *, part: str = "calibration", fresh: int = 1
-) -> RecordedCase:
-    """Record an open case of a rig, for studies of decision rules.
-
-    Parameters
-    ----------
-    rig : name of a rig for which the trial has a machine
-    number, seed : of the case; `part` as in `pamid trial --world open`
-    folder : where the recordings are written
-    fresh : number of recordings besides the fitted and the held-out recording
-
-    Returns
-    -------
-    RecordedCase
-        `acting[k].change` is that of the held-out readings without effect k, in their standard
-        deviations; `acting[0]` is the effect without which they change most.
-    """
-    case = draw_case(part, number, seed, rig, world=OPEN)
-    return CaseMachine.of(case).recorded(folder, fresh=fresh)

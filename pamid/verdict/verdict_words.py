@@ -269,11 +269,6 @@ def amount_of(rest: Remainder) -> str:
     )
 
 
-def weight_of(rest: Remainder) -> str:
-    """Text that states whether the remainder is a material part of the gap."""
-    return "a material part of the gap" if rest.real else "no material part of the gap"
-
-
 def advice_of(rest: Remainder) -> str:
     """Advice about smaller effects in an immaterial remainder; "" if it is near the noise floor."""
     return "" if rest.real or (rest.floors or 0.0) < LEAST_FLOORS else LOOK_FURTHER

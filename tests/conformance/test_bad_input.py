@@ -23,7 +23,6 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json
 from pamid.estimation.fit_files import residual_csv
 
-ROOT = Path(__file__).resolve().parents[2]
 ROWS = [
     f"{0.003 * k:.6g},{np.sin(k / 9):.6f},{40 * np.sin(k / 11):.6f},{k % 3}" for k in range(420)
 ]

@@ -30,7 +30,8 @@ from pamid.planning import next_experiment
 from pamid.planning.experiment_ways import NEXT_FILES
 from pamid.planning.next_experiment import Proposal, bench_of, sent_with
 from pamid.recording.recording import Recording, read_recording
-from pamid.report.answers import next_answer
+from pamid.report.answers import answers_of
+from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.schemas.diagnosis_file import NextExperiment
@@ -54,14 +55,8 @@ def offered() -> list[tuple[str, ...]]:
     for rig in RIGS:
         for signal in SIGNALS:
             last = ("--duration", "12") if signal in LASTING else ()
-            told = (
-                "--rig",
-                rig,
-                "--signal",
-                signal,
-                *last,
-                *(MULTISINE if signal == "multisine" else ()),
-            )
+            told = ("--rig", rig, "--signal", signal, *last)
+            told += MULTISINE if signal == "multisine" else ()
             if rig == "cart.py":
                 found += [(*told, "--amplitude", "2")] if signal != "torque-loops" else []
             elif signal == "torque-loops":
@@ -72,23 +67,8 @@ def offered() -> list[tuple[str, ...]]:
         ("--rig", rig, "--experiment", "valve-pulses", "--muscle", m)
         for rig, m in (("one-dof", "2"), ("two-link", "11"))
     ]
-    return [
-        *found,
-        ("--rig", "two-link", "--experiment", "gravity-test", "--duration", "12"),
-        (
-            "--rig",
-            "two-link",
-            "--experiment",
-            "gravity-test",
-            "--duration",
-            "12",
-            "--clamped",
-            "1",
-            "--release",
-            "0",
-            "30",
-        ),
-    ]
+    fallen = ("--rig", "two-link", "--experiment", "gravity-test", "--duration", "12")
+    return [*found, fallen, (*fallen, "--clamped", "1", "--release", "0", "30")]
 
 
 def sampled(
@@ -349,6 +329,11 @@ def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(next_experiment, "pairs_to_separate", pairs)
 
 
+def files_to_send(text: str) -> list[str]:
+    """Excitations that a diagnosis into the folder `run` proposes to send."""
+    return [f"run/{name}" for name in re.findall(r"`(next-experiment\S*\.csv)`", text)]
+
+
 def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) -> None:
     """What it recommends is sent, and both recordings are diagnosed together."""
     text = run(
@@ -356,21 +341,11 @@ def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) ->
     )
     (report,) = lines_of(text)
     run(*report)
-    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
-    files = line.split("ready to run: ")[1].split(" and ")
+    files = files_to_send(text)
     assert files == ["run/next-experiment.csv"]
+    rubs = ("--effect", "coulomb-friction")
     (diagnose,) = lines_of(
-        run(
-            "simulate",
-            "--rig",
-            "cart.py",
-            "--excitation",
-            files[0],
-            "--effect",
-            "coulomb-friction",
-            "--output",
-            "next.csv",
-        )
+        run(*f"simulate --rig cart.py --excitation {files[0]} --output next.csv".split(), *rubs)
     )
     assert diagnose[-1] == "run-2"
     run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
@@ -378,7 +353,8 @@ def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) ->
 
 def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[DataSplit]) -> None:
     train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
-    page = next_answer(load_run(here / "run")).details[0]
+    fitted = load_run(here / "run")
+    page = answers_of(fitted, errors_of(fitted))[-1].details[0]
     (again,) = re.findall("`pamid (.*)`", page)
     run(*free(shlex.split(again)), code=TAKEN)
     text = run(*train, "--iterations", "2")
@@ -414,17 +390,8 @@ def test_from_a_log_to_a_recording(rig: str, cart: Path, here: Path, run: Run) -
     shutil.copy(cart if rig != "one-dof" else ROOT / "data" / "example" / "joint.csv", log)
     (ingest,) = lines_of(
         run(
-            "ingest",
-            "--guess",
-            "recording.csv",
-            "--rig",
-            rig,
-            "--pressures",
-            "gauge",
-            "--kind",
-            "csv",
-            "--output",
-            "map.toml",
+            *f"ingest --guess recording.csv --rig {rig} --pressures gauge --kind csv".split(),
+            *("--output", "map.toml"),
         )
     )
     assert (
@@ -548,25 +515,12 @@ def test_the_example_of_the_readme_and_what_it_recommends(
     together."""
     example = ROOT / "data" / "example" / "joint.csv"
     text = run("diagnose", str(example), "--rig", "one-dof", "--output", "run")
-    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
-    files = line.split("ready to run: ")[1].split(" and ")
-    assert line.startswith("Measure next: torque-loops-two-pressures") and len(files) == 2
+    files = files_to_send(text)
+    assert "Next experiment  Torque loops two pressures." in text and len(files) == 2
     for k, path in enumerate(files):
-        run(
-            "simulate",
-            "--excitation",
-            path,
-            "--effect",
-            "coulomb-friction:torque_n_m=0.4",
-            "--set",
-            "damping_m2_s=7e-4",
-            "--set",
-            "scale=1.1",
-            "--seed",
-            str(k),
-            "--output",
-            f"next-{k}.csv",
-        )
+        machine = "--effect coulomb-friction:torque_n_m=0.4 --set damping_m2_s=7e-4 --set scale=1.1"
+        sent = f"--excitation {path} --seed {k} --output next-{k}.csv"
+        run("simulate", *f"{machine} {sent}".split())
     together = run(
         "diagnose", str(example), "next-0.csv", "next-1.csv", "--rig", "one-dof", "--output", "all"
     )

@@ -34,10 +34,6 @@ def table(*lines: str) -> Files:
     return {"rec.csv": "\n".join(lines) + "\n"}
 
 
-def toml(text: str) -> Files:
-    return {**table(HEAD, *ROWS), "rec.toml": text}
-
-
 def put(folder: Path, files: Files) -> Path:
     for name, content in files.items():
         (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)

@@ -20,7 +20,8 @@ from pamid.report.added_variable_figure import (
     card_svg,
     usable_plots,
 )
-from pamid.report.answers import which_answer
+from pamid.report.answers import answers_of
+from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.report.writing import write_report
 
@@ -94,7 +95,7 @@ def test_card_and_files_show_the_leading_candidate(run: Path, tmp_path: Path) ->
     svg = card_svg(found.data)
     assert "var(" not in svg and svg in found._repr_html_()
     assert "explains 95 % of the refitted model's angle residual" in flat(unescape(svg))
-    which = which_answer(found.data).card
+    which = answers_of(found.data, errors_of(found.data))[1].card
     assert which is not None
     assert "explains 95 % of the refitted model's angle residual, slope 0.97 ± 0.07" in map(
         flat, which.lines

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,8 +33,6 @@ from pamid.rigs.muscle import exponential
 from pamid.simulation.free_runs import free_run
 from pamid.symbolic.vocabulary import expression
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT.parent / "shared" / "data"
 KINDS = pytest.mark.parametrize(
     "network",
     [

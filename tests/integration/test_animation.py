@@ -230,26 +230,8 @@ def test_a_rig_file_is_run_only_when_it_is_named(
     assert not file.with_suffix(".ran").exists()
     (folder / "fit.json").write_text(json.dumps(fit), encoding="utf-8")
     out = tmp_path / "new" / "cart.gif"
-    assert (
-        run_command(
-            [
-                "animate",
-                str(folder),
-                "--rig",
-                str(file),
-                "--output",
-                str(out),
-                "--json",
-                "--from",
-                "30",
-                "--to",
-                "31",
-                "--size",
-                "300",
-            ]
-        )
-        == 0
-    )
+    words = f"animate {folder} --rig {file} --output {out} --json --from 30 --to 31 --size 300"
+    assert run_command(words.split()) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["schema"], told["frames"], told["width_px"]) == ("pamid.animate/1", 26, 300)
     assert told["mean_gap"]["position_m"]["data_sheet"] == pytest.approx(0.02, rel=0.1)

@@ -108,7 +108,7 @@ def test_the_list_is_of_the_catalogue() -> None:
 def test_the_whole_demo_for_every_effect(
     effect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--output", str(tmp_path / "demo"), "--seed", str(seed_of(effect)), "--json"]
-    assert frame.run(["demo", *words]) == 0
+    words = f"demo --output {tmp_path}/demo --seed {seed_of(effect)} --json"
+    assert frame.run(words.split()) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["hit"] == "right", found["sentence"]

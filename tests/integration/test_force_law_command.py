@@ -112,23 +112,8 @@ def test_rig_file_serves_and_moves_as_the_muscle_measured(made: Path, tmp_path: 
     read: list[Recording] = []
     for name, more in ((rig, []), ("one-dof:braid-and-rubber", ["--set", "scale=1.12"])):
         path = tmp_path / f"{len(read)}.csv"
-        assert (
-            run(
-                [
-                    "simulate",
-                    "--rig",
-                    name,
-                    "--excitation",
-                    str(tmp_path / "sent.csv"),
-                    "--noise",
-                    "none",
-                    "--output",
-                    str(path),
-                    *more,
-                ]
-            )
-            == 0
-        )
+        files = f"--excitation {tmp_path}/sent.csv --output {path}"
+        assert run([*f"simulate --rig {name} --noise none {files}".split(), *more]) == 0
         read.append(read_recording(path))
     ours, hidden = read
     assert np.ptp(hidden.signal("angle_deg")) > 60.0

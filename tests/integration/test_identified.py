@@ -162,19 +162,8 @@ def test_a_network_at_a_port(made: Made, run: Copy, port: str) -> None:
 
 
 def simulate(folder: Path, excitation: Path, output: Path, *more: str) -> int:
-    return frame.run(
-        [
-            "simulate",
-            "--model",
-            str(folder),
-            "--excitation",
-            str(excitation),
-            "--output",
-            str(output),
-            *more,
-            "--json",
-        ]
-    )
+    words = f"simulate --model {folder} --excitation {excitation} --output {output} --json"
+    return frame.run([*words.split(), *more])
 
 
 def test_the_command_replays_and_closes_the_loop(
@@ -279,24 +268,9 @@ def test_code_is_run_only_where_it_is_named_again(tmp_path: Path) -> None:
         tmp_path / "push.csv", time, {"force_n": np.sin(3.0 * time) + np.sign(np.sin(0.9 * time))}
     )
     common = ["--rig", str(rig), "--effect", str(effect), "--json"]
-    assert (
-        frame.run(
-            [
-                "simulate",
-                "--excitation",
-                str(tmp_path / "push.csv"),
-                "--noise",
-                "none",
-                "--output",
-                str(tmp_path / "cart.csv"),
-                "--rig",
-                str(rig),
-                "--effect",
-                f"{effect}:drag_n_s_per_m=0.7",
-            ]
-        )
-        == 0
-    )
+    machine = f"--noise none --rig {rig} --effect {effect}:drag_n_s_per_m=0.7"
+    files = f"--excitation {tmp_path}/push.csv --output {tmp_path}/cart.csv"
+    assert frame.run(f"simulate {machine} {files}".split()) == 0
     assert (
         frame.run(["fit", str(tmp_path / "cart.csv"), "--output", str(tmp_path / "run"), *common])
         == 0

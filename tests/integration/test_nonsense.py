@@ -16,6 +16,7 @@ from pamid.base.run_folder import Run
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
+from pamid.report.load import load_run
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.verdict.diagnosis_run import diagnose_into
@@ -82,7 +83,7 @@ def test_no_cause_is_found_in_what_the_input_did_not_make(
     assert found["unknown"] is None and found["next_experiment"] is None, (
         "nothing is described, nothing to tell apart"
     )
-    told = diagnosis_text(found, folder / "run")
+    told = diagnosis_text(load_run(folder / "run"), folder / "run")
     assert told.startswith(found["remark"]) and "Where" not in told and "shrinkage" not in told
 
 

@@ -112,22 +112,6 @@ def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_
     assert not list(overlaps(OUTPUTS, [a, made(tmp_path, "c", noise=noise, step=step, first=5000)]))
 
 
-def scaled(
-    gain: float, offset: float, extra: float = 0.0, column: str = "angle_deg"
-) -> Callable[[dict[str, Array]], dict[str, Array]]:
-    """Every value by gain and offset, with further noise, as a share of the sensor's 0.04."""
-
-    def change(columns: dict[str, Array]) -> dict[str, Array]:
-        random = np.random.default_rng(9)
-        return {
-            k: (gain * v + offset if k == column else v)
-            + 0.04 * extra * random.standard_normal(v.size)
-            for k, v in columns.items()
-        }
-
-    return change
-
-
 @pytest.mark.parametrize("kind", [{"noise": 0.0}, {"noise": 0.0, "step": 0.2}])
 def test_a_doubled_response_is_no_copy(kind: dict[str, float], tmp_path: Path) -> None:
     """Without noise a linear machine answers a doubled input with a scaled copy."""

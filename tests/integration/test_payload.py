@@ -19,7 +19,7 @@ from pamid.simulators.body_inertia import full_inertia, shapes_of
 from pamid.simulators.mechanism import Body
 from pamid.simulators.mujoco_mechanism import read_mechanism
 
-mujoco: Any = mechanisms.needs_mujoco()
+mechanisms.needs_mujoco()
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,8 @@ import pytest
 import pamid
 from pamid.model.registry import effects
 from pamid.recording.recording import read_recording, write_recording
-from pamid.report.answers import where_answer
+from pamid.report.answers import answers_of
+from pamid.report.channel_errors import errors_of
 from pamid.report.load import RunData, load_run
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -79,4 +80,4 @@ def test_both_places_are_named(found: RunData) -> None:
     assert cause.family == "offset"
     assert {cause.port, *cause.or_at} == {"drive", "rail"}
     assert f" (or equally at the {cause.or_at[0]} port) removes" in found.diagnosis.sentence
-    assert "these recordings cannot separate them" in where_answer(found).lead
+    assert "these recordings cannot separate them" in answers_of(found, errors_of(found))[0].lead

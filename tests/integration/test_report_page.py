@@ -118,9 +118,6 @@ def test_a_drag_zooms_every_plot_and_a_double_click_resets(tab: Page) -> None:
     tab.wait(f"{SCALES}.every(s => s[0] === {whole[0]} && s[1] === {whole[1]})")
 
 
-# ---- size --------------------
-
-
 # ---- colours, phone, print, no scripts, tables --------------------
 
 

@@ -78,8 +78,8 @@ def test_reliability_shows_what_was_said_and_what_was_right(trial: Trial) -> Non
 def test_confusion_counts_every_case_once(trial: Trial) -> None:
     drawing = confusion_drawing(trial)
     assert drawing is not None
-    everything = sum(sum(row.values()) for row in trial.confusion.values())
-    right = sum(row[family] for family, row in trial.confusion.items())
+    everything = sum(sum(row.values()) for row in trial.file.confusion.values())
+    right = sum(row[family] for family, row in trial.file.confusion.items())
     title = drawing.title.replace("\u00a0", " ")
     assert title.startswith(
         f"{right:.0f} of {everything:.0f} visible single faults are given their family"

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import pamid
 from pamid.engine.program import Stepping
@@ -22,8 +21,6 @@ from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
 
 pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
-
-Array = NDArray[np.float64]
 
 SLED = """<mujoco model="sled">
   <compiler angle="radian"/>

@@ -22,52 +22,21 @@ from pamid.recording.recording import write_recording
 
 CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 COMMAS = ("de_DE.UTF-8", "de_DE", "fr_FR.UTF-8", "nl_NL.UTF-8")
-LINES = (
-    [
-        "generate-aprbs",
-        "--rig",
-        "cart.py",
-        "--amplitude",
-        "2",
-        "--duration",
-        "9",
-        "--period",
-        "0.01",
-        "--hold",
-        "0.1",
-        "0.5",
-        "--output",
-        "drawn.csv",
-    ],
-    [
-        "generate-aprbs",
-        "--rig",
-        "cart.py",
-        "--amplitude",
-        "2",
-        "--duration",
-        "9",
-        "--output",
-        "played.st",
-    ],
-    [
-        "simulate",
-        "--rig",
-        "cart.py",
-        "--excitation",
-        "sent.csv",
-        "--effect",
-        "coulomb-friction",
-        "--output",
-        "rec.csv",
-    ],
-    ["ingest", "--guess", "rec.csv", "--rig", "cart.py", "--output", "map.toml"],
-    ["ingest", "rec.csv", "--mapping", "map.toml", "--rig", "cart.py", "--output", "again.csv"],
-    ["check", "again.csv", "--rig", "cart.py"],
-    ["fit", "again.csv", "--rig", "cart.py", "--output", "run"],
-    ["train-residual", "run", "--hidden", "2", "--iterations", "3"],
-    ["export", "run", "--to", "c", "--rig", "cart.py", "--output", "model"],
-)
+LINES = [
+    line.split()
+    for line in (
+        "generate-aprbs --rig cart.py --amplitude 2 --duration 9 --period 0.01 --hold 0.1 0.5 "
+        "--output drawn.csv",
+        "generate-aprbs --rig cart.py --amplitude 2 --duration 9 --output played.st",
+        "simulate --rig cart.py --excitation sent.csv --effect coulomb-friction --output rec.csv",
+        "ingest --guess rec.csv --rig cart.py --output map.toml",
+        "ingest rec.csv --mapping map.toml --rig cart.py --output again.csv",
+        "check again.csv --rig cart.py",
+        "fit again.csv --rig cart.py --output run",
+        "train-residual run --hidden 2 --iterations 3",
+        "export run --to c --rig cart.py --output model",
+    )
+]
 PAGE = ["report", "run"]
 SAYS_WHEN = "run/run.json"
 

@@ -160,6 +160,3 @@ def test_commands_to_copy_hold_for_any_folder(
             )
     assert frame.run(["fit", str(place / "rec.csv"), "--output", str(place / "other")]) == 3
     assert "--rig 'my;touch x.py'" in capsys.readouterr().err
-
-
-# ---- streams that fail --------------------

@@ -4,11 +4,10 @@ half-written."""
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -223,65 +222,6 @@ def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
     assert (one / "network.npz").read_bytes() == (other / "network.npz").read_bytes()
     errors = [read_json(folder / "network.json")["mae"]["angle_deg"] for folder in (one, other)]
     assert errors[1]["with_network"] > errors[0]["with_network"] + 4.0
-
-
-# ---- interrupted, killed --------------------
-
-
-#: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
-#: (a process begun in the background inherits SIGINT as ignored)
-_HELD = """
-import os, signal, sys, time
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from pamid_cli.frame import main
-from pamid.base.progress import ProgressLine
-said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressLine.update
-def held(*words):
-    left[0] -= 1
-    if left[0] == 0:
-        os.write(said, b"!")
-        while True:
-            time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
-    update(*words)
-ProgressLine.update = held
-main()
-"""  # noqa: E501
-Process = subprocess.Popen[bytes]
-
-
-@pytest.fixture
-def started(tmp_path: Path) -> Iterator[Callable[..., Process]]:
-    """Start `pamid ...` as a process of its own; none outlives the test."""
-    alive: list[Process] = []
-
-    def start(*words: str, code: str, pass_fds: tuple[int, ...] = ()) -> Process:
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, *words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=environment,
-            pass_fds=pass_fds,
-        )
-        alive.append(process)
-        return process
-
-    yield start
-    for process in alive:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-
-
-def held(started: Callable[..., Process], *words: str) -> Process:
-    """`pamid ...` as a process of its own that has come to its fourth word of progress, and stands
-    still there."""
-    hears, says = os.pipe()
-    process = started(str(says), "4", *words, code=_HELD, pass_fds=(says,))
-    os.close(says)
-    with open(hears, "rb") as pipe:
-        assert pipe.read(1) == b"!", process.communicate()
-    return process
 
 
 # ---- several networks in a run --------------------

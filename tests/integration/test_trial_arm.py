@@ -3,7 +3,6 @@ planted, its books."""
 
 from __future__ import annotations
 
-import ast
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from middle_draws import MIDDLE, Middle
 from scipy.integrate import solve_ivp
 
 from pamid.api import trial_cases
@@ -21,7 +21,6 @@ from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
-from pamid.trial import arm_faults, arm_kernel
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,
@@ -38,7 +37,6 @@ from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
 from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE
 from pamid.trial.logger import Readout
 from pamid.trial.machine import packed
-from pamid.trial.machines import two_link
 from pamid.trial.machines.one_dof import PERIOD_S, Excitation
 from pamid.trial.machines.two_link import (
     ARM_CHANNELS,
@@ -54,16 +52,6 @@ from pamid.trial.scoring import score_cases
 
 STEP = 1e-4  # s
 SHORT = 3.3  # s, the least that has room for the holds
-
-
-class Middle:
-    """Draws the middle of every range, and the last of every choice."""
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.5 * (low + high)
-
-    def choice(self, values: tuple[float, ...]) -> float:
-        return values[-1]
 
 
 @cache
@@ -113,7 +101,7 @@ def middle(name: str) -> str:
 
 
 def sizes(site: str) -> dict[str, float]:
-    return draw_sizes(site, Middle())  # type: ignore[arg-type]
+    return draw_sizes(site, MIDDLE)
 
 
 # ---- links --------------------
@@ -204,21 +192,6 @@ def test_a_free_swing_is_that_of_the_textbook(payload: float, at: tuple[float, f
 
 
 # ---- the machine --------------------
-
-
-def test_the_arm_shares_nothing_with_the_tool() -> None:
-    for module in (two_link, arm_faults, arm_kernel):
-        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
-        names = [
-            a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
-        ]
-        names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        own = {n for n in names if n.startswith("pamid") and not n.startswith("pamid.trial.")}
-        assert own <= {
-            "pamid.base.errors",
-            "pamid.engine.numba_cache",
-            "pamid.excitation.aprbs",
-        }, (module.__name__, own)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -15,7 +15,7 @@ from pamid.api.trial_cases import CaseWork
 from pamid.base.errors import DataError
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine, study_case
+from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
     MAP_TOLERANCE,
@@ -95,7 +95,8 @@ def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Pa
         for c in draw_cases("calibration", 20, SEED, QUICK[0], world=OPEN)
         if c.stratum == "single"
     )
-    one, other = (study_case(QUICK[0], number, SEED, tmp_path / k, fresh=2) for k in "ab")
+    case = draw_case("calibration", number, SEED, QUICK[0], world=OPEN)
+    one, other = (CaseMachine.of(case).recorded(tmp_path / k, fresh=2) for k in "ab")
     assert one.acting == other.acting and one.rig.name == QUICK[0]
     recordings = [*one.fitted, *one.held_out, *one.fresh]
     assert [r.path.stem for r in recordings] == ["recording", "held-out", "fresh-1", "fresh-2"]

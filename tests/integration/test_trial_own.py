@@ -234,7 +234,7 @@ def test_a_trial_of_a_rig_file(
     capsys.readouterr()
     Path("mine.py").write_text(Path(CART).read_text().replace("1.0, low", "1.2, low"))
     assert frame.run([*asked, "--resume"]) == 3
-    assert "holds the trial of mine.py" in json.loads(capsys.readouterr().out)["message"]
+    assert "contains the trial of mine.py" in json.loads(capsys.readouterr().out)["message"]
 
 
 @pytest.mark.slow

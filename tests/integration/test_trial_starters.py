@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from middle_draws import MIDDLE
 from numpy.typing import NDArray
 
 import pamid
@@ -27,16 +28,6 @@ Array = NDArray[np.float64]
 SEED = 5
 STARTERS = [name for name in machine_names() if isinstance(machine_named(name), StarterMachine)]
 FAULTS = [(name, fault) for name in STARTERS for fault in machine_named(name).faults]
-
-
-class Middle:
-    """Draws the middle of every range, and the last of every choice."""
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.5 * (low + high)
-
-    def choice(self, values: tuple[float, ...]) -> float:
-        return values[-1]
 
 
 def machine(name: str) -> StarterMachine:
@@ -86,7 +77,7 @@ def change(name: str, one: dict[str, Array], other: dict[str, Array]) -> float:
 
 
 def sizes(name: str, fault: str) -> dict[str, float]:
-    return machine(name).plant(fault, Middle())[1]  # type: ignore[arg-type]
+    return machine(name).plant(fault, MIDDLE)[1]
 
 
 @pytest.mark.parametrize("name", STARTERS)
@@ -151,13 +142,6 @@ def test_readings_stamped_early_are_those_to_come(name: str) -> None:
         assert early[column][:-2] == pytest.approx(still[column][2:], abs=1e-6)
         assert not np.array_equal(early[column][-2:], np.repeat(still[column][-1], 2))
     assert all(np.array_equal(early[column], still[column]) for column in own.sent)
-
-
-@pytest.mark.parametrize("name", STARTERS)
-def test_a_case_depends_on_its_number_alone(name: str) -> None:
-    few, many = draw_cases("test", 7, 3, name), draw_cases("test", 30, 3, name)
-    assert few == many[:7]
-    assert [c.stratum for c in few] == [c.stratum for c in draw_cases("test", 7, 3)]
 
 
 DIGESTS: dict[str, str] = {

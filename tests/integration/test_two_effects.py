@@ -71,6 +71,3 @@ def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
         pool = WorkerPool(2, Store(tmp_path / "store"))
         assert diagnosis_file(diagnose(evidence, catalogue, pool=pool)).as_json() == alone
     assert pool.worked == 0 < pool.from_store
-
-
-# ---- the steps by themselves -----------------------------------------------------------------

@@ -9,7 +9,6 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from posed_arms import FOUR_HINGES, arm_text
 
 from pamid.base.errors import FileError
@@ -24,8 +23,6 @@ from pamid.symbolic.derivative import gradients
 from pamid.symbolic.expression import ZERO, plain, symbol
 
 mujoco: Any = mechanisms.needs_mujoco()
-
-Array = NDArray[np.float64]
 
 # a link with two bodies, one of them welded to it, and a link behind both
 IN_TREE = ("hip_1_inertia", "plate_inertia", "shin_inertia")

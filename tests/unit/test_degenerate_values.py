@@ -130,9 +130,6 @@ def test_a_known_value_outside_the_bounds_is_a_note(
     assert "outside the bounds" in capsys.readouterr().err
 
 
-# ---- stamps ------------------------------------------------------------------------------------
-
-
 # ---- files that count in fractions -------------------------------------------------------------
 
 

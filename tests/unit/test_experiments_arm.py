@@ -108,12 +108,6 @@ def test_a_clamped_arm_swings_as_a_pendulum(folder: Path) -> None:
     assert crossings_hz(heavier.signal("angle_2_deg")[:1200]) == pytest.approx(loaded, rel=0.05)
 
 
-# ---- pulses --------------------
-
-
-# ---- loops --------------------
-
-
 # ---- evidence and fit --------------------
 
 

@@ -89,9 +89,6 @@ def test_check_says_what_to_write() -> None:
     assert not [f for f in better.notes if f.check == "between"]
 
 
-# ---- ranges --------------------------------------------------------------------------------------
-
-
 # ---- units ---------------------------------------------------------------------------------------
 
 
@@ -160,9 +157,3 @@ def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path: Path) -> 
     for form in sampled:
         with pytest.raises(UsageError, match="held"):
             export_model(model, form, tmp_path / "out")
-
-
-# ---- measured ------------------------------------------------------------------------------------
-
-
-# ---- ports ---------------------------------------------------------------------------------------

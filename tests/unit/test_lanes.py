@@ -302,6 +302,3 @@ def test_windows_may_begin_within_a_track() -> None:
     assert (bad == -1).all() and late.shape == (110, 3, 11)
     np.testing.assert_allclose(late, moved, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ends, same_ends, rtol=0, atol=1e-12)
-
-
-# ---- length of steps -----------------------------------------------------------------------------

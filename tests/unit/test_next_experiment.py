@@ -146,20 +146,8 @@ def test_the_file_reads_back_and_simulates(
     assert back.loop == "open" and back.sampling_period_s == PERIOD_S
     np.testing.assert_allclose(back.signal("force_n"), p.columns["force_n"], rtol=1e-8, atol=1e-12)
     assert len(back) * PERIOD_S / 60.0 == pytest.approx(p.experiment.minutes)
-    assert (
-        frame.run(
-            [
-                "simulate",
-                "--rig",
-                str(rig),
-                "--excitation",
-                str(run.path(NEXT_FILES[0])),
-                "--output",
-                str(folder / "simulated.csv"),
-            ]
-        )
-        == 0
-    )
+    files = f"--excitation {run.path(NEXT_FILES[0])} --output {folder}/simulated.csv"
+    assert frame.run(f"simulate --rig {rig} {files}".split()) == 0
     assert len(read_recording(folder / "simulated.csv")) == len(back)
 
 

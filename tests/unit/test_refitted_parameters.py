@@ -9,10 +9,10 @@ from typing import Any
 from report_pages import flat, text_of
 from synthetic_run import make_run
 
+from pamid.report.answers import refitted_texts
 from pamid.report.evidence import parameter_table, parameters_of
 from pamid.report.load import load_run
 from pamid.schemas.estimates import Estimate
-from pamid.verdict.refitted_parameters import refitted_parameters
 
 
 def estimate(value: float, *, prior: float = 0.5, half: float = 0.01, **more: Any) -> Estimate:
@@ -27,21 +27,20 @@ def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
         "m1_kg": estimate(0.6, strain=1.0),
         "m2_kg": estimate(0.3, strain=-2.0, at_bound="low"),
     }
-    found = refitted_parameters({**same, **resolved, **weak, **moved})
-    assert list(found.shown) == ["m2_kg", "m1_kg"]
-    assert found.texts()[0] == "m2 0.5 -> 0.3 kg (0.29 .. 0.31), at its lower bound"
-    assert found.texts()[-1] == f"{6} others not moved materially"
-    none = refitted_parameters({**same, **resolved})
-    assert none.texts() == [f"{5} parameters not moved materially"]
+    first, second, rest = refitted_texts({**same, **resolved, **weak, **moved})
+    assert flat(first) == "m2 0.5 → 0.3 kg (95 % interval 0.29 to 0.31), at its lower bound"
+    assert second.startswith("m1 ") and rest == "6 others not moved materially"
+    assert refitted_texts({**same, **resolved}) == ["5 parameters not moved materially"]
 
 
 def test_parameters_that_the_recordings_do_not_determine_are_named() -> None:
     silent = {f"link{i}_mass_kg": estimate(0.5, word="silent", strain=0.0) for i in range(6)}
     settled = {"m1_kg": estimate(0.6, strain=1.0, word="settled")}
-    (moved, rest) = refitted_parameters({**settled, "m2_kg": silent["link0_mass_kg"]}).texts()
-    assert moved.startswith("m1 0.5 -> 0.6 kg")
+    (moved, rest) = refitted_texts({**settled, "m2_kg": silent["link0_mass_kg"]})
+    assert flat(moved).startswith("m1 0.5 → 0.6 kg")
     assert rest == "1 other not moved materially; not determined by these recordings: m2"
-    assert refitted_parameters(silent).remark().endswith("link2_mass, link3_mass, 2 more")
+    (rest,) = refitted_texts(silent)
+    assert rest.endswith("link2_mass, link3_mass, 2 more")
 
 
 def test_page_and_table_show_the_model_of_the_answer(tmp_path: Path) -> None:

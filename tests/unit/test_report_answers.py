@@ -56,25 +56,6 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
     assert ("The formula covers 62 % of its variance" in text) == (verdict == "unknown-effect")
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_a_diagnosis_of_an_older_version_makes_a_page(verdict: str, tmp_path: Path) -> None:
-    diagnosis = diagnosis_json(verdict)
-    for key in ("transfer", "comparison", "forecast", "horizon_s"):
-        del diagnosis[key]
-    for key in ("redundancy", "unseen", "sensors"):
-        del diagnosis["where"][key]
-    for key in ("expected_separation", "minutes", "excitation", "excitations", "settings"):
-        del diagnosis["next_experiment"][key]
-    for key in ("parity", "memory", "described") if diagnosis["unknown"] else ():
-        del diagnosis["unknown"][key]
-    folder = make_run(
-        tmp_path / "RUN", verdict, diagnosis=diagnosis, without=(*NO_TRACES, "missing.csv")
-    )
-    assert "Torque loops two pressures." in text_of(folder)
-    run = load_run(folder)
-    assert "missing" not in {drawing.name for drawing in drawings_of(run, errors_of(run))}
-
-
 #: keys of pamid.diagnosis/2 that are gone
 GONE: dict[str, object] = {
     "members": [{"effect": "coulomb-friction", "family": "friction", "probability": 0.91}],
@@ -88,10 +69,16 @@ GONE: dict[str, object] = {
 
 
 def as_second_version(verdict: str) -> dict[str, Any]:
-    """A diagnosis as pamid.diagnosis/2 had it."""
+    """A diagnosis as pamid.diagnosis/2 had it at first."""
     made = diagnosis_json(verdict) | {"schema": "pamid.diagnosis/2"} | GONE
-    for key in ("comparison", "horizon_s", "forecast", "a_later_key"):
+    for key in ("comparison", "horizon_s", "forecast", "transfer", "a_later_key"):
         del made[key]
+    for key in ("redundancy", "unseen", "sensors"):
+        del made["where"][key]
+    for key in ("expected_separation", "minutes", "excitation", "excitations", "settings"):
+        del made["next_experiment"][key]
+    for key in ("parity", "memory", "described") if made["unknown"] else ():
+        del made["unknown"][key]
     for row in made["ranking"]:
         for key in ("removes", "behind", "figures", "set_aside"):
             del row[key]
@@ -113,9 +100,8 @@ def as_second_version(verdict: str) -> dict[str, Any]:
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_files_of_the_second_version_are_read(verdict: str, tmp_path: Path) -> None:
     """By the page and by Python; what they lack is not told."""
-    folder = make_run(
-        tmp_path / "RUN", verdict, diagnosis=as_second_version(verdict), without=NO_TRACES
-    )
+    made, without = as_second_version(verdict), (*NO_TRACES, "missing.csv")
+    folder = make_run(tmp_path / "RUN", verdict, diagnosis=made, without=without)
     result = open_run(folder)
     assert isinstance(result, DiagnosisResult) and result.verdict == verdict
     assert [c.effect for c in result.causes] == [
@@ -126,7 +112,8 @@ def test_files_of_the_second_version_are_read(verdict: str, tmp_path: Path) -> N
     assert "Torque loops two pressures." in text
     assert "None" not in text.replace("None of the catalogue", "")
     run = load_run(folder)
-    assert {"ranking", "budget"} <= {d.name for d in drawings_of(run, errors_of(run))}
+    drawn = {d.name for d in drawings_of(run, errors_of(run))}
+    assert {"ranking", "budget"} <= drawn and "missing" not in drawn
 
 
 def test_the_first_version_is_refused_with_what_has_changed(tmp_path: Path) -> None:

@@ -196,9 +196,6 @@ def test_columns_are_sent_apart_or_unlike(signal: str) -> None:
         assert [one.turn.start for one in sent.values()] == [0, a.size // 3, 2 * (a.size // 3)]
 
 
-# ---- what is covered --------------------
-
-
 # ---- the command --------------------
 
 

@@ -72,9 +72,6 @@ def test_one_after_the_other_is_as_good_as_both_at_once(
     np.testing.assert_allclose(ratio, 1.0, atol=0.05)
 
 
-# ---- the prior by itself --------------------
-
-
 # ---- background, effects, and what cannot be built on --------------------
 
 

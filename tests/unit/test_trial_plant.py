@@ -11,16 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from middle_draws import MIDDLE
 
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.trial import faults, joint_kernel, kernel
+from pamid.trial import arm_faults, arm_kernel, faults, joint_kernel, kernel
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Fault, Planted
 from pamid.trial.kernel import static_pull
 from pamid.trial.logger import Readout
 from pamid.trial.machine import packed
-from pamid.trial.machines import one_dof
+from pamid.trial.machines import one_dof, two_link
 from pamid.trial.machines.one_dof import (
     JOINT_CHANNELS,
     JOINT_NOISE,
@@ -71,18 +72,8 @@ ONE_DOF = [
 ]
 
 
-class Middle:
-    """Draws the middle of every range."""
-
-    def uniform(self, low: float, high: float) -> float:
-        return 0.5 * (low + high)
-
-    def choice(self, values: tuple[float, ...]) -> float:
-        return values[-1]
-
-
 def middle(fault: Fault) -> dict[str, float]:
-    return fault.draw(Middle())  # type: ignore[arg-type]
+    return fault.draw(MIDDLE)
 
 
 @cache
@@ -131,7 +122,7 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 def test_the_plant_shares_nothing_with_the_tool() -> None:
-    for module in (one_dof, faults, kernel, joint_kernel):
+    for module in (one_dof, faults, kernel, joint_kernel, two_link, arm_faults, arm_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
             a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
@@ -148,10 +139,9 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
             "pamid.base.errors",
             "pamid.engine.numba_cache",
             "pamid.excitation.aprbs",
-            *(
-                f"pamid.trial.{k}"
-                for k in ("conditions", "faults", "joint_kernel", "kernel", "logger", "machine")
-            ),
+            *(f"pamid.trial.{k}" for k in ("conditions", "faults", "joint_kernel", "kernel")),
+            *(f"pamid.trial.{k}" for k in ("arm_faults", "arm_kernel", "logger", "machine")),
+            "pamid.trial.machines.one_dof",
         }
         assert own <= known, (module.__name__, own)
 

@@ -94,9 +94,3 @@ def test_few_windows_leave_the_leader_open() -> None:
         "excitation."
     )
     assert sentence(changed("cannot-tell", ranking=[])).startswith("The refitted model leaves")
-
-
-# ---- size at a port -----------------------------------------------------------------------------
-
-
-# ---- one effect at several ports -----------------------------------------------------------------

@@ -108,6 +108,3 @@ def test_odd_recordings_are_checked_without_a_warning(course: str) -> None:
             odd = recording_of(TIME, columns, digits=17)
             for rig in (None, rig_named(str(CART))):
                 inspect(odd, rig)
-
-
-# ---- memory of a diagnosis -----------------------------------------------------------------------

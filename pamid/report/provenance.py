@@ -1,4 +1,4 @@
-"""Tables that pages and terminal share: errors per channel, provenance."""
+"""Provenance of a run: commands, recordings, input files and versions."""
 
 from __future__ import annotations
 
@@ -9,39 +9,10 @@ from markupsafe import Markup
 
 from pamid.base.units import duration_text
 from pamid.report import formatting
-from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors
-from pamid.report.formatting import DASH, channel_label, channel_unit, clean, count, number
+from pamid.report.formatting import DASH, clean, count
 from pamid.report.page import Section, code, note, table
 from pamid.schemas.fit_file import FitFile
 from pamid.schemas.run_file import Step
-
-
-def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
-    """The models whose error is known for any channel."""
-    return [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
-
-
-def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
-    """Held-out MAE (eq. 11) per channel and model in plain text, columns aligned."""
-    fields = mae_fields(rows)
-    lines = [["MAE, held out", *(MODEL_NAMES[name] for name in fields)]]
-    for row in rows:
-        name = f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]"
-        lines.append([name, *(number(row.known().get(field)) for field in fields)])
-    return aligned(lines, 1)
-
-
-def aligned(lines: Sequence[Sequence[str]], left: int) -> str:
-    """Rows of cells in plain text, columns aligned, the first ones to the left."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    texts = []
-    for line in lines:
-        cells = [
-            cell.ljust(width) if k < left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ]
-        texts.append("  ".join(cells).replace(formatting.SPACE, " ").rstrip())
-    return "\n".join(texts)
 
 
 def provenance(
