@@ -39,7 +39,7 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in fit["parameters"].items():
-        edge = f"at its {p['at_bound']} bound" if p["at_bound"] else ""
+        edge = f"at its {p['at_bound']} bound" if p.get("at_bound") else ""
         word = "" if edge and p["word"] == "settled" else p["word"]
         null = p.get("null")
         within = null is not None and p["low"] <= null <= p["high"]

@@ -96,12 +96,11 @@ READER = '''"""Numbers, one a line."""
 
 import numpy as np
 
-from pamid.ingest.channels import Channel, Log
 from pamid.ingest.log_kinds import Kind
 
 
-def read_numbers(path):
-    return Log(path, "numbers", (Channel("x_m", np.loadtxt(path, comments="%", ndmin=1)),))
+def read_numbers(builder):
+    builder.add("x_m", np.loadtxt(builder.path, comments="%", ndmin=1))
 
 
 KIND = Kind("numbers", (".num",), read_numbers, (b"%numbers",))

@@ -31,7 +31,7 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "that family was really there.",
         "The nearest two of these models are expected to differ there by 4.2 times the "
         "noise of the sensors; it takes about 8 min at the rig.",
-        "Its excitations (a file per run) are next-experiment.csv and next-experiment-2.csv in "
+        "Its excitations, a file per run, are next-experiment.csv and next-experiment-2.csv in "
         "the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
         "additional sensor takes apart Force 1 and force 2 muscle and joint",
