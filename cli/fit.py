@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pamid.api.options.estimating import FitArguments
-from pamid.base.errors import quoted
+from pamid.base.errors import FileError, quoted
 
 from . import frame
 from .terminal import failed_text, progress_line
@@ -27,9 +27,20 @@ def command(arguments: FitArguments) -> frame.Result:
     stages = WORK_STAGES["fit --bootstrap" if arguments.bootstrap else "fit"]
     with progress_line("fit", stages=stages) as progress:
         model = fit.of(frame.reporting(arguments, progress))
-    content = read_json(model.folder / FIT_FILE)
+    path = model.folder / FIT_FILE
+    content = read_json(path)
+    try:
+        text = fit_text(content, model.folder)
+    # a resumed run may have been finished by another program
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise FileError(
+            f"{path} is damaged: entries are missing or of the wrong type "
+            f"({type(error).__name__}: {error}).",
+            "Repeat the run with --overwrite.",
+            code="damaged",
+        ) from None
     code = 5 if not model.converged else 6 if model.failed_jobs else 0
-    return frame.Result(content, fit_text(content, model.folder), code)
+    return frame.Result(content, text, code)
 
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:
