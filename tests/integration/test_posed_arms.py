@@ -23,10 +23,10 @@ AT_THE_FLOOR = 1.6
 
 
 def fitted(model: Path, recording: Recording) -> GreyBox:
-    """With armature and damping known to be zero: a free armature trades with the masses."""
+    """With all but the masses known: a free armature or shape trades with them."""
     rig = rig_named(str(model))
     zeros = {
-        p.outside_name: 0.0
+        p.outside_name: p.value
         for p in rig.parameters
         if p.fitted and not p.outside_name.endswith("_mass_kg")
     }
