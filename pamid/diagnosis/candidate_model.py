@@ -247,18 +247,28 @@ def refit(
         return max(
             fits, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
         )
-    done = fit(
-        problem,
-        p=p,
-        starts=begun.starts,
-        weights=base.weights,
-        stepping=stepping,
-        continuity=begun.continuity,
-        known=known,
-        exact=False,
-        iterations=REFIT_ITERATIONS,
-        tolerance=REFIT_TOLERANCE,
-    )
+
+    def fitted_from(start: Array) -> Fit:
+        return fit(
+            problem,
+            p=start,
+            starts=begun.starts,
+            weights=base.weights,
+            stepping=stepping,
+            continuity=begun.continuity,
+            known=known,
+            exact=False,
+            iterations=REFIT_ITERATIONS,
+            tolerance=REFIT_TOLERANCE,
+        )
+
+    done = fitted_from(p)
+    # The base is a special case of the model: a larger cost shows that its few steps did not
+    # converge. From the base's own parameters they do.
+    if not done.cost <= base.cost:
+        closer = transferred(assembly, (base.problem.assembly, base.p))
+        set_within_bounds(assembly, closer, first or {})
+        done = min(done, fitted_from(closer), key=lambda f: f.cost if f.residuals else np.inf)
     for _ in range(REWEIGHT_ROUNDS):
         if not done.residuals:
             break

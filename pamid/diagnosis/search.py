@@ -264,10 +264,12 @@ def opposite_signs(
 
 
 def _start(s: ScreenedCandidate, base: CandidateModel) -> RefitStart:
-    """Start of a screened candidate's refit: the base model's fit. A refit from the data sheet may
-    not even reach the base's error in its few steps."""
+    """Start of a screened candidate's refit: the base model's fit if it has effects, else the data
+    sheet, because a base without the effect may be bent by its absence. A stepped rig always starts
+    from the base fit."""
     assert s.assembly is not None
-    p = transferred(s.assembly, (base.assembly, base.fit.p))
+    continues = base.attached or s.assembly.program.keeps_slopes
+    p = transferred(s.assembly, (base.assembly, base.fit.p)) if continues else None
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 

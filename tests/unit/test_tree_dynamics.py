@@ -148,13 +148,16 @@ def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
     three times the plain equations, and few enough to be compiled at once."""
     rig = mechanisms.rig_from(mechanisms.SEVEN, tmp_path)
     assembly = Assembly(rig).for_fitting()
-    assert len(assembly.program.sensitive) == 28
+    # the shape of the last body is fitted as well, by exponentials
+    shape = {p.name for p in rig.on_request["link7_inertia"]}
+    sensitive = assembly.program.sensitive - shape
+    assert len(sensitive) == 28
     rates = list(assembly.traced.rates.values())
     columns: dict[tuple[str, str], int] = {}
 
     def column(space: str, name: str) -> int:
         return columns.setdefault((space, name), len(columns))
 
-    values, _, _ = with_partials(rates, column, assembly.program.sensitive)
+    values, _, _ = with_partials(rates, column, sensitive)
     count = [sum(bool(n.args) for n in walk(nodes)) for nodes in (plain(rates), values)]
     assert count[0] < 5000 and count[1] < 3.0 * count[0]
