@@ -193,7 +193,8 @@ def run_case(case: Case, models: Path, output: Path, seed: int) -> None:
     folder = output / "cases" / f"{case.number:03d}"
     file = model_copy(case, models, output)
     if not (output / "labels" / f"{case.number:03d}.json").exists():
-        make_case(case, file, output, seed)
+        if not make_case(case, file, output, seed):
+            return
     diagnose_case(case, file, folder)
     row = score(case, output)
     assert row is not None
@@ -388,8 +389,9 @@ def servo_text(text: str, nominal: Robot, pose: Array) -> str:
     return re.sub(r"<motor\b[^>]*/>", replaced, text)
 
 
-def make_case(case: Case, file: Path, output: Path, seed: int) -> None:
-    """The logs of a case and its label; also the model file, if it is MJCF."""
+def make_case(case: Case, file: Path, output: Path, seed: int) -> bool:
+    """The logs of a case and its label; also the model file, if it is MJCF. False, with a message,
+    where no pose of the robot is away from contact."""
     random = np.random.default_rng([seed, case.number, 11])
     stock = file.with_name(file.name.replace(f"-{case.number:03d}.xml", ".xml"))
     text = stock.read_text()
@@ -413,7 +415,8 @@ def make_case(case: Case, file: Path, output: Path, seed: int) -> None:
         if all(is_free(bare, log["q"], often) for log in logs):
             break
     else:
-        raise SystemExit(f"case {case.number}: no pose of {case.model} is away from contact")
+        print(f"case {case.number}: no pose of {case.model} is away from contact", flush=True)
+        return False
     if file != stock:
         file.write_text(without_contacts(model, bare, often))
     folder = output / "cases" / f"{case.number:03d}"
@@ -448,6 +451,7 @@ def make_case(case: Case, file: Path, output: Path, seed: int) -> None:
     }
     (output / "labels").mkdir(exist_ok=True)
     (output / "labels" / f"{case.number:03d}.json").write_text(json.dumps(label, indent=1) + "\n")
+    return True
 
 
 def word(name: str) -> str:
