@@ -192,9 +192,9 @@ def run_case(case: Case, models: Path, output: Path, seed: int) -> None:
         return
     folder = output / "cases" / f"{case.number:03d}"
     file = model_copy(case, models, output)
-    if not (output / "labels" / f"{case.number:03d}.json").exists():
-        if not make_case(case, file, output, seed):
-            return
+    labelled = (output / "labels" / f"{case.number:03d}.json").exists()
+    if not (labelled or make_case(case, file, output, seed)):
+        return
     diagnose_case(case, file, folder)
     row = score(case, output)
     assert row is not None
