@@ -27,7 +27,7 @@ from pamid.estimation.restart import (
     fit_from_shorter_windows,
     is_failed,
 )
-from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_robustly
+from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_in_stages, fit_robustly
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
@@ -103,8 +103,7 @@ def fit_model(
     touching = assembly.program.keeps_slopes
     progress("fitting")
     fitted = escape_local_minimum(
-        fit_robustly(problem, progress=_counting(progress)),
-        evidence.noise,
+        fit_in_stages(problem, progress=_counting(progress)), evidence.noise
     )
     # and a model that starts far off does not converge over windows in which it falls another way
     if touching or not fitted.converged:
@@ -118,10 +117,11 @@ def fit_model(
         if change <= COARSE or not settles(assembly, fitted, held, evidence.noise, change):
             break
         progress("refining the integration step")
+        finer = fitted.stepping.doubled()
         fitted = escape_local_minimum(
-            fit_robustly(
-                problem, p=fitted.p if touching else None, stepping=fitted.stepping.doubled()
-            ),
+            fit_robustly(problem, p=fitted.p, stepping=finer)
+            if touching
+            else fit_in_stages(problem, stepping=finer),
             evidence.noise,
         )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pamid.engine.damped_gauss_newton import iterate
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit
-from pamid.estimation.robust_fit import fit_robustly
+from pamid.estimation.robust_fit import fit_in_stages, fit_robustly
 from pamid.estimation.weights import residual_weights
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     short = replace(problem, window_s=SHORTER * problem.window * period)
     if not short.window < problem.window:
         return fitted
-    begun = fit_robustly(short)
+    begun = fit_in_stages(short)
     if not begun.residuals:
         return fitted
     # The short windows give parameters only. Their many free starts would hide what the model
