@@ -28,11 +28,6 @@ def chance_text(probability: float) -> str:
     return "below 0.01" if probability < 0.01 else f"{probability:.2f}"
 
 
-def plain_number(value: float) -> str:
-    """Three digits, and no power of ten where people need none: -1440, not -1.44e+03."""
-    return f"{float(f'{value:.3g}'):.10g}"
-
-
 def times_text(ratio: float) -> str:
     """How many times the first is the second, in two digits and no power of ten: 1.36 -> "1.4",
     7312 -> "7300", 4.2e7 -> "42 million"."""

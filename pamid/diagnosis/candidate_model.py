@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
-from pamid.estimation.problem import Fit, Problem, careful_stepping, free_parameters
+from pamid.estimation.problem import (
+    Fit,
+    Problem,
+    careful_stepping,
+    free_parameters,
+    most_careful,
+)
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -240,8 +246,7 @@ def refit(
     # than new estimates.
     begun = window_starts_from(base, assembly)
     # With coarser steps than the baseline's the parameters would make up for errors of integration.
-    needed = careful_stepping(problem, p)
-    stepping = max((needed, base.stepping), key=lambda s: (s.implicit, s.substeps))
+    stepping = most_careful([careful_stepping(problem, p), base.stepping])
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
         fits = [fit_robustly(problem, p=q, stepping=stepping) for q in (p, typical)]
         return max(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -149,11 +150,15 @@ def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int,
 
 
 def careful_stepping(problem: Problem, p: Array) -> Stepping:
-    """The most careful of the steppings that the recordings ask for: implicit before explicit, then
-    finer."""
+    """The most careful of the steppings that the recordings need."""
     a = problem.assembly
     steppings = []
     for track in problem.tracks:
         values = Runner(a, track, Stepping()).parameters(p)
         steppings.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return most_careful(steppings)
+
+
+def most_careful(steppings: Iterable[Stepping]) -> Stepping:
+    """Implicit before explicit, then the finest."""
     return max(steppings, key=lambda s: (s.implicit, s.substeps))
