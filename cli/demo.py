@@ -102,7 +102,7 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
         f"Named     {result['sentence']}",
     ]
     for cause in result["causes"]:
-        values = ", ".join(  # an interval of no width is said by its word
+        values = ", ".join(  # an interval of no width is stated by its grade
             f"{k} {v['value']:.4g} "
             + (f"({v['low']:.4g} .. {v['high']:.4g})" if v["low"] < v["high"] else f"({v['word']})")
             for k, v in cause["parameters"].items()

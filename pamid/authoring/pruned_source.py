@@ -23,7 +23,7 @@ from pamid.model.trace import trace
 def pruned_source(rig: Rig, recorded: Collection[str]) -> tuple[str, tuple[str, ...]]:
     """Return the source of a rig with some of its outputs, and the names of the removed states.
 
-    recorded: recorded outputs of the rig, at least one.
+    recorded: recorded outputs of the rig, not empty.
     """
     traced = trace(rig, lambda port, place: [], {})
     hidden = unobserved_states(traced, recorded)

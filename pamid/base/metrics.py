@@ -103,7 +103,7 @@ def probability_bin(probability: ArrayLike) -> NDArray[np.intp]:
 
 def calibration_error(stated: ArrayLike, right: ArrayLike) -> float:
     """Expected calibration error: sum over tenths of share of cases x |mean probability - share
-    right|. said: stated probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht
+    right|. said: probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht
     (2015), AAAI."""
     p, yes = np.asarray(stated, dtype=float), np.asarray(right, dtype=float)
     gaps = np.bincount(probability_bin(p), p - yes, PROBABILITY_BINS)

@@ -62,7 +62,7 @@ def issue(
     *,
     wrong: bool = False,
 ) -> QualityIssue:
-    """Finding about one column or several.
+    """Finding about a column or several.
 
     figures: the numbers behind it, with their units in the names. wrong: any fit is nonsense; else
     it is worth knowing, or worth a correction.

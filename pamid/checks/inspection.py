@@ -75,7 +75,7 @@ def inspect(
     The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
     inside the file are listed, not raised.
 
-    rig: rig of a recording; by default the one that its TOML names. Raises FileError: the file is
+    rig: rig of a recording; by default that which its TOML names. Raises FileError: the file is
     absent or of another kind.
     """
     recording: Recording | None = None
@@ -314,7 +314,7 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
         return list(outcomes.values())
     attempt(lambda: check_header(path, names))
     attempt(lambda: explain_cells(path, names))
-    # readable stamps, one per row
+    # readable stamps, for every row
     stamps = []
     for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:

@@ -15,7 +15,7 @@ FEW_PLACES = 4  # of a check that are listed separately
 SCREEN = 38  # lines of a terminal, less the prompt and the line on what to do next
 # lines per group of ports and per finding, with less and less of both
 DETAIL = (4, 4), (3, 3), (2, 3), (1, 2), (1, 1)
-NAMED_LIKEWISE = 3  # findings of one kind that are named after the first
+NAMED_LIKEWISE = 3  # findings of a kind that are named after the first
 # names and numbers, in which like findings differ
 _VARIABLE = re.compile(r"'[^']*'|[-+]?\d[\w.+-]*")
 
@@ -66,7 +66,7 @@ def _head(summary: dict[str, Any]) -> list[str]:
 
 
 def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
-    """Problems, then notes, folded unless they have a command to copy, which stays on one line."""
+    """Problems, then notes, folded unless they have a command to copy, which stays on its line."""
     problems = sorted((f for f in findings if not f["ok"]), key=lambda f: bool(f["advice"]))
     lines = []
     for f in problems:

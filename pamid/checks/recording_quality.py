@@ -69,7 +69,7 @@ def examine(
 ) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
-    rig: its rig; without one, issues that need a model are left out. signals: result of
+    rig: its rig; without it, issues that need a model are left out. signals: result of
     `signals_of`, if it has been computed already.
     """
     if absurd := _absurd(recording):
@@ -223,7 +223,7 @@ def _motion_lost(s: CheckedSignal, rows: Stretches) -> Mask:
     inside = (rows.starts > PACE) & (rows.stops < s.values.size - PACE)
     first = np.where(inside, rows.starts, PACE + 1)
     behind = np.where(inside, rows.stops, PACE + 1)
-    # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first one
+    # stretch a..b repeats value a - 1: d[a - 2] is the last move before it, d[b - 1] the first
     # behind it
     before = np.stack([d[first - 2 - k] for k in range(PACE)])
     after = np.stack([d[behind + k] for k in range(PACE)])

@@ -325,7 +325,7 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
 
 
 def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
-    """Findings on sensors that read one number throughout, although the machine moves them."""
+    """Findings on sensors that read the same number throughout, although the machine moves them."""
     still = np.array([motion(y) == 0.0 for y in e.y.T])
     if not e.ran or still.all():
         return []

@@ -136,8 +136,8 @@ class FitData:
             return FittedWindows(rig, point, problem)
 
         best = settled(problem.sheet() if begin is None else problem.at(begin.s, begin.x))
-        again = restart or problem.unset.any() or not best.point.s.any()
-        if begin is None and again and max(best.shares.values()) > USUAL_ERROR:
+        restarts = restart or problem.unset.any() or not best.point.s.any()
+        if begin is None and restarts and max(best.shares.values()) > USUAL_ERROR:
             # from an inertia of zero, or from where the data sheet's run has gone, no step may lead
             # to what was measured
             best = min(best, settled(problem.readings()), key=lambda fit: fit.point.cost)

@@ -105,7 +105,7 @@ def paired_pulses(t: Array) -> Array:
 
 
 def nested_loops(t: Array) -> Array:
-    """Up and down within 14 s: a loop of 3/8, then one of 1 with a smaller one inside."""
+    """Up and down within 14 s: a loop of 3/8, then a loop of 1 with a smaller loop inside."""
     waits = (1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 4.0, 2.0)
     values = (0.375, -0.375, 0.0, 1.0, 0.5, 1.0, -1.0, 0.0)
     return through(t, *zip(waits, values, strict=True))

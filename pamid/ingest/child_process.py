@@ -61,8 +61,8 @@ def read_in_child(path: Path, kind: str) -> Log:
         arrays = load_arrays(folder / "channels.npz", most=LOG)
         channels = []
         for index, (name, unit, stamps, robot) in enumerate(answer["channels"]):
-            values, own = arrays[f"values_{index}"], arrays[stamps] if stamps else None
-            channels.append(Channel(name, values, own, unit, robot and RobotValue(**robot)))
+            values, times = arrays[f"values_{index}"], arrays[stamps] if stamps else None
+            channels.append(Channel(name, values, times, unit, robot and RobotValue(**robot)))
         return Log(path, answer["kind"], tuple(channels), tuple(answer["details"]))
 
 

@@ -94,8 +94,8 @@ def write_conversions(
     except OSError as error:
         refuse_write(folder, error)
     try:
-        made = [(c, recording) for c in conversions for recording in c.recordings]
-        for (conversion, r), path, account in zip(made, paths, accounts, strict=True):
+        recordings = [(c, recording) for c in conversions for recording in c.recordings]
+        for (conversion, r), path, account in zip(recordings, paths, accounts, strict=True):
             file = stage / path.name
             write_recording(file, r.time, r.columns, tables_of(conversion))
             write_json(file.with_suffix(".ingest.json"), account.as_json())

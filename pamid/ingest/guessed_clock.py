@@ -201,7 +201,7 @@ def with_diagnosis(clock: ClockGuess, measured: Sequence[Channel]) -> ClockGuess
     apart = [(c, c.stamps) for c in measured if c.stamps is not None]
     if apart and (stamps is None or not moving):
         stamps = apart[0][1]
-        moving = [c for c, own in apart if np.array_equal(own, stamps, equal_nan=True)]
+        moving = [c for c, times in apart if np.array_equal(times, stamps, equal_nan=True)]
     if stamps is None:
         return clock
     try:

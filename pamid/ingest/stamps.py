@@ -141,7 +141,7 @@ def _rising(
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
         steps_back = ", ".join(f"{step:.4g} s" for step in back[:3])
-        # stamps with every piece after the one before it, since the size of the step is unknown
+        # stamps with every piece after the last, since the size of the step is unknown
         shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
         for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
             rows = keep[start:end]

@@ -271,7 +271,7 @@ class LocalJobs:
                         yield busy.pop(future), outcome
             except BrokenProcessPool:
                 pass
-        # how the first process ended that was not asked to
+        # how the first process ended that was not terminated from here
         codes = [p.exitcode for p in processes if p.exitcode not in (None, 0)]
         code = next((c for c in codes if c != -signal.SIGTERM), -signal.SIGTERM) or 0
         return list(busy.values()), f"signal {-code}" if code < 0 else f"exit code {code}"

@@ -89,7 +89,7 @@ def read_header(path: Path) -> list[str]:
 
 
 def check_header(path: Path, names: Sequence[str]) -> None:
-    """FileError unless the first column is `time_s` and every column has a name of its own."""
+    """FileError unless the first column is `time_s` and every column has a different name."""
 
     def refuse(what: str, hint: str) -> NoReturn:
         raise FileError(f"{path}, line 1: {what}.", hint, code="header")
@@ -109,7 +109,7 @@ def check_header(path: Path, names: Sequence[str]) -> None:
         refuse(f"the first column is {names[0]!r}, not 'time_s'", hint)
     if len(names) == 1:
         refuse(
-            "there is no column beside time_s",
+            "there is no column except time_s",
             "A recording holds what was sent and what was measured, each in a column NAME_UNIT; if "
             "columns are separated by something else than commas, `pamid ingest` reads it.",
         )

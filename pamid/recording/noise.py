@@ -212,7 +212,7 @@ def sensor_noise(
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
-    if len(parts) > 1:  # each may have steps of its own
+    if len(parts) > 1:  # each may have different steps
         squares = [[quantisation_step(c) ** 2 for c in part.T] for part in parts]
         steps = np.sqrt(np.mean(squares, axis=0))
         noise = np.maximum(noise, UNIFORM * steps)

@@ -260,8 +260,8 @@ def _matches(words: dict[int, Words]) -> Places:
 def _shared(
     table: dict[str, _Signal], other: dict[str, _Signal], shift: int, rescaled: bool
 ) -> tuple[int, int] | None:
-    """First sample (of `table`) and length of the stretch that tells most among those alike in
-    every signal that both have; None where it tells too little.
+    """First sample (of `table`) and length of the stretch with most information of those alike in
+    every signal that both have; None where it has too little.
 
     rescaled: alike are signals of which first is a straight line over the other.
     """
@@ -270,24 +270,24 @@ def _shared(
     stop = min(len(table[names[0]].values), len(other[names[0]].values) + shift)
     size = stop - start
     same, moves = np.ones(size, bool), np.zeros(size, bool)
-    for one, two in ((table[n], other[n]) for n in names):
-        a, b = one.values[start:stop], two.values[start - shift : stop - shift]
+    for first, second in ((table[n], other[n]) for n in names):
+        a, b = first.values[start:stop], second.values[start - shift : stop - shift]
         if not rescaled:
-            near = 0.5 * (one.step + two.step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
+            near = 0.5 * (first.step + second.step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
             same &= np.abs(a - b) <= 1.000001 * near
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
             continue
-        line = _line(a, b, one.noise)
+        line = _line(a, b, first.noise)
         if line is None:
             return None
         gain, offset = line
-        noise = min(one.noise, abs(gain) * two.noise)
+        noise = min(first.noise, abs(gain) * second.noise)
         squares = ((a - offset - gain * b) / noise) ** 2
         # mean over half a block around every sample
         window = np.ones(min(LINE_SAMPLES // 2 + 1, size))
         counted = np.convolve(np.ones(size), window, "same")
         same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
-        if one.shows_noise and two.shows_noise:
+        if first.shows_noise and second.shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
     return _longest(same, moves, start)
 
@@ -315,7 +315,7 @@ def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
 def _longest(
     same: NDArray[np.bool_], moves: NDArray[np.bool_], start: int
 ) -> tuple[int, int] | None:
-    """First sample and length of the stretch that tells most; None where it tells too little."""
+    """First sample and length of the stretch that tells most; None where it has too little."""
     starts, stops = runs_of(same)
     levels_before = np.concatenate([[0], np.cumsum(moves)])
     count = levels_before[stops] - levels_before[starts]

@@ -91,10 +91,12 @@ class ArmTwin:
         """columns (samples,) in their units and the meta of a recording; no load cells."""
         specs = tuple(f"{name}={value}" for name, value in self.friction.items())
         rig, sent, hidden = f"{ARM_RIG}:{self.law}", session.excitation, self.hidden()
-        made = simulate_virtual_rig(rig, sent, specs, session.known, hidden, noise, seed)
-        columns = {k: v for k, v in made.columns.items() if k in (*VARIABLES, *session.columns)}
-        about = {**made.meta["recording"], "rig": ARM_RIG}
-        return {"columns": columns, "meta": {**made.meta, "recording": about}}
+        simulated = simulate_virtual_rig(rig, sent, specs, session.known, hidden, noise, seed)
+        columns = {
+            k: v for k, v in simulated.columns.items() if k in (*VARIABLES, *session.columns)
+        }
+        about = {**simulated.meta["recording"], "rig": ARM_RIG}
+        return {"columns": columns, "meta": {**simulated.meta, "recording": about}}
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
         """A static test of a muscle at every contraction and pressure of the grid, with a noisy
@@ -229,8 +231,8 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
     recordings = []
     for k, session in enumerate(planned):
         path = folder / f"{session.name}.csv"
-        made = twin.record(session, seed=len(planned) * seed + k)
-        write_recording(path, session.excitation.time, **made)
+        record = twin.record(session, seed=len(planned) * seed + k)
+        write_recording(path, session.excitation.time, **record)
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
         measured = np.stack([recording.si(v) for v in VARIABLES], axis=1)

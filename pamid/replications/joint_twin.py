@@ -88,8 +88,8 @@ class Twin:
         (deg)."""
         known, sent = {"inertia_kg_m2": inertia}, excitation(reference)
         effects, hidden = self.effects(inertia), self.hidden()
-        made = simulate_virtual_rig(TWIN_RIG, sent, effects, known, hidden, noise, seed)
-        return {"columns": made.columns, "meta": made.meta}
+        simulated = simulate_virtual_rig(TWIN_RIG, sent, effects, known, hidden, noise, seed)
+        return {"columns": simulated.columns, "meta": simulated.meta}
 
 
 def departed(rig: str, shares: Mapping[str, float]) -> dict[str, float]:

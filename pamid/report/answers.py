@@ -360,7 +360,7 @@ def _supplements(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
-    """Parameters that the answer's own model moved off the data sheet, the largest shift first:
+    """Parameters that the model of the answer moved off the data sheet, the largest shift first:
     "mass 0.5 → 0.62 kg (95 % interval 0.61 to 0.63)".
 
     Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift
@@ -521,7 +521,7 @@ def _how_far(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
     # prediction horizon; if it spans several windows, also the error over single windows
     if diagnosis is not None and diagnosis.horizon_s is not None:
         time = with_unit_text(diagnosis.horizon_s, "s")
-        details.append(f"The model predicts over up to {time} from one estimated state.")
+        details.append(f"The model predicts over up to {time} from an estimated state.")
         reach = diagnosis.how_far.get(row.channel)
         if reach is not None and reach.mae_refitted_short is not None:
             error = with_unit_text(reach.mae_refitted_short, unit_text)

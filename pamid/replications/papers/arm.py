@@ -81,8 +81,8 @@ QUICK_ARM_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
-    "their figures are not set beside these. What the twin hides was chosen; its equations are the "
-    "model's but for the force law and the dry friction of its joints.",
+    "their figures are not compared with these. What the twin hides was chosen; its equations are "
+    "the model's but for the force law and the dry friction of its joints.",
     "Dry friction is not in the rig: it is added as coulomb-friction at both joints, to every "
     "fit but the one without dry friction. The data sheet has none.",
     "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that "
@@ -91,10 +91,10 @@ ARM_NOTES = (
     "With corrections: force maps (3 %) and valves (5 %) of every muscle may depart smoothly from "
     "the law, as in every "
     "fit of pamid. They can take up what the analytic law lacks; the law alone has none.",
-    "A swing tells inertias, first moments and friction up to one common factor. The test with a "
-    "known payload sets it, as a known torque would. Masses, centres and inertias one by one are "
+    "A swing tells inertias, first moments and friction up to a common factor. The test with a "
+    "known payload sets it, as a known torque would. Single masses, centres and inertias are "
     "not seen by the motion.",
-    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has learnt "
+    "scale multiplies a force law: the truth given is that of the twin's law. The ANFIS has learnt "
     "it with the map, so that 1 is right there. Where a muscle is slack, the ANFIS was taught the "
     "catalogue's law nearest to the map.",
 )
@@ -162,7 +162,7 @@ class ArmModel:
 def fit_stages(
     run: Run, records: ArmRecords, plan: ArmPlan, progress: Progress
 ) -> tuple[dict[str, FitStage], dict[str, Any]]:
-    """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
+    """All fits, each in a separate run folder as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
     def stage(
@@ -179,9 +179,9 @@ def fit_stages(
             earlier=earlier,
         )
         fitted = FitStage(grey, fit_json(grey, plan.seed))
-        own = part(run, name, plan, [r.path for r in evidence.recordings])
-        write_json(own.path(FIT_FILE), fitted.found)
-        own.finish()
+        folder = part(run, name, plan, [r.path for r in evidence.recordings])
+        write_json(folder.path(FIT_FILE), fitted.found)
+        folder.finish()
         return fitted
 
     def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> FitStage:
@@ -200,9 +200,9 @@ def fit_stages(
     known = read_posterior(run.folder / "gravity")
     progress("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
-    own = part(run, "law", plan, [run.path(MAP_FILE)])
-    about = write_law(own, judged, ARM_RIG, True)
-    own.finish()
+    folder = part(run, "law", plan, [run.path(MAP_FILE)])
+    about = write_law(folder, judged, ARM_RIG, True)
+    folder.finish()
     measured = force_law_of(judged.trained)
     return {
         **stages,

@@ -131,21 +131,23 @@ class ModelRow:
     def improvement(self, against: ModelRow) -> dict[str, float | None]:
         """1 - error / the error of another row, by inertia."""
         return {
-            case: 1.0 - own / other if own is not None and (other := against.mae[case]) else None
-            for case, own in self.mae.items()
+            case: 1.0 - error / other
+            if error is not None and (other := against.mae[case])
+            else None
+            for case, error in self.mae.items()
         }
 
 
 @dataclass(frozen=True, eq=False)
 class JointRecords:
-    """The recordings of the twin: one to train on, one of the steps for each inertia."""
+    """The recordings of the twin: for training, and with the steps for each inertia."""
 
     training: Recording
     steps: dict[str, Recording]
 
     @cached_property
     def analytic(self) -> dict[str, dict[str, Array]]:
-        """The analytic model in its own loop on every reference, by name of the recording in
+        """The analytic model in its loop on every reference, by name of the recording in
         `FILES`."""
         return {
             name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()
@@ -168,7 +170,7 @@ class JointRecords:
         return ModelRow(model, errors(0), errors(skip), seconds, angles)
 
     def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> ModelRow:
-        """Score a fitted model in its own loop."""
+        """Score a fitted model in its loop."""
         angles: dict[str, Array | None] = {}
         for case, r in self.steps.items():
             run = loop_run(grey, data_of(grey.evidence.rig, r), p)
@@ -188,8 +190,8 @@ def record_twin(folder: Path, twin: Twin, plan: JointPlan) -> JointRecords:
     read = {}
     for k, (name, (reference, inertia)) in enumerate(wanted.items()):
         path = folder / FILES[name]
-        made = twin.record(reference, inertia, seed=len(wanted) * plan.seed + k)
-        write_recording(path, clock(reference), **made)
+        record = twin.record(reference, inertia, seed=len(wanted) * plan.seed + k)
+        write_recording(path, clock(reference), **record)
         read[name] = read_recording(path)
     return JointRecords(read.pop("training"), read)
 
@@ -270,7 +272,7 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
 def named_rows(
     records: JointRecords, grey: GreyBox, cause: CandidateModel, seconds: float
 ) -> list[ModelRow]:
-    """The model with the named causes in its own loop; once more, where it has a load behind a
+    """The model with the named causes in its loop; once more, where it has a load behind a
     spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)
     row = records.row_of(NAMED, model, cause.fit.p, seconds)
