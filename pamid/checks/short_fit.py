@@ -126,8 +126,8 @@ class FitData:
 
         begin: start point; by default the data sheet. problem: earlier fit of the same rig, whose
         model is compiled already. stepping: stepping of a fit that only differs in its inputs.
-        restart: also start from the states that the readings show, if the fit is poor. A fit that
-        took no step, or that has parameters of zero, does so anyway.
+        restart: also start from the states that the readings show, while the fit is poor. A fit
+        that took no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
 
@@ -137,10 +137,12 @@ class FitData:
 
         best = settled(problem.sheet() if begin is None else problem.at(begin.s, begin.x))
         restarts = restart or problem.unset.any() or not best.point.s.any()
-        if begin is None and restarts and max(best.shares.values()) > USUAL_ERROR:
-            # from an inertia of zero, or from where the data sheet's run has gone, no step may lead
-            # to what was measured
-            best = min(best, settled(problem.readings()), key=lambda fit: fit.point.cost)
+        # from where the data sheet's run has gone, or from an inertia of zero, no step may lead to
+        # what was measured
+        further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
+        for s in further[: 1 + problem.unset.any()] if begin is None and restarts else ():
+            if max(best.shares.values()) > USUAL_ERROR:
+                best = min(best, settled(problem.readings(s)), key=lambda fit: fit.point.cost)
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:
@@ -256,9 +258,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         s = np.zeros(len(self.runner.free))
         return self.at(s, self._run_states(s))
 
-    def readings(self) -> FitPoint:
-        """Unset parameters as large as their spread, and the states that the readings show."""
-        s = self.unset.astype(float)
+    def readings(self, s: Array) -> FitPoint:
+        """Scaled parameters s, and the states that the readings show."""
         p, x = self.parameters(s)[0], self._run_states(s)
         fresh = self.runner.memory(p)
         for k, window in enumerate(self.trial.windows):

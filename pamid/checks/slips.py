@@ -114,7 +114,9 @@ CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
 MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
-JUDGING_STEPS, FIRST_STEPS = 12, 4  # of a fit, and of one that shows whether it is worth more
+# largest number of steps of the fit as recorded, of a slip's, and of one that shows whether it is
+# worth more
+RECORDED_STEPS, JUDGING_STEPS, FIRST_STEPS = 30, 12, 4
 EXACT = 0.01  # smallest error that counts, as a share of the motion
 USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
 # of the motion of a channel, after a fit: what is not explained; of a channel whose error was much
@@ -533,7 +535,7 @@ def find_slips(
     explanations: list[Explanation] = []
     if float(sheet_distances(e).max()) < math.log(FAR):
         return explanations, recording, e, _judged_by_sheet(e)
-    before = judge(recording, e)
+    before = judge(recording, e, steps=RECORDED_STEPS)
     while before.suspicious and len(explanations) < MOST_SET_RIGHT:
         slips = _next(recording, e, before, thorough)
         for explanation in slips:

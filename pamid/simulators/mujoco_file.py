@@ -186,6 +186,8 @@ def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) ->
     mujoco = mujoco_package(file)
     mujoco.set_mju_user_warning(warnings.append)
     spec, model, left_out = _compile(file, packages, visual)
+    if file.suffix == ".urdf":
+        model = _without_base_contacts(spec)
     free = settle_free_joints(mujoco, spec, _line)
     if free.notes:
         model = spec.compile()
@@ -218,6 +220,17 @@ def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) ->
         "left_out": left_out,
         "first_link": root_link_with_mass(file),
     }
+
+
+def _without_base_contacts(spec: Any) -> Any:
+    """Model of a URDF without contacts between its base and the links on it.
+
+    Neighbours in a tree never collide in MuJoCo, with one exception: the world, of which the base
+    of a URDF becomes a part. The collision shapes of neighbours overlap in most URDF files.
+    """
+    for link in spec.worldbody.bodies:
+        spec.add_exclude(bodyname1="world", bodyname2=link.name)
+    return spec.compile()
 
 
 def translated(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -260,3 +260,29 @@ def test_check_without_a_log_says_that_recordings_decide(
     assert mechanism.collides
     found = asked(capsys, "check", place / "arm.xml")
     assert any("recordings decide" in f["detail"] for f in found["findings"])
+
+
+def test_the_base_of_a_urdf_does_not_touch_the_link_on_it(tmp_path: Path) -> None:
+    """MuJoCo makes the base a part of the world, which it lets collide with its neighbours."""
+    inertial = (
+        '<inertial><mass value="1"/><origin xyz="0 0 0.2"/>'
+        '<inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    path = written(
+        tmp_path,
+        f"""<robot name="arm"><link name="base">{shape}</link>
+        <link name="upper">{inertial}{shape}</link>
+        <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+        <axis xyz="0 1 0"/></joint></robot>""",
+        "arm.urdf",
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 1, "plain MuJoCo lets them collide"
+    time = 0.01 * np.arange(200)
+    columns = {"shoulder_torque_nm": np.sin(time), "shoulder_position_rad": 0.1 * np.sin(time)}
+    pd.DataFrame({"time_s": time, **columns}).to_csv(tmp_path / "log.csv", index=False)
+    contacts = recorded_contacts(read_mechanism(path), [read_recording(tmp_path / "log.csv")])
+    assert contacts.free, contacts.touching
