@@ -289,8 +289,8 @@ def _worst_run(
     """Return the first and last of `few` (or slightly more) consecutive windows with the largest
     loss.
 
-    This part alone must be cut into the same windows. If there is no such part, it is the whole
-    track.
+    Cutting this part alone must give the same number of windows. If there is no such part, it is
+    the whole track.
     """
     for count in range(min(few, len(windows)), len(windows)):
         # total losses of `count` consecutive windows, the largest first
@@ -324,8 +324,8 @@ def screen(
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
     points += _scanned_at_null(reference, evidence, problem, starts, added)
-    # An effect beyond a limit has many minima. Few steps or an outdated Jacobian would miss the
-    # best, so hinted starts take more steps with exact derivatives.
+    # The cost of an effect that acts only beyond a limit has many minima. Few steps or an outdated
+    # Jacobian would miss the best, so hinted starts take more steps with exact derivatives.
     exact_steps = steps + reference.settings.screen_steps
     probes = [(start_values, by_chords, steps) for start_values in points]
     probes += [(start_values, exact, exact_steps) for start_values in hinted]

@@ -2,8 +2,8 @@
 
 A step refits candidates on top of the model reached so far, pairs among them, and compares all of
 them with it. The best material model becomes the reference of the next step, until nothing material
-is added. A member whose removal costs nothing material is removed again. At the end every effect
-is held against the ones that tied with it, in the company of the others.
+is added. A member whose removal costs nothing material is removed again. At the end each effect
+is replaced by each effect that tied with it, with all other effects in the model.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class SelectionStep:
 
     reference: the model that the candidates extend; candidates: the material ones without
     objections, the lowest held-out loss first; tied: the confidence set, the best first; reduced:
-    models at fewer ports in the place of those that act at every port of a kind.
+    for each tied model, the same model without the ports at which its effect is not needed.
     """
 
     reference: CandidateModel
@@ -60,10 +60,10 @@ class SelectionStep:
 class Selection:
     """The model with every effect that was added.
 
-    without: by effect, the model less this effect, and less all of the same effect at several ports
-    under their common label; instead: by effect, models with another effect in its place that tie;
-    after: the latent evidence at the ports next to the effects if a material part of the gap
-    remains, else before them.
+    without: by effect, the model without it; an effect at several ports also has an entry under its
+    common label. instead: by effect, tied models with another effect in its place. after: latent
+    evidence at the ports, with the effects modelled if a material part of the gap remains,
+    otherwise without them.
     """
 
     best: CandidateModel
@@ -96,8 +96,8 @@ def select_effects(
             # Greedy selection may have begun with an effect that two later ones replace. Backward
             # elimination corrects this.
             shorter = _needed_effects(search, comparison, extended)
-            # of as many effects as before it may still be better: an effect was replaced, or its
-            # gain led out of a local minimum
+            # It may be better with the same number of effects. An effect was replaced, or its gain
+            # led out of a local minimum.
             if not comparison.is_material(shorter, best):
                 break
             best = shorter
@@ -123,10 +123,10 @@ def select_effects(
 
 
 def with_plainer_effects(search: Search, comparison: Comparison, first: Round) -> Round:
-    """The round, with the effects refitted, too, that are as plain as the leader of their family.
+    """Refit also the effects with no more parameters than the leader of their family.
 
-    Of each family the plainest that ties is named, and the best of as many parameters. Screening
-    prefers those with more, and its few steps do not rank the others.
+    Of each family, the simplest tied model is named. Among equally simple models, the best is
+    named. Screening prefers effects with more parameters, and its few steps do not rank the others.
     """
     base = search.budget.baseline
     refitted = {c.label for c in first.models}
@@ -158,10 +158,10 @@ def compared(
     models: Sequence[CandidateModel],
     reduce: Callable[[CandidateModel], CandidateModel] = lambda model: model,
 ) -> SelectionStep:
-    """Compare models that extend a reference, those set aside that physics objects to.
+    """Compare models that extend a reference; models with objections are dropped.
 
-    reduce: takes an effect from the ports that do not need it. It costs refits, so that only models
-    that would be named are reduced.
+    reduce: removes an effect from ports that do not need it. It costs refits, so only tied models
+    are reduced.
     """
     candidates = [
         c
@@ -169,8 +169,8 @@ def compared(
         if comparison.is_material(c, reference) and not guards.objections(c)
     ]
     while True:
-        # A model without inputs may hide a tied model behind it. The set is formed again without
-        # its family.
+        # A leading model that ignores the inputs may keep other models out of the set. The set is
+        # formed again without its family.
         tied = comparison.confidence_set(candidates, reference)
         # costs a few runs, so that only those are tried that would be named
         idle = {families_of(c) for c in tied if guards.ignores_inputs(c)}
@@ -198,8 +198,8 @@ def _larger(
     after: PortEvidence,
     responses: ScreenedResponses,
 ) -> list[CandidateModel]:
-    """Refitted models with an effect more than `best`: on top of it, at ports where the smoother
-    finds something, and the best subsets of as many effects."""
+    """Refit models with one more effect than `best`: `best` plus an effect at a port with remaining
+    evidence, and the best subsets of that size."""
     size = len(best.additions) + 1
     models: list[CandidateModel] = []
     # A second effect on top of the first is sought only where evidence remains. Without a first
@@ -237,9 +237,10 @@ def _larger(
 def _is_explained(
     search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
 ) -> bool:
-    """Whether an effect of its family acts where the recordings cannot separate its place from this
-    place. Two joints may both have dry friction; two laws of it at the same joint are a single
-    cause."""
+    """Whether `best` has an effect of the same family at this port or at an inseparable port.
+
+    Two joints may both have dry friction; two laws of it at the same joint are a single cause.
+    """
     places, family = _alike(a, located), search.family(a)
     return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
@@ -253,9 +254,11 @@ def _alike(a: Addition | Attachment, located: PortEvidence) -> set[str]:
 def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, singles: Sequence[CandidateModel]
 ) -> RefitStart | None:
-    """A subset's model, refitted from the values of each member alone, the strongest last: it
-    determines the rig's parameters best. Members of `best` come first, in its order; None for
-    effects that cannot act together."""
+    """Start for the joint refit of a subset; None for effects that cannot act together.
+
+    Each member starts from its fit alone. Common parameters start from the strongest
+    member. Members of `best` come first, in its order.
+    """
     alone = {c.label: (c.assembly, c.fit.p) for c in singles}
     before = [a.label for a in best.attached]
     strongest = by_gain(subset.members)
@@ -287,8 +290,10 @@ def _start_from(
 def refitted_with(
     search: Search, attached: tuple[Attachment, ...], *sources: CandidateModel
 ) -> CandidateModel:
-    """A model with these effects, refitted from the parameters of others and the window starts of
-    the last, whose parameters come first."""
+    """Refit a model with these effects from the parameters of `sources`.
+
+    The last source has priority and gives the window starts.
+    """
     base = search.budget.baseline
     if not attached:
         return base
@@ -301,8 +306,11 @@ def refitted_with(
 
 
 def _needed_effects(search: Search, comparison: Comparison, best: CandidateModel) -> CandidateModel:
-    """The model less every effect whose removal costs nothing material. The newest is tried, too:
-    where the model below it had ended in a local minimum, its gain was the way out."""
+    """Remove every effect whose removal is not material.
+
+    The newest effect is tested as well: it may only have led the smaller model out of a local
+    minimum.
+    """
     for added in best.additions if len(best.additions) > 1 else ():
         smaller = refitted_with(search, _less(best, added), best)
         if smaller.finite and not comparison.is_material(best, smaller):
@@ -335,8 +343,8 @@ def with_needed_ports(
 
 
 def _weakest(model: CandidateModel) -> list[Attachment]:
-    """Members of effects at several ports that ended at nothing, else the least certain; the last
-    of them stays."""
+    """Attachments to remove next from effects at several ports: those whose amount vanished,
+    otherwise the least significant. At least one per effect stays."""
     shared = [added.members for added in model.additions if len(added.members) > 1]
     gone = [
         a

@@ -381,7 +381,7 @@ class Program(EquationSteps):
     ) -> RunParts:
         """Prepare a run in single steps; other arguments as of `run`.
 
-        Between two steps the caller sets the first `first` states. `memory` does not contain them.
+        Between two steps the caller sets the leading `first` states, which are not in `memory`.
         """
         from pamid.engine.integrator import Results
 
@@ -433,7 +433,7 @@ class Program(EquationSteps):
         compile partial derivatives even for a run without sensitivities."""
         from pamid.engine.integrator import Inputs
 
-        # the vector loop needs any lane at all
+        # the vectorised loop needs at least one sensitivity column
         sensitive = columns is not None and memory.S.shape[1] > 0
         if columns is None or not sensitive:
             columns = np.full(len(self.parameters), -1, np.int64)

@@ -24,12 +24,12 @@ def fit_robustly(
     progress: Progress | None = None,
     stepping: Stepping | None = None,
 ) -> Fit:
-    """Fit with weights that follow the residuals, from the misfit at p (default: the data sheet)
-    down to the remaining residual.
+    """Fit from p (SI; default: the data sheet) with weights that are updated from the residuals of
+    the preceding fit.
 
     Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
-    weights come from a single step. With those of the sensor noise, a long fit of a model that errs
-    by many times the noise would distort its parameters.
+    weights come from a fit of a single step. A long fit with sensor-noise weights would distort the
+    parameters of a wrong model.
     """
     noise = problem.noise
     alone = Weights(noise, np.ones_like(noise))
@@ -37,7 +37,7 @@ def fit_robustly(
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)
         if fitted.residuals
-        # the model ran away and left nothing to measure: alike over so many samples, as a guess
+        # the model diverged and has no residuals: a correlation length of 30 samples is assumed
         else Weights(noise, np.full_like(noise, 30.0))
     )
     fitted = fit(
@@ -51,7 +51,7 @@ def fit_robustly(
         stepping=fitted.stepping,
         exact=False,
     )
-    for last in range(2 - ROUNDS, 1):
+    for rounds_left in range(ROUNDS - 2, -1, -1):
         if not fitted.residuals:
             break
         # Weights change between fits and not within a fit: a cost that moves with every step has no
@@ -64,7 +64,7 @@ def fit_robustly(
             weights=weights,
             stepping=fitted.stepping,
             known=fitted.known,
-            exact=last == 0,
+            exact=rounds_left == 0,
             progress=progress,
             tolerance=1e-3,
         )
@@ -79,9 +79,9 @@ def fit_in_stages(
 ) -> Fit:
     """Fit robustly from the data sheet, with the groups of `Rig.on_request` held at first.
 
-    The shape of a body is determined only along nearly the right motion. Without the inertia of its
-    motors, a light wrist of a model turns too fast by far, and a shape that is free from the
-    beginning leads into a local minimum.
+    The shape of a body can be estimated only if the simulated motion is nearly right. Without motor
+    inertia a light wrist moves far too fast. A shape that is free from the beginning then leads to
+    a local minimum.
     """
     parameters = problem.assembly.parameters
     groups = problem.assembly.rig.on_request.values()

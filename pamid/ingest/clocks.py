@@ -11,7 +11,6 @@ import numpy as np
 
 from pamid.base.errors import DataError, FileError, listed, nearest
 from pamid.base.metrics import FloatArray
-from pamid.base.units import unit
 from pamid.ingest.channels import Channel, Log, interleaved_rows
 from pamid.ingest.mapping import UNANSWERED, MappedSignal, Mapping
 from pamid.ingest.source_units import in_unit, read_unit
@@ -138,7 +137,7 @@ def _by_stamps(
             )
         if (turn := turns.get(channel.name)) is not None:
             stamps, channel = stamps[turn], replace(channel, values=channel.values[turn])
-        values = _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
+        values = signal.in_column(channel.values, mapping.atmosphere.pressure_kpa * 1e3)
         course = SampledColumn(signal, values)
         for group in groups:
             if group.of_rows == of_rows and np.array_equal(group.stamps, stamps, equal_nan=True):
@@ -181,16 +180,6 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
     several = any(other.stamps is not None for other in log.channels)
     first = 0.0 if several or not finite.size else finite[0]
     return np.asarray(stamps - first, dtype=np.float64)
-
-
-def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> FloatArray:
-    stated, pressure = signal.stated, atmosphere if signal.absolute else 0.0
-    if signal.unit is not None:
-        converted = in_unit(values, signal.unit, signal.symbol, pressure)
-    else:
-        converted = values * (stated.scale or 1.0) - pressure / unit(signal.symbol).factor
-    converted = converted if stated.sign == 1 else -converted
-    return converted + stated.offset if stated.offset else converted
 
 
 def _clock(

@@ -1,5 +1,5 @@
-"""Conversion of a raw log by a mapping: recordings between the gaps, with every column in its unit
-on an even time base."""
+"""Conversion of a raw log by a mapping: recordings between the gaps, each on an
+even time base."""
 
 from __future__ import annotations
 

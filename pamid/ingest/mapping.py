@@ -16,6 +16,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from pamid.base.errors import FileError, PamidError, nearest
+from pamid.base.metrics import FloatArray
 from pamid.base.toml_file import read_toml
 from pamid.base.units import NONE, split_column, unit, with_unit
 from pamid.ingest.channel_columns import column_unit, is_foreign_unit
@@ -23,6 +24,7 @@ from pamid.ingest.source_units import (
     PRESSURE_DIMENSION,
     STANDARD_ATMOSPHERE_KPA,
     SourceUnit,
+    in_unit,
     is_readable,
     read_unit,
     require_same_quantity,
@@ -111,6 +113,16 @@ class MappedSignal:
     @property
     def symbol(self) -> str:
         return split_column(self.column)[1]
+
+    def in_column(self, values: FloatArray, atmosphere_pa: float) -> FloatArray:
+        """Values of the channel in the column's unit, with its scale, sign and offset."""
+        pressure = atmosphere_pa if self.absolute else 0.0
+        if self.unit is not None:
+            converted = in_unit(values, self.unit, self.symbol, pressure)
+        else:
+            converted = values * (self.stated.scale or 1.0) - pressure / unit(self.symbol).factor
+        converted = converted if self.stated.sign == 1 else -converted
+        return converted + self.stated.offset if self.stated.offset else converted
 
 
 _GAUGE = (

@@ -180,8 +180,9 @@ def catalogue_rig(name: str) -> Rig:
     file is ever run: this is the look-up for names that came from data."""
     if name.startswith(_IN_PROGRAM):
         raise FileError(
-            f"{name.removeprefix(_IN_PROGRAM)} is a rig of somebody's Python program.",
-            "Give it there again, as rig=.",
+            f"{name.removeprefix(_IN_PROGRAM)} is a rig class of a Python program, not of the "
+            "catalogue.",
+            "Pass the class again in Python with rig=.",
             code="rig",
         )
     base, _, variant = name.partition(":")

@@ -353,7 +353,7 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
             raise FileError(
                 f"rig {rig.name!r}, step() returned {value} for {name!r} in the first step of "
                 f"{h:g} s from the start",
-                "mend the start, a parameter, or a step that is too long for it: exchange_s",
+                "correct the initial state or a parameter, or shorten the step (exchange_s)",
                 code="simulation",
             )
     if not np.array_equal(first, repeated):

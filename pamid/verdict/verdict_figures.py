@@ -26,12 +26,14 @@ from pamid.verdict.notes import notes_of, remark, roughness, unexplained
 from pamid.verdict.remainder import Missing, described
 from pamid.verdict.verdict_words import sentence
 
-AMPLITUDE_FACTOR = 1.5  # ratio of an output's spreads from which on they are other amplitudes
+AMPLITUDE_FACTOR = 1.5  # ratio of standard deviations: other amplitudes
 
 
 def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.DiagnosisFile:
-    """diagnosis.json, section 4 of the contract, but for the next experiment, which takes its time
-    to find. missing: the value at a port that no cause explains."""
+    """Return diagnosis.json (contract, section 4) without the next experiment.
+
+    missing: estimate of the unexplained value at a port.
+    """
     shares, causes, notes = _port_shares(d), _causes(d), notes_of(d)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
     unknown = described(d, missing) if d.left_over else None
@@ -149,10 +151,11 @@ def _leading_port(
     causes: tuple[result.Cause, ...],
     unknown: result.Unknown | None,
 ) -> str:
-    """The port of the cause that removes most, which carries most of the gap among those that the
-    sensors cannot tell from it; without a cause the port with the largest share, of several with
-    the same, or that the sensors cannot tell from it, the port whose signals describe best what is
-    missing."""
+    """Return the port of the first cause; without causes, the port with the largest share.
+
+    A port that ties with the largest, or is inseparable from it, is preferred if the missing
+    term is described there.
+    """
     if causes:
         return causes[0].port
     largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
@@ -161,8 +164,11 @@ def _leading_port(
 
 
 def _port_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
-    """Every port group's share of the gap, largest first: what the causes remove, without any what
-    curves at ports do, and what remains where the latent evidence places it."""
+    """Return the gap share of every port group, the largest first.
+
+    The removed part counts at the ports of the causes or, without causes, of the nonparametric
+    curves. The rest is divided by the latent evidence.
+    """
     rig, forms = d.evidence.rig, d.answer.free_forms if d.answer else ()
     if d.left_at:
         shares = d.left_at.shares(rig)
@@ -347,9 +353,10 @@ def _how_far(d: Diagnosis, i: int) -> result.Reach:
 
 
 def transfer(d: Diagnosis) -> tuple[result.Transfer, ...]:
-    """Does the cause hold elsewhere? Errors on every held-out recording that was made under other
-    conditions than those the parameters were fitted on, by windows that had no part in the
-    choice."""
+    """Errors under new conditions, cross-validated.
+
+    Each held-out recording whose conditions differ from all fitted recordings has an entry.
+    """
     if d.cause is None:
         return ()
     transfers, at, before, after = [], 0, d.budget.baseline.absolutes, d.reported(d.cause)
