@@ -186,8 +186,6 @@ def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) ->
     mujoco = mujoco_package(file)
     mujoco.set_mju_user_warning(warnings.append)
     spec, model, left_out = _compile(file, packages, visual)
-    if file.suffix == ".urdf":
-        model = _without_base_contacts(spec)
     free = settle_free_joints(mujoco, spec, _line)
     if free.notes:
         model = spec.compile()
@@ -246,6 +244,8 @@ def _compile(file: Path, packages: dict[str, Any], visual: bool) -> tuple[Any, A
     assets = ModelAssets(mujoco, file, folders, ModelPackages(**packages), visual=visual)
     try:
         spec, model = assets.compiled()
+        if file.suffix.lower() == ".urdf":
+            model = _without_base_contacts(spec)
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{file}: {_reason(error)}", _hint(str(error)), code="model") from error
     return spec, model, assets.note()
