@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class CheckResult:
     """Result of a check.
 
-    kind: "recording", "rig", "effect" or "python"; ok: nothing is wrong (notes aside); findings:
-    (check, ok, detail, advice), advice: worth saying, but nothing wrong; recording: what was read,
-    None where it could not be or is a rig or an effect.
+    kind: "recording", "rig", "effect" or "python"; ok: there are no problems (notes are
+    allowed); findings: (check, ok, detail, advice), with advice True for a recommendation;
+    recording: the recording, None if it was unreadable or the subject is a rig or an effect.
     """
 
     subject: str

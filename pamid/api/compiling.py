@@ -3,8 +3,8 @@ shipped rigs' equations.
 
     python -m pamid.api.compiling
 
-`make` does it when it installs. Without it the first command takes so many seconds longer, once;
-nothing else changes. Compiled code lies next to the package or in the user's cache
+`make` does it when it installs. Without it the first command compiles everything once and takes
+longer. Compiled code lies next to the package or in the user's cache
 (`pamid.engine.numba_cache`, `pamid.engine.jit_cache`); what has been compiled before is left.
 """
 
@@ -59,8 +59,7 @@ def _compile(assembly: Assembly) -> None:
 
 
 def _run_once(assembly: Assembly) -> None:
-    """A sample, by which everything that steps a model is compiled; a sample has every way to
-    step."""
+    """Run a single sample, which compiles all integrators."""
     program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
     memory = program.memory(assembly.start(p), period_s=period)
     u = np.zeros((1, len(program.inputs)))

@@ -74,8 +74,10 @@ def diagnose(arguments: DiagnosisArguments) -> DiagnosisResult:
 def catalogue_of(
     further: tuple[str | type[Effect], ...], without: Iterable[str]
 ) -> dict[str, type[Effect]]:
-    """Every effect of the catalogue and further ones, by name, but for those left out; UsageError
-    where any of these is none."""
+    """Effects by name: the catalogue and further effects, without the excluded effects.
+
+    UsageError for an unknown name or an invalid effect.
+    """
     known, _ = effects_with(further)
     for name in without:
         if name not in known:

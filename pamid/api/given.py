@@ -54,7 +54,7 @@ class Given:
     """Recordings, read and divided for a rig.
 
     rig: as it was named, or as the recordings name it; inputs: files that were read; kept:
-    files that a run folder has to hold, by name there, because what they hold came in no file.
+    contents of files that the run folder must hold, by name, for recordings not given as files.
     """
 
     evidence: DataSplit
@@ -64,7 +64,7 @@ class Given:
 
 
 def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | type[Effect], ...]:
-    """Words for `effects_with`, and effects themselves; UsageError for anything else."""
+    """Effect names, file paths and classes for `effects_with`. UsageError for other types."""
     single = isinstance(effects, str | os.PathLike | type)
     resolved: list[str | type[Effect]] = []
     for effect in [effects] if single else effects:  # type: ignore[list-item, union-attr]
@@ -210,8 +210,11 @@ def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
 
 
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:
-    """The recording, and the files that hold it where no file of the user's does: a table, a
-    simulation, a part of a recording. Then it is what these files hold, to the last bit."""
+    """Return a recording and the files to store with the run.
+
+    Files are needed for tables, simulations and parts. The recording is then rounded exactly as in
+    these files.
+    """
     recording = recording_given(given, f"recording-{number + 1}")
     if isinstance(given, str | os.PathLike) or isinstance(given, Recording) and _is_its_file(given):
         return recording, {}

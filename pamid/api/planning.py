@@ -29,8 +29,8 @@ HEAD: tuple[str, ...] = ("effect", "shows from", "usual", "alone by", "taken for
 class PowerResult(PowerFile):
     """Detectability of effects in an experiment.
 
-    effects: plainest first; showing: labels of those that show at their usual size; hidden: of
-    those that do not.
+    effects: plainest first; showing: labels of the effects that are detectable at their usual
+    size; hidden: all others.
     """
 
     @property
@@ -79,7 +79,7 @@ class PowerResult(PowerFile):
         )
 
     def plot(self) -> NotebookFigure:
-        """Effects by size: what shows, from when on."""
+        """Detectability of the effects over their size."""
         from pamid.report.style import figure_of
 
         return figure_of(self._drawing())

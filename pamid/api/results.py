@@ -133,12 +133,13 @@ class IdentifiedCause:
 
 @dataclass(frozen=True, kw_only=True)
 class FitResult(OpenedRun):
-    """A fitted model and how well it does on what was held out.
+    """A fitted model and its held-out errors.
 
     folder: of the run; rig: its name; effects: what was fitted with it; converged, why: of the
     search; recordings, channels: what it was fitted to; parameters: with 95 % intervals;
-    combinations: what is known of parameters that are known only together; failed_jobs: (job, why);
-    code: rig and effects as they were given, which `simulate` needs where they are no names.
+    combinations: identifiable combinations of parameters that are not identifiable separately;
+    failed_jobs: (job, why); code: rig and effects given as files or Python objects, which
+    `simulate` needs.
     """
 
     rig: str
@@ -286,9 +287,11 @@ class DiagnosisResult(FitResult):
         return overview_png(self.data)
 
     def plot_added_variable(self, effect: str | None = None) -> NotebookFigure:
-        """The refitted model's residual over what the three leading candidates add, or what
-        `effect` does, with all other parameters projected out; DataError for a run that holds no
-        such plots, UsageError for an effect that was not refitted."""
+        """Added-variable plots of the three leading candidates, or of `effect`.
+
+        Residual of the refitted model over the effect's contribution, other parameters projected
+        out. DataError for a run without such plots, UsageError for an effect that was not refitted.
+        """
         from pamid.api.plots import added_variable_figure
 
         return added_variable_figure(self.data, effect)

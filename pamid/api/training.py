@@ -53,14 +53,14 @@ Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[st
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkResult(OpenedRun):
-    """A network that corrects a fitted model, and what it is worth on what was held out.
+    """A network that corrects a fitted model, and its held-out errors.
 
     folder: of the run; kind: "elman", "anfis" or "narx"; on: the model whose residual it was
-    trained on, "refit" or "causes"; target: that residual in words; inputs: what it is given;
-    weights: their number; iterations, why, converged: of the training; interrupted: it was ended
-    early, and is what it had reached; stuck: it ended before the last iteration without converging;
-    errors: channel -> "refitted", "with_cause" (of a network on
-    the model with the causes), "with_network" ... -> mean absolute error in the channel's unit.
+    trained on, "refit" or "causes"; target: that residual in words; inputs: its columns; weights:
+    number of weights; iterations, why, converged: of the training; interrupted: the training was
+    interrupted, and this is its network so far; stuck: it ended early without convergence; errors:
+    channel -> "refitted", "with_cause" (of a network on the model with the causes), "with_network"
+    ... -> mean absolute error in the channel's unit.
     """
 
     kind: str

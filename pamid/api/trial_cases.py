@@ -1,7 +1,6 @@
-"""A case worked through: recorded, diagnosed blind, and held against what only the trial can
-measure.
+"""Run of a trial case: simulated, diagnosed blind, compared with the truth.
 
-The diagnosis sees a recording as a user would hand it in, and a catalogue. Apart from it are made:
+The diagnosis gets a recording like that of a user, and a catalogue. In addition the trial simulates
 the same recording without the fault (does the fault show at all?) and a fresh recording with it
 (does the shrinkage hold elsewhere?).
 """
@@ -50,9 +49,11 @@ Done = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class CaseSelection:
-    """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
-    of a stratum, where it is named. rig: its name, or a machine that is made of it; bare:
-    without the tolerances that the rig states; world: "closed" or "open"."""
+    """Selection of trial cases: `count` cases of `part`, drawn from `seed` for a rig.
+
+    only: restricts them to a stratum; rig: its name, or a machine made of it; bare: without the
+    tolerances of the rig; world: "closed" or "open".
+    """
 
     part: str
     count: int
@@ -185,8 +186,11 @@ def _path(case: Case, folder: Path) -> Path:
 
 
 def examine(case: Case, place: Path) -> dict[str, Any]:
-    """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
-    faults, that of the less visible in addition to the other, shrinkage predicted and achieved."""
+    """Diagnose a case and measure the truth: diagnosis, CPU seconds, visibility, shrinkage.
+
+    visibility: None if nothing is planted; visibility_each: of two faults, the visibility of the
+    less visible with the other present; shrinkage: predicted and achieved.
+    """
     bench = CaseMachine.of(case)
     recorded = bench.recorded(place)
     begun = time.process_time()

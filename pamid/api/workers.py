@@ -130,8 +130,10 @@ def worker_pool(
 
 @contextmanager
 def closing(run: Run, pool: WorkerPool, *, further: bool = False) -> Iterator[None]:
-    """Close the run, or a further step of it, with a word for how it ended, and the run with how
-    many jobs it took; their results go once all are done."""
+    """Record the outcome of a run or of a further step when the block ends.
+
+    A run also records its job counts. Stored job results are deleted if no job failed.
+    """
 
     def finish(outcome: str) -> None:
         run.finish(outcome, **({} if further else {"jobs": pool.counts}))

@@ -2,9 +2,9 @@
 
 All candidates take the first steps, from each of their starting points. The best of them take
 further steps (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240). The gain of a
-candidate is the drop of the fit's cost (-2 log posterior) against the baseline after as many steps.
-It counts only the part of the recordings that the baseline fits worst. The gain selects candidates
-for a refit; the refitted model is judged on held-out windows.
+candidate is the drop of the fit's cost (-2 log posterior) against the baseline after the same
+number of steps. It counts only the part of the recordings that the baseline fits worst. The gain
+selects candidates for a refit; the refitted model is judged on held-out windows.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ Array = NDArray[np.float64]
 
 CHANCE = 0.05  # significance level of a gain, which by chance is chi-square distributed
 FEWEST_SCREENED = 3  # minimum number of windows per recording
-# Share of its typical size at which an effect is also started. So close to the baseline, the cost
-# falls whenever the effect helps.
+# Size of an additional start, as a share of the typical size. Near the baseline the cost falls
+# whenever the effect helps.
 TRACE = 0.1
 ADVANCED = 2  # candidates with further steps per refitted candidate
 SCAN_GAIN = 0.1  # share of the cost that an effect must remove before it is scanned
@@ -64,7 +64,7 @@ class ScreenedCandidate:
     """A candidate after screening from its best starting point.
 
     first: starting values (SI) by key; gain: drop of the training cost against the baseline after
-    as many steps; why: reason for a failure; p, starts, stepping: end point of the steps
+    the same number of steps; why: reason for a failure; p, starts, stepping: end point of the steps
     (parameters in SI, states at the screened windows per track); rival: the same candidate from
     another starting point with a larger predicted gain; promised: gain predicted by the linear
     model.
@@ -151,7 +151,7 @@ class ScreeningBaseline:
 
     spans: begin and end of that part, per track; starts: states at its windows, per track; p:
     starting parameters (SI), fitted or from the data sheet, whichever give the lower cost; cost:
-    cost of the baseline after as many steps as a candidate takes; held: whether the background
+    cost of the baseline after the same number of steps as a candidate; held: whether the background
     parameters stay as fitted.
 
     A gap can drive the fit of the baseline into a local minimum that no effect leaves. The data
@@ -400,8 +400,8 @@ def _scanned_at_null(
 ) -> list[dict[str, float]]:
     """Return starting points at the best values of scanned parameters.
 
-    All other parameters of the effect must be amounts. These are linearised at their null and
-    projected out.
+    All other parameters of the effect must have a null value, at which the effect vanishes. They
+    are linearised there and projected out.
     """
     assembly, base_fit = problem.assembly, reference.baseline.fit
     scanned = _scanned_places(assembly, added)

@@ -42,9 +42,10 @@ from pamid.symbolic.vocabulary import (
 )
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
-# a quarter of a period off, pulses of any height do harm, and a fit takes them away
+# With a phase error of a quarter period, pulses of any height increase the error and the fit
+# removes them: hence eight starting phases.
 EIGHTHS = tuple(k / 8.0 for k in range(8))
-# steps tried: a twentieth of a step more per pulse each time, down to 2 %
+# scan grid of the step: 0.34 / (1 + 0.05 k), k < 320, which is 34 % down to 2 %
 SCANNED_TICKS = (0.05, 320)
 RISER = 0.05  # share of a step taken by its riser
 WHOLE_STEP = 1e-6  # of a step: a pulse that begins with a step belongs to that step
@@ -61,8 +62,11 @@ def rounding_error(x: Expr) -> Expr:
 def pulses(
     running: Expr, following: Expr, begun_s: Expr, length_s: Number, period_s: Number
 ) -> Expr:
-    """Mean of pulses of +-1 over the next `length_s`, which may hold many periods: of the period
-    that is running, `begun_s` into its period (s), and of those that follow it, of these duties."""
+    """Mean of pulses of height +-1 over the next `length_s` (s).
+
+    running: duty of the present period, which began `begun_s` (s) ago; following: duty of all later
+    periods.
+    """
     end = begun_s + length_s
     first = absolute(running) * period_s
     inside = minimum(minimum(end, period_s), first) - minimum(begun_s, first)
@@ -107,8 +111,11 @@ class PwmQuantisation(Effect):
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Pulses that show: starts at the strongest line of the gap's spectrum that may be theirs,
-        a start per eighth of a turn, from which the phase finds its way."""
+        """Starts with full pulses.
+
+        The period is the strongest spectral line of the gap within its range. Eight phases are
+        tried.
+        """
         period = next(q for q in self.parameters if q.name == "pulse_period")
         shown = [
             1.0 / f

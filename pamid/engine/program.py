@@ -559,7 +559,7 @@ class ProgramCode:
         *partials, prepare = addresses("\n".join(module.parts), module.names)
         address = self._plain.address.copy()
         address[1:-1:3], address[2:-1:3], address[-1] = partials[::2], partials[1::2], prepare
-        # The driver allocates scratch as long as `columns`: pad it to the widest function.
+        # The driver sizes its scratch by len(columns): pad them to the widest function.
         columns = _int_array(module.columns + [-1] * (module.widest - len(module.columns)))
         return self._plain._replace(
             address=address,
@@ -703,7 +703,7 @@ class ProgramText:
     def partials(self) -> PartialsModule:
         layout, groups = self._layout, self._groups
         tables = [with_partials(roots, layout.column, self.sensitive) for roots in groups]
-        # derived values of the plain functions come first: these read them at the same indices
+        # the plain functions find their derived values at the same indices, so these come first
         values, derived = extract_derived([v for v, _, _ in tables], self._plain_values[1])
         layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
         part = part_of(values)

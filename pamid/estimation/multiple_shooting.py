@@ -337,9 +337,10 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
         return tuple(runner.known for runner in self.runners)
 
     def exactly(self, ended: Iteration[ShootingPoint], iterations: int) -> Iteration[ShootingPoint]:
-        """Continue a fit that has reused slopes or predicted steps, now without either.
+        """Continue a converged fit without reused slopes and predicted steps.
 
-        A fit that has used up its iterations is only evaluated again at its last point.
+        A fit at its iteration limit is only re-evaluated at its last point, and only if steps were
+        predicted.
         """
         if not any(known and known.counts[1] for known in self.known):
             return ended
@@ -428,8 +429,8 @@ def begin(
     sums = shooting.window_sums(s, starts, True)
     point = ShootingPoint(s, starts, shooting.assembled(s, sums, True), True)
     if point.normal.fine and not continuity:
-        # Residuals of a wrong model exceed the sensor noise by this factor. Its states may jump
-        # between windows by the same factor more.
+        # noise_ratio: size of the residuals over the sensor noise, correlation included. The
+        # admissible jump of a state grows by the same factor.
         noise_ratio = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         continuity = tuple(
             np.maximum(
@@ -482,8 +483,8 @@ def fit(
     known
         Initial slopes of a stepped rig along the same tracks, reused while they hold.
     exact
-        Whether the fit ends with newly computed slopes. Otherwise, and as a probe, it returns its
-        slopes for a later fit.
+        Whether the fit ends with newly computed slopes. If False, or for a probe, the slopes are
+        returned for reuse in a later fit.
     progress
         Callback of the iteration.
     probe

@@ -363,10 +363,9 @@ def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
     """Parameters that the model of the answer moved off the data sheet, the largest shift first:
     "mass 0.5 → 0.62 kg (95 % interval 0.61 to 0.63)".
 
-    Only those are shown that moved: the 95 % interval excludes the data-sheet value, and the shift
-    is more than a rounding of its tolerance, or of the value where the tolerance is wide. The
-    others are counted. Those that the recordings say nothing about are named: their values are the
-    priors'.
+    A parameter is listed if its 95 % interval excludes the data-sheet value and the shift exceeds
+    LEAST_SHIFT prior deviations or LEAST_PART of the value. The others are counted. Undetermined
+    parameters are named: their values are those of the priors.
     """
 
     def moved(estimate: Estimate) -> bool:

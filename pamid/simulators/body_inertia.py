@@ -38,9 +38,11 @@ from pamid.symbolic.vocabulary import ZERO, exp, expression
 
 Array = NDArray[np.float64]
 
-THINNEST = 1e-6  # smallest ratio to the largest second moment: a flat plate could not be stretched
-LENGTH_FACTOR = 10.0  # to the bounds of a length; radii of gyration to those of the centre
-TOOL_FACTOR = 2.0  # one standard deviation, of the mass at the end of an arm
+# lower limit of a second moment relative to the largest: a zero moment could not be scaled
+THINNEST = 1e-6
+# bound: factor of a stretch; radii of gyration of a shift of the centre
+LENGTH_FACTOR = 10.0
+TOOL_FACTOR = 2.0  # factor of the mass at the end of an arm within one standard deviation
 SHAPE = "0: the shape of the model file"
 AXES = ("x", "y", "z")
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
