@@ -261,11 +261,16 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def readings(self, s: Array) -> FitPoint:
         """Scaled parameters s, and the states that the readings show."""
         p, x = self.parameters(s)[0], self._run_states(s)
-        fresh = self.runner.memory(p)
+        fresh, rest = self.runner.memory(p), self.runner.assembly.start(p)[: x.shape[1]]
         for k, window in enumerate(self.trial.windows):
             opening = Window(window.start, min(window.start + OPENING_SAMPLES, window.stop))
-            start = WindowStart.of(self.runner, fresh.copy(), opening, p, self.trial.weight, x[k])
-            x[k] = start.from_readings()
+            # no step leads back from a state of a run that has left the recording
+            starts = [
+                WindowStart.of(self.runner, fresh.copy(), opening, p, self.trial.weight, carried)
+                for carried in (x[k], rest)
+            ]
+            reached = [start.at(start.from_readings()) for start in starts]
+            x[k] = min(reached, key=lambda point: point.cost).x
         return self.at(s, x)
 
     def _run_states(self, s: Array) -> Array:

@@ -181,16 +181,9 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
 
         A single reading shows the states that the output map holds, whatever the model does from
         there; few of them show the slopes, too, before its errors have grown. A state that they do
-        not show stays where it was carried to, or where the rig begins: no step leads back from a
-        carried state that has left the recording.
+        not show stays where it was carried to.
         """
-        rest = self.runner.assembly.start(self.p)[: len(self.carried)]
-        reached = [self._through_beginnings(x) for x in (self.carried, rest)]
-        return min((self.at(x) for x in reached), key=lambda point: point.cost).x
-
-    def _through_beginnings(self, x: Array) -> Array:
-        """State that fits ever longer beginnings of the window, from state x."""
-        first, length = self.window.start, 1
+        x, first, length = self.carried, self.window.start, 1
         while length < len(self.y):
             window = Window(first, first + length)
             part = replace(self, window=window, y=self.y[:length], resting=x)
