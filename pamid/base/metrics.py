@@ -103,8 +103,10 @@ def probability_bin(probability: ArrayLike) -> NDArray[np.intp]:
 
 def calibration_error(stated: ArrayLike, right: ArrayLike) -> float:
     """Expected calibration error: sum over tenths of share of cases x |mean probability - share
-    right|. said: probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht
-    (2015), AAAI."""
+    right|.
+
+    stated: probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht (2015), AAAI.
+    """
     p, yes = np.asarray(stated, dtype=float), np.asarray(right, dtype=float)
     gaps = np.bincount(probability_bin(p), p - yes, PROBABILITY_BINS)
     return float(np.abs(gaps).sum() / len(p))
