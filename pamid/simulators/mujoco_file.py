@@ -224,7 +224,8 @@ def _without_base_contacts(spec: Any) -> Any:
     """Model of a URDF without contacts between its base and the links on it.
 
     Neighbours in a tree never collide in MuJoCo, with one exception: the world, of which the base
-    of a URDF becomes a part. The collision shapes of neighbours overlap in most URDF files.
+    of a URDF becomes a part. The collision shapes of neighbours overlap in most URDF files. MuJoCo
+    makes the base a part of the world when it compiles, so that the spec is compiled before.
     """
     for link in spec.worldbody.bodies:
         spec.add_exclude(bodyname1="world", bodyname2=link.name)
