@@ -49,6 +49,7 @@ Array = NDArray[np.float64]
 COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
 WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
 LEAST_SIGMA = 0.01  # of a channel's spread: assumed noise of a noiseless channel
+FIRST_STAGE_SAMPLES = 6  # of the shortest windows of a fit by stages, at least
 STEPS = 30
 SETTLED_GAIN = 1e-5  # relative gain of a step
 RUNAWAY = 1e6  # error as a share of the motion: no more is counted
@@ -130,19 +131,16 @@ class FitData:
         that took no step, or that has parameters of zero, does so anyway.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
-
-        def settled(start: FitPoint) -> FittedWindows:
-            point = iterate(problem, Iteration(start, problem.rule.start), steps).point
-            return FittedWindows(rig, point, problem)
-
-        best = settled(problem.sheet() if begin is None else problem.at(begin.s, begin.x))
+        start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
+        best = FittedWindows(rig, problem.minimum(start, steps), problem)
         restarts = restart or problem.unset.any() or not best.point.s.any()
         # from where the data sheet's run has gone, or from an inertia of zero, no step may lead to
         # what was measured
         further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
         for s in further[: 1 + problem.unset.any()] if begin is None and restarts else ():
             if max(best.shares.values()) > USUAL_ERROR:
-                best = min(best, settled(problem.readings(s)), key=lambda fit: fit.point.cost)
+                fit = FittedWindows(rig, problem.minimum_by_stages(s, steps), problem)
+                best = min(best, fit, key=lambda fit: fit.point.cost)
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:
@@ -272,6 +270,24 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             reached = [start.at(start.from_readings()) for start in starts]
             x[k] = min(reached, key=lambda point: point.cost).x
         return self.at(s, x)
+
+    def minimum(self, start: FitPoint, steps: int) -> FitPoint:
+        return iterate(self, Iteration(start, self.rule.start), steps).point
+
+    def minimum_by_stages(self, s: Array, steps: int) -> FitPoint:
+        """Minimum that is reached from the readings, with windows whose length doubles.
+
+        Over a few samples the readings hold an arm whose data sheet is far off; over a whole window
+        its error is beyond any linear prediction.
+        """
+        whole, point = self.trial.windows, self.readings(s)
+        length = whole[0].stop - whole[0].start
+        stages = range(int(np.log2(length / FIRST_STAGE_SAMPLES)), -1, -1)
+        for halvings in stages:
+            windows = tuple(Window(w.start, w.start + (length >> halvings)) for w in whole)
+            stage = self.with_data(replace(self.trial, windows=windows))
+            point = stage.minimum(stage.at(point.s, point.x), steps)
+        return point
 
     def _run_states(self, s: Array) -> Array:
         """States at the windows' starts, of a run with parameters s."""
