@@ -103,6 +103,13 @@ class FittedWindows:
         """Sum of squares of the parameters' distances from the data sheet, in prior spreads."""
         return float(self.point.s @ self.point.s)
 
+    @property
+    def determined(self) -> float:
+        """Number of parameters that the data determine against their priors: the mean of the strain
+        if the priors hold."""
+        H = self.point.H
+        return float(len(H) - np.trace(np.linalg.pinv(H)))
+
 
 @dataclass(frozen=True, eq=False)
 class FitData:

@@ -117,7 +117,8 @@ WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recor
 # worth more
 RECORDED_STEPS, JUDGING_STEPS, FIRST_STEPS = 30, 12, 4
 EXACT = 0.01  # smallest error that counts, as a share of the motion
-USUAL_BEND = 4.0  # distance of the data sheet, in prior spreads, of a recording that suits its rig
+# standard deviations of the strain above its mean, of a recording that suits its rig
+USUAL_DEVIATIONS = 4.0
 # of the motion of a channel, after a fit: what is not explained; of a channel whose error was much
 # larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
@@ -253,11 +254,13 @@ class Slip:
 class Judgement:
     """Quality of a short fit: error over motion by channel, and the distance to the data sheet.
 
-    The distance is the sum of squares in prior spreads. problem: of the fit.
+    The distance is the sum of squares in prior spreads, determined its mean for a data sheet that
+    is right. problem: of the fit.
     """
 
     errors: dict[str, float]
-    strain: float
+    strain: float = 0.0
+    determined: float = 0.0
     fitted: bool = True
     problem: ShortFit | None = field(default=None, compare=False, repr=False)
 
@@ -268,7 +271,9 @@ class Judgement:
 
     @property
     def suspicious(self) -> bool:
-        return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > USUAL_BEND**2
+        # a chi-squared distribution has a variance of twice its mean
+        usual = self.determined + USUAL_DEVIATIONS * math.sqrt(2.0 * self.determined)
+        return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > usual
 
     def smallest_error(self, columns: Sequence[str]) -> float:
         """Smallest error of these outputs, or of any if none is named."""
@@ -359,7 +364,7 @@ def judge(
             problem = like if like and like.matches_data(data) else None
             # what every slip has to beat is the best fit of the recording as it is
             fit = data.fitted(rig, problem=problem, steps=steps, restart=p is None)
-            return Judgement(fit.shares, fit.strain, problem=fit.problem)
+            return Judgement(fit.shares, fit.strain, fit.determined, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
     return _judged_by_sheet(e)
@@ -368,7 +373,7 @@ def judge(
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
     moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
     away = np.exp(sheet_distances(e).mean(axis=0))
-    return Judgement({e.names[k]: float(away[k]) for k in moves}, 0.0, fitted=False)
+    return Judgement({e.names[k]: float(away[k]) for k in moves}, fitted=False)
 
 
 def sheet_distances(e: SheetComparison) -> Array:
