@@ -1,4 +1,4 @@
-"""Errors a user can act on: what is wrong, where, and how to mend it.
+"""Errors a user can act on: what is wrong, where, and how to correct it.
 
 Every error raised on purpose is a `PamidError`. The command line prints it as a line and a hint
 (or as a JSON object), and leaves with its exit code. Anything else that escapes is a fault of
@@ -17,8 +17,8 @@ ERROR_SCHEMA = "pamid.error/1"
 
 
 class PamidError(Exception):
-    """Something the user can mend. `message` states what and where, `hint` how; `code` is a stable
-    word for scripts."""
+    """Something the user can correct. `message` states what and where, `hint` how; `code` is a
+    stable word for scripts."""
 
     default_code: ClassVar[str] = "error"
     default_exit_code: ClassVar[int] = 1

@@ -88,7 +88,7 @@ class Parameter:
             raise FileError(
                 f"parameter {self.name!r}: value {self.value:g} lies outside its bounds "
                 f"{self.low:g} .. {self.high:g}",
-                "widen the bounds or mend the value",
+                "widen the bounds or correct the value",
             )
         if self.null is not None and not self.low <= self.null <= self.high:
             raise FileError(

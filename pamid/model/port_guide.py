@@ -310,7 +310,7 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
 
 
 def driving_words(rig: Rig) -> list[str]:
-    """A sentence for each port of `driven_by_speed`, and how to mend it."""
+    """A sentence for each port of `driven_by_speed`, and how to correct it."""
     return [
         f"What passes the port {port!r} grows with its velocity (by {slope:.3g} per unit of "
         "it), as if damping drove the part. Pass what acts on the moving part along its position, "

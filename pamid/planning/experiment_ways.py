@@ -282,10 +282,10 @@ def predicted_text(predictions: Predictions, way: Way, models: Models) -> str:
 
 
 def led_away(predictions: Predictions, bench: Bench, e: Experiment, models: Models) -> str:
-    """Where even the tamest way of an experiment leads beyond what was recorded."""
+    """Where even the mildest way of an experiment leads beyond what was recorded."""
     evidence = predictions.evidence
-    tamest = Way(list(_ways(evidence, bench))[-1][-1], e)
-    leaving = (_leaving(evidence, predictions.of(model, tamest)) for model in models)
+    mildest = Way(list(_ways(evidence, bench))[-1][-1], e)
+    leaving = (_leaving(evidence, predictions.of(model, mildest)) for model in models)
     return " and ".join(x.text for x in next(filter(None, leaving), []))
 
 

@@ -52,7 +52,7 @@ from pamid.planning.experiment_ways import (
     ways_to_run,
 )
 from pamid.recording.recording import write_recording
-from pamid.schemas.diagnosis_file import WITHHELD, NextExperiment
+from pamid.schemas.diagnosis_file import INSEPARABLE, WITHHELD, NextExperiment
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.rig_data import data_of
@@ -202,15 +202,15 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
 def _withheld(
     d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
 ) -> WithheldExperiment | None:
-    """Why nothing is proposed: what the tamest way of an entry would do."""
+    """Why nothing is proposed: what the mildest way of an entry would do."""
     reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
     name, away = next(((n, text) for n, text in reasons if text), ("", ""))
     if not away:
         return None
     return WithheldExperiment(
-        f"{WITHHELD}: without a loop that holds the rig, each on the menu would lead "
-        f"it beyond what was recorded, {name} even at its tamest ({away}). Record an experiment in "
-        "a position loop, or between stops that may be met."
+        f"{WITHHELD}: without a loop that holds the rig, each of them would lead it "
+        f"beyond what was recorded, {name} even at its mildest ({away}). Record an experiment in a "
+        "position loop, or between stops that may be met."
     )
 
 
@@ -403,9 +403,7 @@ def _proposal(
         f"with {repeated}" if settings else "",
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise",
-        ""
-        if separation[worst] >= VISIBLE_SEPARATION
-        else "nothing on the menu sets them apart clearly",
+        "" if separation[worst] >= VISIBLE_SEPARATION else INSEPARABLE,
     ]
     files = NEXT_FILES[: max(len(settings), 1)]
     experiment = NextExperiment(

@@ -311,7 +311,7 @@ def recording_files(
             what = "not finite" if array.shape == arrays[0].shape else f"of shape {array.shape}"
             raise FileError(
                 f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
-                "Lower what is sent, or mend the parameters that let it grow without bound.",
+                "Lower what is sent, or correct the parameters that let it grow without bound.",
             )
     formats = [f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]
     rows = np.stack(arrays, axis=1)

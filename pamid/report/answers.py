@@ -56,7 +56,6 @@ PROBABILITY_MEANS = (
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 CHECK_FIRST = "Check the recordings first."
 _MOST_WINDOWS, _MOST_PORTS, _MOST_CAUSES, _NO_SHARE = 6, 3, 3, 0.005
-_INSEPARABLE = "nothing on the menu"  # phrase in `why` of an experiment that separates little
 _DOMINANT_SHARE = 0.95  # share of a port above which no further sensor is advised
 # least refit that is shown: of a prior standard deviation, and of the value; precise data resolve
 # smaller shifts, which matter to nobody
@@ -593,7 +592,7 @@ def _next_experiment(run: RunData) -> Answer:
         expected.append(
             "the nearest two of these models are expected to differ there by "
             f"{times_text(experiment.expected_separation)} times the noise of the sensors"
-            + (", too little to set them apart clearly" if _INSEPARABLE in experiment.why else "")
+            + (", too little to set them apart clearly" if experiment.separates_little else "")
         )
     if experiment.minutes is not None:
         takes = formatting.unbroken(minutes_text(experiment.minutes))

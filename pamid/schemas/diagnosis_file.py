@@ -293,6 +293,9 @@ class Transfer(Model):
         return self.__pydantic_extra__
 
 
+INSEPARABLE = "no experiment that was tried separates them clearly"  # as part of `why`
+
+
 class NextExperiment(Model):
     """Next experiment."""
 
@@ -315,6 +318,10 @@ class NextExperiment(Model):
         description="remarks before the experiment: inputs to send, inputs that vary as recorded, "
         "and predicted ranges compared with the recordings",
     )
+
+    @property
+    def separates_little(self) -> bool:
+        return INSEPARABLE in self.why
 
     @property
     def files(self) -> tuple[str, ...]:

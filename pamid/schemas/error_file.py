@@ -12,4 +12,4 @@ class ErrorFile(Model, schema="pamid.error/1", title="Every command that fails")
 
     code: Text = Field(description="a stable word for scripts")
     message: Text = Field(description="what is wrong and where")
-    hint: Text = Field(description="how to mend it")
+    hint: Text = Field(description="how to correct it")

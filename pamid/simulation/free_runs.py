@@ -177,7 +177,7 @@ def virtual_recording(
     if run.blown_up >= 0:
         raise DataError(
             f"the virtual rig {rig.name!r} became unstable at {run.blown_up * period:.3f} s",
-            "lower the amplitude, or mend the parameters of the effects",
+            "lower the amplitude, or correct the parameters of the effects",
         )
     columns = dict(excitation.columns)
     for i, name in enumerate(run.names):

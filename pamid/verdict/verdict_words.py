@@ -214,7 +214,7 @@ def _rest_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     rest = diagnosis.remainder
     if rest is None or rest.share is None:
         return ""
-    floors = f", {_floors_text(rest.floors)}" if rest.floors is not None else ""
+    floors = f", and the error is {_floors_text(rest.floors)}" if rest.floors is not None else ""
     remains = f" {percent_text(max(rest.share, 0.0))} of the gap remains{floors}."
     if not rest.real:
         return remains

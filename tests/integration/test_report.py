@@ -67,8 +67,8 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
     expected = {
         "explained": [
             "Coulomb friction at the joint port removes 86 % of the gap (P 0.91). The best of "
-            "another family, Bouc-Wen hysteresis, removes 48 %. 14 % of the gap remains, 1.4 times "
-            "the noise floor.",
+            "another family, Bouc-Wen hysteresis, removes 48 %. 14 % of the gap remains, and the "
+            "error is 1.4 times the noise floor.",
             "Coulomb friction at the joint port, with probability 0.91.",
             "Coulomb friction removes 86 % of the gap (95 % interval 74 to 98 %).",
             "79 % (69 to 84 %)",
@@ -81,7 +81,8 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         ],
         "partly-explained": [
             "Coulomb friction at the joint port removes 64 % of the gap (P 0.91).",
-            "36 % of the gap remains, 3.7 times the noise floor. It enters at the muscle port.",
+            "36 % of the gap remains, and the error is 3.7 times the noise floor. It enters at the "
+            "muscle port.",
             "What is left 36 % of the gap, at the muscle port.",
             "Remaining: 36 % of the gap (95 % interval 32 to 42 %), 3.7 times the noise floor in "
             "the worst channel.",

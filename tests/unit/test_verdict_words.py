@@ -35,8 +35,8 @@ def left(share: float, **more: Any) -> dict[str, Any]:
 def test_a_cause_is_told_with_its_share_first_and_its_probability_behind() -> None:
     assert sentence(changed("explained")) == (
         "coulomb-friction at the joint port removes 86 % of the gap (P 0.91). The best of another "
-        "family, bouc-wen-hysteresis, removes 48 %. 14 % of the gap remains, 1.4 times the noise "
-        "floor."
+        "family, bouc-wen-hysteresis, removes 48 %. 14 % of the gap remains, and the error "
+        "is 1.4 times the noise floor."
     )
 
 
@@ -45,7 +45,7 @@ def test_several_causes_remove_a_share_together() -> None:
     assert sentence(changed("explained", causes=causes, remainder=left(0.15, floors=1.2))) == (
         "coulomb-friction at the joint port (P 0.91) and leak at the pressure port (P 0.80) "
         "together remove 85 % of the gap, without coulomb-friction 25 % and without leak 60 %. "
-        "15 % of the gap remains, 1.2 times the noise floor."
+        "15 % of the gap remains, and the error is 1.2 times the noise floor."
     )
 
 
@@ -55,15 +55,19 @@ def test_several_causes_remove_a_share_together() -> None:
 @pytest.mark.parametrize(
     ("rest", "words"),
     [
-        ({"floors": 14.0}, "14 % of the gap remains, 14 times the noise floor."),
-        ({"floors": 1.03}, "14 % of the gap remains, at the noise floor."),
-        ({"floors": 0.4}, "14 % of the gap remains, at the noise floor."),
+        ({"floors": 14.0}, "14 % of the gap remains, and the error is 14 times the noise floor."),
+        ({"floors": 1.03}, "14 % of the gap remains, and the error is at the noise floor."),
+        ({"floors": 0.4}, "14 % of the gap remains, and the error is at the noise floor."),
         ({"floors": None}, "14 % of the gap remains."),
-        ({"share": -0.02}, "0 % of the gap remains, 1.4 times the noise floor."),
-        ({"port": "muscle"}, "14 % of the gap remains, 1.4 times the noise floor."),
+        ({"share": -0.02}, "0 % of the gap remains, and the error is 1.4 times the noise floor."),
+        (
+            {"port": "muscle"},
+            "14 % of the gap remains, and the error is 1.4 times the noise floor.",
+        ),
         (
             {"real": True, "port": "muscle"},
-            "14 % of the gap remains, 1.4 times the noise floor. It enters at the muscle port.",
+            "14 % of the gap remains, and the error is 1.4 times the noise floor. It enters at the "
+            "muscle port.",
         ),
         (
             {"real": True, "port": "muscle", "family": "drag"},
