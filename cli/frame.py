@@ -25,7 +25,7 @@ from pamid.base.errors import PamidError, UsageError, nearest
 from pamid.base.printable_text import printable, printable_json
 
 from . import settings_files
-from .ending import INTERRUPTED, was_signalled, watch_signals
+from .signals import INTERRUPTED, was_signalled, watch_signals
 from .table import ALIASES, COMMANDS, load_command
 from .terminal import aside, hang_up, say, warning
 

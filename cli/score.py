@@ -32,7 +32,7 @@ class Arguments(ScoreArguments):
 
 @frame.command("score", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
-    from pamid.api.run_scores import score
+    from pamid.api.scoring import score
 
     with staged_progress("score") as progress:
         result = score.of(frame.reporting(arguments, progress))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         ParameterEstimate,
         ParameterTable,
     )
-    from pamid.api.run_scores import ScoreResult, score
+    from pamid.api.scoring import ScoreResult, score
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
@@ -84,7 +84,7 @@ _HOME = {
     "Recording": "pamid.recording.recording",
     "Rig": "pamid.model.rig",
     "RoughMap": "pamid.model.background",
-    "ScoreResult": "pamid.api.run_scores",
+    "ScoreResult": "pamid.api.scoring",
     "SmoothGain": "pamid.model.background",
     "SplitGain": "pamid.model.background",
     "State": "pamid.model.effect",
@@ -103,7 +103,7 @@ _HOME = {
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
     "release_excitation": "pamid.api.exciting",
-    "score": "pamid.api.run_scores",
+    "score": "pamid.api.scoring",
     "simulate": "pamid.api.simulating",
     "train_residual": "pamid.api.training",
     "write_recording": "pamid.recording.recording",

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.api.diagnosing import diagnose
 from pamid.api.results import DiagnosisResult
-from pamid.api.run_scores import score
+from pamid.api.scoring import score
 from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json

@@ -263,8 +263,8 @@ apart.tell = lambda text: happened("before", text)
 DEAF = """
 import ctypes
 import pamid.api.checking as checking
-from pamid_cli import ending
-ending.GRACE_S = 0.5
+from pamid_cli import signals
+signals.GRACE_S = 0.5
 def deaf(*_):
     libc, lock = ctypes.CDLL(None), ctypes.create_string_buffer(256)
     os.write(event, b"halted")
@@ -276,8 +276,8 @@ checking.check.of = deaf
 IN_CALLBACK = """
 import ctypes
 import pamid.api.checking as checking
-from pamid_cli import ending
-ending.GRACE_S = 600.0
+from pamid_cli import signals
+signals.GRACE_S = 600.0
 def called_back(*_):
     kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
     numbers = (ctypes.c_int * 2)(2, 1)

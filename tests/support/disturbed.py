@@ -39,8 +39,8 @@ def replacing(source, target, **more):
     happened("after", target)
 
 os.replace = replacing
-from pamid_cli import ending, frame
-ending.GRACE_S = 600.0    # a command that halts is not in native code, and the machine may be busy
+from pamid_cli import signals, frame
+signals.GRACE_S = 600.0    # a command that halts is not in native code, and the machine may be busy
 STAND_IN
 frame.main(sys.argv[5:])
 """  # noqa: E501
