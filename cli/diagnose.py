@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 HELP_ORDER = 80
 _MOST_RANKED = 8
 _LEAST_SHARE = 0.005  # of the gap, at a port that is listed
+_WIDTH = 98  # characters of a line
 _PLAIN = str.maketrans({"\u00a0": " ", "\u2212": "-", "→": "->"})  # for any terminal
 _HOLD_HINT = (
     "(TOML next to the recording: [known] fixes a parameter, [free] releases a fixed parameter)"
@@ -87,21 +88,34 @@ def diagnosis_text(run: RunData, output: Path) -> str:
 
     diagnosis, rows = run.diagnosis, errors_of(run)
     assert diagnosis is not None
-    lines = [diagnosis.sentence, ""]
+    lines = [*_wrapped(diagnosis.sentence), ""]
     if not diagnosis.remark:
         for answer in answers_of(run, rows):
             first, points = len(lines), (f"- {point}" for point in answer.points)
             for text in (answer.lead, *answer.details, *points):
-                wrapped = textwrap.wrap(text.translate(_PLAIN), 81, break_on_hyphens=False)
-                lines += [f"{'':17s}{line}" for line in wrapped]
+                lines += _wrapped(text, 17 * " ")
             lines[first] = f"{answer.question:17s}{lines[first].strip()}"
         lines += [_HOLD_HINT, "", *_tables(diagnosis)]
     lines.append(mae_text(rows))
     if not diagnosis.remark:
         notes = (note for note in diagnosis.notes if note != diagnosis.withheld)
-        lines += [f"Note      {note}" for note in notes]
-    lines += [f"Failed    {failed.job}: {failed.why}" for failed in diagnosis.failed_jobs or ()]
+        for note in notes:
+            lines += _wrapped(note, 10 * " ", "Note      ")
+    for failed in diagnosis.failed_jobs or ():
+        lines += _wrapped(f"{failed.job}: {failed.why}", 10 * " ", "Failed    ")
     return "\n".join([*lines, f"Next: pamid report {quoted(output)}"]).translate(_PLAIN)
+
+
+def _wrapped(text: str, indent: str = "", first: str | None = None) -> list[str]:
+    """Lines of a sentence, as wide as the tables at most."""
+    return textwrap.wrap(
+        text.translate(_PLAIN),
+        _WIDTH,
+        initial_indent=indent if first is None else first,
+        subsequent_indent=indent,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
 
 
 def _tables(diagnosis: DiagnosisFile) -> list[str]:

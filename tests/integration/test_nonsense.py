@@ -83,8 +83,8 @@ def test_no_cause_is_found_in_what_the_input_did_not_make(
     assert found["unknown"] is None and found["next_experiment"] is None, (
         "nothing is described, nothing to tell apart"
     )
-    told = diagnosis_text(load_run(folder / "run"), folder / "run")
-    assert told.startswith(found["remark"]) and "Where" not in told and "shrinkage" not in told
+    shown = " ".join(diagnosis_text(load_run(folder / "run"), folder / "run").split())
+    assert shown.startswith(found["remark"]) and "Where" not in shown and "shrinkage" not in shown
 
 
 def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -> None:
