@@ -14,7 +14,7 @@ for the amplitudes of all windows is tried on a part of them; its best values, o
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +37,16 @@ SCAN_CHECKED, SCAN_STARTS = 24, 2
 SCAN_SAMPLES = 4000  # on which all values are tried
 
 
-class ScanPart(NamedTuple):
+class Linearisation(NamedTuple):
+    """Weighted residuals of all windows in a row, infinite if the model does not stay finite; and
+    per window the derivatives of the outputs by the free parameters, and then by its start."""
+
+    residual: Array
+    slopes: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPart:
     """Part of the recordings for a scan.
 
     Windows with their starts (states per track), and the parameters (SI) of the model without the
@@ -53,6 +62,41 @@ class ScanPart(NamedTuple):
     stepping: Stepping
     most: int | None = None
     with_effect: bool = False
+    _known: dict[bytes, Linearisation] = field(default_factory=dict, init=False, repr=False)
+
+    def windows(self, track: Track) -> list[Window]:
+        """The first windows of a track that have no more samples than its share, two at least."""
+        windows = self.problem.windows(track)
+        if self.most is None:
+            return windows
+        share = self.most // len(self.problem.tracks)
+        return [w for k, w in enumerate(windows) if k < 2 or w.stop <= share]
+
+    def linearised(self, p: Array) -> Linearisation:
+        """Linearisation at these parameters (SI).
+
+        It is kept: an effect at its null is the same for all scanned parameters, and the run of a
+        robot with all derivatives takes seconds.
+        """
+        key = p.tobytes()
+        if key not in self._known:
+            self._known[key] = self._linearised(p)
+        return self._known[key]
+
+    def _linearised(self, p: Array) -> Linearisation:
+        problem, rows, slopes = self.problem, [], []
+        for track, x in zip(problem.tracks, self.starts, strict=True):
+            runner = Runner(problem.assembly, track, self.stepping, problem.free)
+            values, windows = runner.parameters(p), self.windows(track)
+            root, memory = self.weights.root[track.seen], runner.memory(values)
+            runs = runner.run_windows(memory, windows, x[: len(windows)], values, True)
+            for window, run in zip(windows, runs, strict=True):
+                left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
+                rows.append(left.ravel() if run.fine else np.full(left.size, np.inf))
+                by_sample = run.JY[:, track.seen] * root[:, None]
+                width = len(problem.free) + runner.start_states
+                slopes.append(by_sample.reshape(left.size, -1)[:, :width])
+        return Linearisation(np.concatenate(rows), slopes)
 
 
 def scanned_values(part: ScanPart, whole: ScanPart, place: int) -> list[float]:
@@ -84,13 +128,16 @@ def _least(where: ScanPart, place: int, values: Array, count: int) -> Array:
     for i in [place] if where.with_effect else owned:
         null = assembly.parameters[i].null
         at[i] = at[i] if null is None else null
-    common = replace(problem, free=tuple(i for i in problem.free if i not in owned))
-    residual, slopes = _linearised(where, common, at)
+    residual, slopes = where.linearised(at)
     if not np.isfinite(residual).all() or not len(values):
         return values[:0]
+    common = [k for k, i in enumerate(problem.free) if i not in owned]
     # To first order a single projection serves all values of the grid. Only the slopes by the
     # amounts are formed at each value.
-    free = _Orthogonal.to(slopes, len(common.free))
+    free = _Orthogonal.to(
+        [part[:, [*common, *range(len(problem.free), part.shape[1])]] for part in slopes],
+        len(common),
+    )
     least = float((free.part_of(residual[:, None]) ** 2).sum())
     parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
     misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
@@ -170,7 +217,7 @@ def _side_by_side(
         # Values that belong to a track replace those of the parameter vector in every lane.
         known = list(track.known)
         p[known] = track.p[known, None]
-        windows = _scanned_windows(where, track)
+        windows = where.windows(track)
         edges = np.array([windows[0].start, *(w.stop for w in windows)])
         begun = np.stack([problem.assembly.start(q) for q in p.T], axis=1)
         memory = program.memory(begun, stepping=where.stepping, period_s=track.period_s)
@@ -190,34 +237,6 @@ def _side_by_side(
         rows.append(left.reshape(-1, len(values), width))
     joined = np.concatenate(rows)
     return joined[:, :, 0], (joined[:, :, 1:] - joined[:, :, :1]) / steps
-
-
-def _linearised(where: ScanPart, problem: Problem, p: Array) -> tuple[Array, list[Array]]:
-    """Weighted residuals of all windows in a row, and of each window the derivatives of the outputs
-    by the free parameters and its start; infinite residuals where the model does not stay
-    finite."""
-    rows, parts = [], []
-    for track, x in zip(problem.tracks, where.starts, strict=True):
-        runner = Runner(problem.assembly, track, where.stepping, problem.free)
-        values = runner.parameters(p)
-        root, windows = where.weights.root[track.seen], _scanned_windows(where, track)
-        runs = runner.run_windows(runner.memory(values), windows, x[: len(windows)], values, True)
-        for window, run in zip(windows, runs, strict=True):
-            left = (track.y[window.start : window.stop] - run.Y)[:, track.seen] * root
-            rows.append(left.ravel() if run.fine else np.full(left.size, np.inf))
-            by_sample = run.JY[:, track.seen] * root[:, None]
-            width = len(problem.free) + runner.start_states
-            parts.append(by_sample.reshape(left.size, -1)[:, :width])
-    return np.concatenate(rows), parts
-
-
-def _scanned_windows(where: ScanPart, track: Track) -> list[Window]:
-    """The first windows of a track that have no more samples than its share, two at least."""
-    windows = where.problem.windows(track)
-    if where.most is None:
-        return windows
-    share = where.most // len(where.problem.tracks)
-    return [w for k, w in enumerate(windows) if k < 2 or w.stop <= share]
 
 
 def scan_grid(bound: Bound) -> Array:

@@ -9,6 +9,7 @@ selects candidates for a refit; the refitted model is judged on held-out windows
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -409,14 +410,20 @@ def _scanned_at_null(
         return []
     tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
+    fitted = transferred(assembly, (reference.baseline.assembly, base_fit.p))
+    for i, bound in enumerate(assembly.parameters):
+        # the effect at another joint is not there either
+        if bound.owner in added.labels and bound.null is not None:
+            p[i] = fitted[i] = bound.null
     part = ScanPart(problem, p, starts, base_fit.weights, reference.stepping, SCAN_SAMPLES)
     full_problem = Problem(assembly, tracks, problem.free)
-    fitted = transferred(assembly, (reference.baseline.assembly, base_fit.p))
     whole = ScanPart(full_problem, fitted, base_fit.starts, base_fit.weights, reference.stepping)
+    keys = [assembly.parameters[i].key for i in scanned]
+    # effects at several joints begin together, each at its best value
+    ranked = itertools.zip_longest(*(scanned_values(part, whole, i) for i in scanned))
     return [
-        {assembly.parameters[i].key: value}
-        for i in scanned
-        for value in scanned_values(part, whole, i)
+        {key: value for key, value in zip(keys, values, strict=True) if value is not None}
+        for values in ranked
     ]
 
 
@@ -451,16 +458,16 @@ def _scanned_with_effect(
     if not helps or not _has_shape_parameters(problem, added):
         return fitted
     best = fitted
+    part = ScanPart(
+        problem,
+        fitted.p,
+        fitted.starts,
+        fitted.weights,
+        fitted.stepping,
+        SCAN_SAMPLES,
+        with_effect=True,
+    )
     for i in scanned:
-        part = ScanPart(
-            problem,
-            fitted.p,
-            fitted.starts,
-            fitted.weights,
-            fitted.stepping,
-            SCAN_SAMPLES,
-            with_effect=True,
-        )
         for value in scanned_values(part, part, i):
             p = fitted.p.copy()
             p[i] = value

@@ -47,6 +47,8 @@ TICKS = ("time", "step", "period", "fresh", "begin", "join", "part", "along")
 # state was set anew; share of the sample, and of the step, that has gone by at the integrator's
 # stage
 
+MOST_SPLIT = 3  # held delays whose effect on the rates is averaged over the step
+
 
 def tick(name: str) -> Expr:
     return symbol("tick", name)
@@ -137,31 +139,48 @@ class _Split:
     after: Expr
     share: Expr
 
-    def mean_of(self, root: Expr) -> Expr:
-        """Mean over the step of what is made of the value."""
-        if _follows_straight(root, self.mean):
-            return root
-        (early,), (late,) = (
-            substitute([root], {self.mean: value}) for value in (self.before, self.after)
-        )
-        return late + self.share * (early - late)
+    def means_of(self, roots: list[Expr]) -> list[Expr]:
+        """Means over the step of what is made of the value.
+
+        Only the outermost expressions that bend over the value are formed twice. What is linear in
+        these takes their mean.
+        """
+        straight = _straightness(roots, self.mean)
+
+        def bent_arguments(node: Expr) -> tuple[Expr, ...]:
+            linear = straight[node] is False and _is_linear(node, straight)
+            return tuple(a for a in node.args if straight[a] is False) if linear else ()
+
+        bent = [r for r in roots if straight[r] is False]
+        doubled = [n for n in walk(bent, bent_arguments) if not bent_arguments(n)]
+        early = substitute(doubled, {self.mean: self.before})
+        late = substitute(doubled, {self.mean: self.after})
+        means = (b + self.share * (a - b) for a, b in zip(early, late, strict=True))
+        return substitute(roots, dict(zip(doubled, means, strict=True)))
 
 
-def _follows_straight(root: Expr, part: Expr) -> bool:
-    """Whether the root is a straight line over this part of it, or without it."""
-    straight: dict[Expr, bool | None] = {}  # None: without it
-    for node in walk([root]):
+def _straightness(roots: list[Expr], part: Expr) -> dict[Expr, bool | None]:
+    """Whether each node below the roots is a straight line over this part of it; None: without
+    it."""
+    straight: dict[Expr, bool | None] = {}
+    for node in walk(roots):
         followed = [straight[a] for a in node.args]
         if node is part:
             straight[node] = True
         elif all(f is None for f in followed):
             straight[node] = None
         else:
-            once = node.op == "mul" and None in followed
-            divided = node.op == "div" and followed[1] is None
-            sums = node.op in ("add", "sub", "neg") and False not in followed
-            straight[node] = False not in followed and (once or divided or sums)
-    return straight[root] is not False
+            straight[node] = False not in followed and _is_linear(node, straight)
+    return straight
+
+
+def _is_linear(node: Expr, straight: dict[Expr, bool | None]) -> bool:
+    """Whether the operation itself is linear in those of its arguments that have the part."""
+    followed = [straight[a] for a in node.args]
+    once = node.op == "mul" and None in followed
+    divided = node.op == "div" and followed[1] is None
+    # a tangent gives what was solved for, and its derivatives by a correction that is solved for
+    return once or divided or node.op in ("add", "sub", "neg", "tangent")
 
 
 class _MemoryExpansion:
@@ -389,8 +408,9 @@ def expand_memory(
     out_nodes = [next(expanded) for _ in outputs]
     done = [Cell(c.name, next(expanded), next(expanded), c.sampled) for c in cells]
     rate_nodes += [e for _, e in work.states]
-    for split in work.splits:
-        rate_nodes = [split.mean_of(e) for e in rate_nodes]
+    # seven late commands of an arm would make 2^7 copies of it: there their means have to do
+    for split in work.splits if len(work.splits) <= MOST_SPLIT else ():
+        rate_nodes = split.means_of(rate_nodes)
     return StateEquations(
         (*rates, *(n for n, _ in work.states)),
         tuple(rate_nodes),
