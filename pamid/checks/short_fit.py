@@ -22,6 +22,7 @@ takes a single run. After parameters and start states have adapted, the error is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -52,6 +53,8 @@ LEAST_SIGMA = 0.01  # of a channel's spread: assumed noise of a noiseless channe
 FIRST_STAGE_SAMPLES = 6  # of the shortest windows of a fit by stages, at least
 STEPS = 30
 SETTLED_GAIN = 1e-5  # relative gain of a step
+EXACT = 0.01  # smallest error that counts, as a share of the motion
+INDEPENDENT = 12.0  # effective number of independent windows
 RUNAWAY = 1e6  # error as a share of the motion: no more is counted
 LEAST_NOISES = 5.0  # smallest motion, in noises
 USUAL_ERROR = 0.2  # of the motion of a channel: a recording that suits its rig leaves no more
@@ -111,6 +114,15 @@ class FittedWindows:
         return float(len(H) - np.trace(np.linalg.pinv(H)))
 
 
+def score(errors: dict[str, float], strain: float) -> float:
+    """Quality of a fit, the lower the better, in the unit of a log likelihood.
+
+    INDEPENDENT * sum over channels log(error / motion) + 1/2 strain. errors: shares of the motion.
+    """
+    logs = [math.log(min(max(e, EXACT), RUNAWAY)) for e in errors.values()]
+    return INDEPENDENT * sum(logs) + 0.5 * strain
+
+
 @dataclass(frozen=True, eq=False)
 class FitData:
     """Windows, weights and free parameters of a recording, shared by both fits."""
@@ -147,7 +159,7 @@ class FitData:
         for s in further[: 1 + problem.unset.any()] if begin is None and restarts else ():
             if max(best.shares.values()) > USUAL_ERROR:
                 fit = FittedWindows(rig, problem.minimum_by_stages(s, steps), problem)
-                best = min(best, fit, key=lambda fit: fit.point.cost)
+                best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:

@@ -5,9 +5,7 @@ seconds, and a number of the data sheet that is off by powers of ten. Each slip 
 corrected, and a short fit of the rig (`short_fit`) judges the corrected recording. The criteria are
 the share of the motion left over and the necessary change of the data sheet.
 
-    score    INDEPENDENT * sum over channels log(error / motion)
-             + 1/2 sum over parameters ((p - p_sheet) / spread)^2
-    gain     score as recorded - score with the slip corrected
+    gain     score of the fit as recorded - score with the slip corrected
 
 A slip is reported if its gain is CLEAR_GAIN and the errors fall, or stay small; so are others
 within TIED_GAIN of it. It is wrong, and stops a fit, if its gain is SURE_GAIN and it is gross: a
@@ -46,12 +44,14 @@ from pamid.checks.sheet_comparison import (
     shapes,
 )
 from pamid.checks.short_fit import (
+    EXACT,
     FEWEST_WINDOWS,
     RUNAWAY,
     USUAL_ERROR,
     FitData,
     ShortFit,
     fit_data_of,
+    score,
 )
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
@@ -106,7 +106,6 @@ PREFIXES = {"k": 1e3, "M": 1e6, "m": 1e-3, "u": 1e-6}
 ALIKE = 1.5  # ratio of two factors below which they count as the same
 GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"}
 
-INDEPENDENT = 12.0  # effective number of independent windows of a short fit
 # natural logarithms of odds: a slip is named, and stops a fit; others are named with it
 CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
 # share of the errors as recorded: after a slip that corrects them, or the parameters only
@@ -116,7 +115,6 @@ WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recor
 # largest number of steps of the fit as recorded, of a slip's, and of one that shows whether it is
 # worth more
 RECORDED_STEPS, JUDGING_STEPS, FIRST_STEPS = 30, 12, 4
-EXACT = 0.01  # smallest error that counts, as a share of the motion
 # standard deviations of the strain above its mean, of a recording that suits its rig
 USUAL_DEVIATIONS = 4.0
 # of the motion of a channel, after a fit: what is not explained; of a channel whose error was much
@@ -266,8 +264,7 @@ class Judgement:
 
     @property
     def score(self) -> float:
-        logs = [math.log(min(max(e, EXACT), RUNAWAY)) for e in self.errors.values()]
-        return INDEPENDENT * sum(logs) + 0.5 * self.strain
+        return score(self.errors, self.strain)
 
     @property
     def suspicious(self) -> bool:
