@@ -126,7 +126,7 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
         lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
     for channel, errors in (result["network"] or {}).items():
         lines.append(
-            f"A network instead, on the model in its loop: {channel} {errors['refitted']:.4g} "
+            f"Network in place of the cause, in closed loop: {channel} {errors['refitted']:.4g} "
             f"-> {errors['with_network']:.4g}"
         )
     lines += [
