@@ -150,7 +150,7 @@ def test_a_sensor_that_never_crosses_zero_is_asked_about(
     read = read + 0.05 * rng.standard_normal(drive.size)
     made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
     said = pamid.check(made, rig=path).summary()
-    assert ("blind to the sign?" in said) == asked and ("opposite sign" in said) == turned
+    assert ("measures only the magnitude" in said) == asked and ("opposite sign" in said) == turned
 
 
 def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:

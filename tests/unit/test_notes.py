@@ -65,7 +65,7 @@ def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
         answer=SimpleNamespace(model=model), verdict="explained", evidence=evidence
     )
     told = _row_order(d)
-    assert ["this is the log, not the machine" in note for note in told] == [True] * noted
+    assert ["the log is the cause, not the machine" in note for note in told] == [True] * noted
     assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
 
 
