@@ -128,8 +128,8 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
     ready = ", ".join(maps[name] for name in names if name not in lacking)
     parts = [
-        f"offer at port {name}, which passes a balance, the part of it that is rough (the force of "
-        f"the motor, the loss of a store) as load= [{rig.ports[name].unit}], and state {maps[name]}"
+        f"the value at port {name} is a balance: offer the rough part (the force of the motor, the "
+        f"loss of a store) as load= [{rig.ports[name].unit}], and state {maps[name]}"
         for name in lacking
     ]
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
@@ -196,15 +196,15 @@ def tolerance_words(rig: Rig) -> list[str]:
     if rig.background or not mapped:
         whole = [name for name in rig.background if _of(rig, name) and _is_whole(rig, name)]
         return [
-            f"the map that it states at port {name} is a share of a balance, which is next to "
-            "nothing where the parts of it that are rough are large, so that a rough drive passes "
-            f"for friction there. State it of such a part: {stated_roughness(rig, name)}"
+            f"the map at port {name} is a share of a balance. The balance can be near zero while "
+            "its parts are large, so a rough drive looks like friction. State the map as a share "
+            f"of the rough part: {stated_roughness(rig, name)}"
             for name in whole
         ]
     return [
-        "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
-        "passes for a missing effect, or hides it. A map allows for it, but within its tolerance "
-        f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
+        "the rig states no tolerances, so an error of 2 % in a force, a flow or a loss can look "
+        "like a missing effect, or hide an effect. A map allows such an error, but within its "
+        f"tolerance the map can absorb {absorbed_effects(rig, *mapped)}. To allow such errors: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 
@@ -312,9 +312,9 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
 def driving_words(rig: Rig) -> list[str]:
     """A sentence for each port of `driven_by_speed`, and how to correct it."""
     return [
-        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} per unit of "
-        "it), as if damping drove the part. Pass what acts on the moving part along its position, "
-        "and give a sensor that reads the force which moves it the negative."
+        f"The value at port {port!r} increases with the velocity (slope {slope:.3g}), so damping "
+        "would accelerate the part. Pass the force that acts on the moving part along its "
+        "position. A sensor of the driving force gets the negative value."
         for port, slope in driven_by_speed(rig).items()
     ]
 

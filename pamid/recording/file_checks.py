@@ -148,7 +148,7 @@ def explain_cells(path: Path, names: Sequence[str]) -> None:
                 wanted = "a finite number" if number else "a number"
                 _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not {wanted}")
     if empty:
-        hint = "Was the recording stopped at once?"
+        hint = "Check that the recording was not stopped immediately."
         raise FileError(f"{path} has a header but no rows.", hint, code="empty")
 
 

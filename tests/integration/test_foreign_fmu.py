@@ -180,7 +180,7 @@ def test_time_events_and_what_they_change_are_kept(folder: Path, version: int, s
     y, _ = _run(FmuRig(replace(file, saves=saves)), parts=2, u=u)
     assert np.abs(y - _truth(u, sampled=True)).max() <= 1e-4
     blind = FmuRig(replace(file, seen=True))
-    with pytest.raises(PamidError, match=r"depend on the time itself.*seen = false"):
+    with pytest.raises(PamidError, match=r"depend explicitly on time.*seen = false"):
         _run(blind, u=u)
 
 

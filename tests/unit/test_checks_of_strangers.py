@@ -84,13 +84,13 @@ def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_pat
     path = tmp_path / "bench.py"
     path.write_text(BENCH.replace("WAY", way))
     said = pamid.check(path).summary()
-    assert said.count("'rod' grows with its velocity (by 900 ") == notes
+    assert said.count("'rod' increases with the velocity (slope 900)") == notes
     assert "nothing is wrong" in said
     time = 0.01 * np.arange(600)
     made = recording_of(
         time, {"position_mm": 10.0 * np.sin(4.0 * time), "force_n": 36.0 * np.cos(4.0 * time)}
     )
-    assert pamid.check(made, rig=path).summary().count("grows with its velocity") == notes
+    assert pamid.check(made, rig=path).summary().count("increases with the velocity") == notes
     told = notes_of(
         SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
     )
