@@ -386,8 +386,8 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
     ports = [name for name in rig.ports if rig.group_of(name) == rest.port]
     return [
         f"The missing value at port {rest.port} is {percent_text(share)} of the total value there. "
-        f"A map with as much roughness would look the same. If yours may have it, state it in the "
-        f"rig, {stated_roughness(rig, *ports)}, and diagnose again."
+        "A map with the same roughness would look alike. If the map of your machine may be that "
+        f"rough, state {stated_roughness(rig, *ports)} in the rig and diagnose again."
     ]
 
 
