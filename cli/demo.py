@@ -111,7 +111,8 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
     lines += [
         judged,
         "",
-        f"{'parameter':30s} {'data sheet':>12s} {'withheld':>12s} {'found':>12s} {'95 %':>25s}",
+        f"{'parameter':30s} {'data sheet':>12s} {'true value':>12s} {'estimate':>12s} "
+        f"{'95 %':>25s}",
     ]
     for name, p in result["parameters"].items():
         lines.append(

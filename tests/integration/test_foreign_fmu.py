@@ -232,10 +232,10 @@ def test_a_table_declares_the_port_of_a_force(beside: tuple[Path, Path]) -> None
             "'position_m' .m. is not the velocity of 'speed_m_per_s'",
         ),
         ('free = ["mas_kg"]\n', "'mas_kg', but the FMU has no such parameter.*mass_kg"),
-        ('kind = "model-exchang"\n', "kind = 'model-exchang' is none.*model-exchange"),
+        ('kind = "model-exchang"\n', "kind = 'model-exchang' is not a kind.*model-exchange"),
         ("knd = 1\n", "'knd' is not a setting.*kind"),
-        ('seen = "no"\n', "seen = 'no' cannot be"),
-        ("ports = 3\n", "ports = 3 cannot be"),
+        ('seen = "no"\n', "seen = 'no' is not valid"),
+        ("ports = 3\n", "ports = 3 is not valid"),
         ("[ports\n", "is not TOML"),
     ],
 )

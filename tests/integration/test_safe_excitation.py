@@ -156,7 +156,7 @@ def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
         within_limits(path, drawn(4.0), PERIOD_S, speed_limits={"shoulder": 1e-4})
     assert caught.value.code == "no-room"
     path.write_text(path.read_text().replace('range="-1.5 1.5"', 'range="0.5 1.5"'))
-    with pytest.raises(DataError, match="shoulder stands at 0 at the start, outside"):
+    with pytest.raises(DataError, match="shoulder starts at 0, outside"):
         within_limits(path, drawn(4.0), PERIOD_S)
     # a horizontal arm falls by itself
     lying = ARM.replace("<option ", '<option gravity="-9.81 0 0" ')
