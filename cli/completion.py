@@ -1,4 +1,4 @@
-"""`pamid completion`: Print what your shell needs to complete pamid's commands."""
+"""`pamid completion`: Print a script with which your shell completes pamid's commands."""
 
 from __future__ import annotations
 

@@ -111,7 +111,8 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
     lines += [
         judged,
         "",
-        f"{'parameter':30s} {'data sheet':>12s} {'withheld':>12s} {'found':>12s} {'95 %':>25s}",
+        f"{'parameter':30s} {'data sheet':>12s} {'true value':>12s} {'estimate':>12s} "
+        f"{'95 %':>25s}",
     ]
     for name, p in result["parameters"].items():
         lines.append(
@@ -126,7 +127,7 @@ def demo_text(result: dict[str, Any], output: Path) -> str:
         lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
     for channel, errors in (result["network"] or {}).items():
         lines.append(
-            f"A network instead, on the model in its loop: {channel} {errors['refitted']:.4g} "
+            f"Network in place of the cause, in closed loop: {channel} {errors['refitted']:.4g} "
             f"-> {errors['with_network']:.4g}"
         )
     lines += [

@@ -139,14 +139,14 @@ def _plain_text(check: PlainCheck) -> str:
     lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({check.settings}):"]
     channels, reached = check.errors.channels, check.errors.reached
     for name, c in channels.items():
-        stated = "" if c.stated is None else f"; the run states {c.stated:.4g}"
+        stated = "" if c.stated is None else f"; the run predicts {c.stated:.4g}"
         lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
     if check.best == check.settings:
         if reached is False:
             lines.append("No other step or integrator is better.")
         return "\n".join(lines)
     errors = ", ".join(f"{name} {c.best:.4g}" for name, c in channels.items())
-    words = "reaches the stated error" if reached else "comes nearest to the stated error"
+    words = "reaches the predicted error" if reached else "is closest to the predicted error"
     lines.append(
         f"{check.best.integrator} with {1e3 * check.best.timestep_s:g} ms {words} ({errors}): "
         f"{check.best.option}"

@@ -54,8 +54,8 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
         word = "" if edge and p["word"] == "settled" else p["word"]
         null = p.get("null")
         within = null is not None and p["low"] <= null <= p["high"]
-        nothing = f", may be {null:g}, at which the effect vanishes" if within else ""
-        strain = f", {p['strain']:.1f} prior sd from its data sheet" if p["strain"] > 3.0 else ""
+        nothing = f"; the interval contains {null:g} (no effect)" if within else ""
+        strain = f", {p['strain']:.1f} prior sd from the data sheet" if p["strain"] > 3.0 else ""
         lines.append(
             f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  "
             f"{', '.join(filter(None, (word, edge)))}{strain}{nothing}"

@@ -49,7 +49,7 @@ class Arguments:
     rig: str = option(
         "one-dof", "Rig whose muscles get the law.", choices=tuple(rigs_with("static_force"))
     )
-    seed: int = seed_option("Same map and seed, same law.")
+    seed: int = seed_option("The same map and seed give the same law.")
     every: int = option(
         3,
         "Cross-validation in K folds: each holds out every K-th point.",

@@ -51,9 +51,9 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         ends = ", ".join("diverged" if mse is None else f"{mse:.3g}" for mse in t["starts_mse"])
         lines.append(f"          MSE of every start: {ends}; number {t['start'] + 1} is kept")
     lines += [
-        f"weights   gamma {t['gamma']:.1f} of {n} are used, each of {t['samples']} samples counted",
-        f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
-        f"{t['effective_samples']:.0f} independent samples they are worth",
+        f"weights   {t['gamma']:.1f} of {n} determined (gamma) by all {t['samples']} samples",
+        f"          {t['supported_weights']:.1f} of {n} determined by the "
+        f"{t['effective_samples']:.0f} effectively independent samples",
         "seed      reproduces this network on the same kind of processor; others round differently",
     ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])

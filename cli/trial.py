@@ -92,7 +92,7 @@ class Arguments:
     part: Literal["test", "calibration"] = option(
         "test", "Thresholds may be set on calibration cases, never on test cases."
     )
-    seed: int = seed_option("Same seed, same cases.")
+    seed: int = seed_option("The same seed gives the same cases.")
     jobs: int = jobs_option()
     cluster: str | None = cluster_option()
     index: str | None = option(

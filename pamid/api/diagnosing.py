@@ -64,8 +64,8 @@ def diagnose(arguments: DiagnosisArguments) -> DiagnosisResult:
     result = result_of(home, given.rig, further)
     if not isinstance(result, DiagnosisResult):
         raise FileError(
-            f"{home.folder} holds no diagnosis any more.",
-            "Make the run again with --overwrite.",
+            f"{home.folder} no longer contains a diagnosis.",
+            "Repeat the run with --overwrite.",
             code="damaged",
         )
     return result

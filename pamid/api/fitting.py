@@ -46,8 +46,8 @@ def fit(arguments: FitArguments) -> FitResult:
     specs = attach_specs(given.evidence.rig, named)
     if valued := next((a.label for a, values in specs if values), ""):
         raise UsageError(
-            f"effect {valued!r}: a fit estimates its parameters and takes no values for them.",
-            f"Name it alone: --effect {valued}.",
+            f"effect {valued!r}: a fit estimates the parameters and accepts no values for them.",
+            f"Give the effect without values: --effect {valued}.",
         )
     attached = tuple(a for a, _ in specs)
     before = OpenedRun.of(arguments.earlier).folder if arguments.earlier else None

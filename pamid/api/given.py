@@ -145,16 +145,16 @@ def evidence_of(
                 warn(f"{recording.path}: {hold.text(recording)}.")
         if lacks := evidence.lacking(recording):
             warn(
-                f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
-                "used where it was recorded."
+                f"{recording.path} lacks {', '.join(lacks)}, which other recordings have. A "
+                "channel is used only in the recordings that contain it."
             )
     unused = [
         c for c in model.outputs if c not in evidence.channels and any(r.has(c) for r in read)
     ]
     if unused:
         warn(
-            f"{', '.join(unused)} cannot be judged and is left out: at rest in every recording, or "
-            "not both fitted and held out."
+            f"{', '.join(unused)} is left out: a channel must move and have a fitted and a "
+            "held-out part."
         )
     evidence = replace(evidence, doubts=tuple(doubts))
     contents = {name: content for _, files in resolved for name, content in files.items()}

@@ -53,7 +53,7 @@ class NewRig(NewRigFile):
         """Role of every column, as lines of text."""
         lines = [f"{self.path}: rig {self.name!r}, after {self.like}."]
         for c in self.columns:
-            scaled = "; a gain stands between the two" if c.scaled else ""
+            scaled = "; a fitted gain converts the unit" if c.scaled else ""
             lines.append(f"  {c.column:<24} {c.role} {c.stands_for}, {_BY[c.by]}{scaled}")
         lines += [f"  {name:<24} not recorded" for name in self.unrecorded]
         lines += [f"  {name:<24} not used: noted in the file" for name in self.unused]
@@ -65,20 +65,20 @@ class NewRig(NewRigFile):
             ", ".join(c.column for c in self.columns if c.role == role)
             for role in ("input", "output")
         )
-        lines.append(f"  Taken as cause: {sent or 'nothing'}; as effect: {read}.")
+        lines.append(f"  Assumed inputs: {sent or 'none'}; outputs: {read}.")
         if self.turned:
             lines.append(
-                f"  If {read} is imposed on your bench and {sent} is what it reads, it is the "
-                f"other way round: --like {' or '.join(self.turned)}."
+                f"  If your bench imposes {read} and measures {sent}, use "
+                f"--like {' or '.join(self.turned)}."
             )
         if self.also:
             others = ", ".join(match.rig for match in self.also)
-            lines.append(f"  The columns fit {others}, too: --like NAME.")
+            lines.append(f"  The columns also fit {others} (--like NAME).")
         rig = catalogue_rig(self.like)
         lines += [
             f"  It has {no_place_words(q)}." for q in no_places(rig, effects().values(), rigs())
         ]
-        lines.append("  Its figures are the example's: replace those marked GUESS.")
+        lines.append("  Its values come from the example rig: replace the values marked GUESS.")
         return "\n".join(lines)
 
     def __repr__(self) -> str:

@@ -301,7 +301,7 @@ def _sending(request: ExcitationArguments) -> _Sending:
             )
         if offset is None and centre != (stated := limits.centre.get(name, 0.0)):
             notes.append(
-                f"{name} swings about {centre:g}, not {stated:g}: it lies within {allowed}."
+                f"{name}: centre moved from {stated:g} to {centre:g} to stay within {allowed}."
             )
         amplitudes[name], centres[name] = amplitude, centre
     rests = {name: rest_level(limits, name, centres[name], amplitudes[name]) for name in amplitudes}

@@ -47,7 +47,7 @@ class PowerResult(PowerFile):
         confused = sum(bool(e.confused) for e in self.effects if e.effect in self.showing)
         return (
             f"This experiment of {self.seconds:.3g} s shows {len(self.showing)} of "
-            f"{len(self.effects)} effects at their usual size, {confused} of them not to be "
+            f"{len(self.effects)} effects at their usual size; {confused} of these cannot be "
             "separated from another family"
         )
 

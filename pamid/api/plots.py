@@ -43,7 +43,9 @@ def png(run: RunData, content: str) -> bytes:
 def _drawing(run: RunData, content: str) -> Drawing:
     drawing = _DRAWINGS[content](run)
     if drawing is None:
-        raise DataError(f"This run holds no {content}.", "`pamid.report` shows all that it holds.")
+        raise DataError(
+            f"This run contains no {content}.", "`pamid.report` shows all results of the run."
+        )
     return drawing
 
 
@@ -66,7 +68,7 @@ def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFig
     window = worst_window(run.residual, chosen) if run.residual is not None else None
     if run.residual is None or window is None:
         raise DataError(
-            "No window of this run was scored.", "Its residual.csv holds what was compared."
+            "No window of this run was scored.", "See the scored samples in residual.csv."
         )
     kinds = tuple(kind for kind in PLOTTED_MODELS if run.residual.of(chosen, kind) is not None)
     return figure_of(window_drawing(run, run.residual, chosen, window, kinds))

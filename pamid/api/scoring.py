@@ -55,7 +55,7 @@ def score(arguments: ScoreArguments) -> ScoreResult:
     """
     given = recordings_given(arguments.recordings)
     if not given:
-        raise UsageError("There is no recording to judge by.", "Give a recording.")
+        raise UsageError("There is no recording to score the run on.", "Give a recording.")
     run = OpenedRun.of(arguments.run)
     rig = resolved_rig(arguments.rig) or run.code[0]
     effects = effects_given(arguments.effects) or run.code[1]

@@ -39,7 +39,7 @@ def simulate(arguments: SimulationArguments) -> Recording:
     target = None if a.output is None else Path(a.output)
     require_new([target] if target else [], a.overwrite)
     if not a.noise >= 0.0:
-        raise UsageError(f"noise={a.noise!r} is no factor of at least 0.")
+        raise UsageError(f"noise={a.noise!r} is not a factor of 0 or more.")
     source = recording_given(a.excitation, "excitation")
     known, hidden = dict(a.known or {}), dict(a.parameters or {})
     rig, effects = resolved_rig(a.rig), effects_given(a.effects)
@@ -52,8 +52,8 @@ def simulate(arguments: SimulationArguments) -> Recording:
     for effect in effects:
         if isinstance(effect, str) and not effect.endswith(".py"):
             raise UsageError(
-                f"--effect {effect!r}: the model has the effects that the run found; with --model "
-                "only its effect files are named again."
+                f"--effect {effect!r}: the model already contains the effects of the run.",
+                "With --model, name only the effect files of the run.",
             )
     # networks and what they need take a second to load, and few runs have a network
     from pamid.correction.identified_model import load_identified, record_identified

@@ -90,7 +90,7 @@ class NetworkResult(OpenedRun):
     def _repr_html_(self) -> str:
         return card(
             self._headline(),
-            paragraph(f"It is given {', '.join(self.inputs)}."),
+            paragraph(f"Inputs: {', '.join(self.inputs)}."),
             html_table(self._rows()),
         )
 
@@ -121,9 +121,9 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
     """
     a = arguments
     if a.evidence not in EVIDENCE:
-        raise UsageError(f"evidence={a.evidence!r}: take {' or '.join(EVIDENCE)}.")
+        raise UsageError(f"evidence={a.evidence!r} must be {' or '.join(EVIDENCE)}.")
     if a.on not in MODEL_COLUMNS:
-        raise UsageError(f"on={a.on!r}: take {' or '.join(MODEL_COLUMNS)}.")
+        raise UsageError(f"on={a.on!r} must be {' or '.join(MODEL_COLUMNS)}.")
     damping = _damping(a)
     iterations = most_iterations(a)
     wanted = NetworkChoice(a.network, a.sizes)

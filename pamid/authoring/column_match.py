@@ -129,9 +129,8 @@ def _is_rate(recorded: str, wanted: str) -> bool:
 def _integration_hint(symbol: str, wanted: str) -> str:
     """Hint on how to integrate a speed to a position."""
     return (
-        f"Add it up into a separate column, the running sum of {symbol} times the sampling "
-        f"period, and say --column {wanted}=THAT; or in a copy of the rig make {symbol} the input "
-        "and pass it as velocity."
+        f"Integrate {symbol} over time into a separate column and give --column {wanted}=NAME. "
+        f"Or copy the rig, make {symbol} the input and pass {symbol} as velocity."
     )
 
 
@@ -158,8 +157,8 @@ def example_named(name: str) -> type[Rig]:
         return known[name]
     if name in rigs():
         raise UsageError(
-            f"rig {name!r} is built of parts that several rigs share: it is used as it is.",
-            f"Add --rig {name} to the commands, or start from {', '.join(known)}.",
+            f"rig {name!r} shares parts with other rigs and cannot be copied into a file.",
+            f"Use the rig unchanged with --rig {name}, or start from {', '.join(known)}.",
         )
     hint = nearest(name, known) or f"Rigs: {', '.join(known)}."
     raise UsageError(f"Rig {name!r} is not in the catalogue.", hint)
@@ -262,10 +261,7 @@ def best_match(
         if wanted.fits and not speeds:
             return wanted, []
         column = (wanted.missing or tuple(wanted.rig.outputs))[0]
-        hint = (
-            f"Say which column it is with --column {column}=NAME; the recording has "
-            f"{listed(recorded)}."
-        )
+        hint = f"Name the column with --column {column}=NAME; the recording has {listed(recorded)}."
         hint = _integration_hint(*speeds[0]) if speeds else hint
         message = f"The recording does not fit {like!r}: {wanted.missing_parts()}."
         raise FileError(message, hint, code="no-match")
@@ -291,8 +287,8 @@ def best_match(
     by_names = (all(q.by == "name" and not q.scaled for q in m.pairs) for m in fitting)
     if whole and whole not in examples() and not any(by_names):
         raise FileError(
-            f"These are the columns of rig {whole!r}, which is used as it is.",
-            f"Add --rig {whole} to the commands.",
+            f"These are the columns of rig {whole!r}, which cannot be copied into a file.",
+            f"Use the rig unchanged with --rig {whole}.",
             code="no-match",
         )
     if guessed and not fitting:
@@ -302,7 +298,7 @@ def best_match(
         )
         raise FileError(
             f"The columns {listed(recorded)} fit by their units alone: {machines}.",
-            f"Say which machine it is, for example --like {guessed[0].rig.name}.",
+            f"Name the rig, for example --like {guessed[0].rig.name}.",
             code="no-match",
         )
     fitting = [match for match in fitting if match.score > NEAR * fitting[0].score]
@@ -310,7 +306,7 @@ def best_match(
         near = "; ".join(f"{m.rig.name}: {m.missing_parts()}" for m in every[:LISTED_RIGS])
         raise FileError(
             f"No rig fits the columns {listed(recorded)}"
-            + (f" ({near})." if near else ": none has the columns that were named."),
+            + (f" ({near})." if near else ": no rig has the columns given with --column."),
             "Name a rig with --like, and its columns with --column RIG_COLUMN=COLUMN.",
             code="no-match",
         )

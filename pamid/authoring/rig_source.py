@@ -42,8 +42,8 @@ def require_plain(name: str, what: str) -> str:
     """Return a name that may stand in a program. FileError for anything but a plain Python word."""
     if not _PLAIN_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise FileError(
-            f"{what} {name!r} cannot stand in a rig file.",
-            "Use letters, digits and underscores, a letter first: rename the column.",
+            f"{what} {name!r} is not a valid name in a rig file.",
+            "Rename the column with letters, digits and underscores, beginning with a letter.",
             code="name",
         )
     return name
@@ -315,9 +315,9 @@ class RigSource:
         mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.reason)
         return (
             f'"""{title}, with the columns of {mine}.\n\n'
-            f"Taken as cause: {sent}; as effect: {read}.\n"
-            "Look through the figures marked GUESS: they are another machine's, with wide priors.\n"
-            f"What follows is the story of {self.rig.name}.\n\n{story}\n"
+            f"Assumed inputs: {sent}; outputs: {read}.\n"
+            "Check the values marked GUESS: they belong to another machine and have wide priors.\n"
+            f"The following text describes {self.rig.name}.\n\n{story}\n"
             '"""\n\n'
         )
 

@@ -65,9 +65,9 @@ def open_data(path: str | Path, most: int) -> io.BufferedReader:
         _require_regular(source, status)  # whatever stands under that name by now
         if status.st_size > most:
             raise FileError(
-                f"{source} is too large: {size_words(status.st_size)}, of such a file at most "
-                f"{size_words(most)} are read.",
-                "Is it the file you meant?",
+                f"{source} is too large: {size_words(status.st_size)}; the limit for such a file "
+                f"is {size_words(most)}.",
+                "Check that this is the intended file.",
                 code="too-large",
             )
         return open(handle, "rb")
@@ -96,7 +96,7 @@ def read_lines(
             if len(line) == LONGEST_LINE:
                 raise FileError(
                     f"{path}, line {number} is longer than {size_words(LONGEST_LINE)}: "
-                    "this is no table.",
+                    "this is not a table.",
                     code="too-large",
                 )
             yield line

@@ -66,7 +66,7 @@ def read_json(path: str | Path) -> Any:
 def _finite(text: str) -> float:
     value = float(text)
     if math.isinf(value):
-        raise ValueError(f"{text:.12} is no finite number to calculate with.")
+        raise ValueError(f"{text:.12} is not a finite number.")
     return value
 
 

@@ -63,7 +63,7 @@ def load_arrays(
             except _REFUSED as error:
                 raise FileError(
                     f"{path} is not a plain npz file ({error}).",
-                    "Pickled objects and compressed archives are never loaded; make the file anew.",
+                    "Create the file again, without pickled objects and without compression.",
                 ) from None
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from None
@@ -79,7 +79,7 @@ def _unpacked(file: BinaryIO) -> dict[str, NDArray[Any]]:
         ):
             raise ValueError("it is compressed")
         if sum(m.file_size for m in members) > size:
-            raise ValueError("it promises more than it holds")
+            raise ValueError("its directory declares more data than the file contains")
         return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
 
 
@@ -103,6 +103,6 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
         if dtype.hasobject:
             raise ValueError(f"{member.filename} holds pickled objects")
         if math.prod(shape) * dtype.itemsize != member.file_size - file.tell():
-            raise ValueError(f"{member.filename} does not hold what its header promises")
+            raise ValueError(f"{member.filename} does not match its header")
     with archive.open(member) as file:
         return np.asarray(npy.read_array(file, allow_pickle=False))

@@ -140,11 +140,11 @@ class Run:
         _require_inside(self.folder, JOBS)
         if other:
             hint = (
-                "Repeat the command as it was, give --output another folder, or --overwrite to "
-                "replace that run."
+                "Repeat the command unchanged, choose another folder for --output, or replace "
+                "that run with --overwrite."
             )
             raise FileError(
-                f"{self.folder} holds another run: what differs is its {' and '.join(other)}.",
+                f"{self.folder} contains another run. Differences: {', '.join(other)}.",
                 hint,
                 code="run-folder",
             )

@@ -33,7 +33,7 @@ def read_toml(path: Path, missing: Callable[[], str] = str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise FileError(
             f"{path} is not TOML: {error}.",
-            "Text stands in quotes, numbers have a decimal point; a line is "
+            "Write text in quotes and numbers with a decimal point; each line is "
             "`key = value` or [table].",
             code="toml",
         ) from None
@@ -57,7 +57,7 @@ def _require_plain(path: Path, node: Any, depth: int) -> None:
 def _too_deep(path: Path) -> NoReturn:
     raise FileError(
         f"{path}: tables or lists are nested too deeply.",
-        "Nothing that pamid reads is deeper than three levels; correct the brackets.",
+        "Correct the brackets: pamid reads at most three levels.",
         code="toml",
     ) from None
 

@@ -45,7 +45,7 @@ def why_shared(path: Path) -> str:
                 if others_may_write(status) and not sticky:
                     return f"others may write {folder}"
     except OSError as error:
-        return f"{error.filename or path} cannot be looked at: {error.strerror}"
+        return f"{error.filename or path} cannot be inspected: {error.strerror}"
     return ""
 
 

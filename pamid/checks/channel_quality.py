@@ -61,7 +61,7 @@ STEPPED, CROSSINGS = 0.8, 2.0
 GRAIN_CHANGES, OFF_GRAIN = 50, 0.05
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
-PLUGGED = "Is the sensor plugged in, and is it the right channel?"
+PLUGGED = "Check that the sensor is connected and that the channel is the right one."
 #: share of a recording: a shorter standstill is usual before an experiment or after a step
 LONG_STANDSTILL = 0.4
 # of the runs are equally long: the channel is sampled more slowly and held
@@ -228,8 +228,7 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             f"{share_words(at_top.figures['share'])}"
         )
         hint = (
-            "Widen the range of the sensor or of its input, or move less far; until then leave "
-            "these stretches out."
+            "Use a wider measuring range or a smaller motion. Until then leave these stretches out."
         )
         figures = {"level": sign * top, **at_top.figures}
         issues.append(issue("clipped", s.name, message, hint, figures, at_top.windows))
@@ -316,7 +315,7 @@ def standstills(
     if not still.starts.size:
         return [], still.mask
     message = f"{s.name} stands still while the others move, {share_words(still.figures['share'])}"
-    hint = "Check its plug, its bus and its driver; leave these stretches out."
+    hint = "Check its connector, bus and driver. Leave these stretches out."
     return [issue("frozen", s.name, message, hint, still.figures, still.windows)], still.mask
 
 
@@ -412,7 +411,7 @@ def level_issues(
     low, high = np.quantile(y, [0.002, 0.998])
     if shows_only_noise(s):
         message = (
-            f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
+            f"{s.name} contains only noise ({max(s.noise, s.step):.2g}{s.unit}) around "
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
         return [issue("dead", s.name, message, PLUGGED, numbers)] if others_move else []
@@ -420,14 +419,18 @@ def level_issues(
     if spacing and any(_steps_as_often(o, (y - level) / spacing) for o in sent):
         spacing = 0.0  # levels that the machine was sent to
     if (step := spacing or s.step) > COARSE_STEP * float(high - low) > 0.0:
-        finer = "; something rounds it before the logger, which is finer" if spacing else ""
+        finer = (
+            "; the value is rounded before the logger, which has a finer resolution"
+            if spacing
+            else ""
+        )
         message = (
-            f"{s.name} moves in steps of {step:.3g}{s.unit}, of which its range has only "
-            f"{float(high - low) / step:.0f}{finer}"
+            f"{s.name} has a resolution of {step:.3g}{s.unit}, only "
+            f"{float(high - low) / step:.0f} steps over its range{finer}"
         )
         hint = (
-            "Use a finer range of the converter, a finer sensor, or larger excitation; an effect "
-            "smaller than a step cannot be seen."
+            "Use a smaller range of the converter, a finer sensor, or a larger excitation. An "
+            "effect smaller than a step cannot be seen."
         )
         return [issue("coarse", s.name, message, hint, numbers)]
     if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
@@ -435,7 +438,15 @@ def level_issues(
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
-        return [issue("noisy", s.name, message, "Check shielding, earth and filter.", numbers)]
+        return [
+            issue(
+                "noisy",
+                s.name,
+                message,
+                "Check the shielding, the earthing and the filter.",
+                numbers,
+            )
+        ]
     return []
 
 

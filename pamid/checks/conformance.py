@@ -401,8 +401,8 @@ def rig_findings(
         findings += [note("simulator", text) for text in texts]
     if bad and type(rig).period_s == Rig.period_s:
         text = (
-            f"the rig states no period_s, so that it was tried at {Rig.period_s:g} s a sample: "
-            "state that of your recordings (period_s = 1e-5) where the machine is faster"
+            f"the rig states no period_s and was simulated with a period of {Rig.period_s:g} s. "
+            "If the machine is faster, state the period of your recordings (period_s = 1e-5)"
         )
         findings.append(note("finite", text))
     if slopes and not bad:

@@ -140,10 +140,10 @@ def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:
     return issue(
         "echo",
         (output, source),
-        f"{output} and {source} carry the same signal: apart from scale, offset and delay they "
-        f"differ by {100.0 * share:.2g} % of the motion, where the model of rig {rig.name!r} has "
+        f"{output} and {source} contain the same signal: after scale, offset and delay they "
+        f"differ by {100.0 * share:.2g} % of the motion, but the model of rig {rig.name!r} has "
         "dynamics between them",
-        f"Export the measured column as {output}; it seems to hold {source} again. If a controller "
+        f"Export the measured column as {output}; now it seems to repeat {source}. If a controller "
         f'computes {source} from it, write loop = "closed" below [recording] in the TOML.',
         {"residual_over_motion": share},
         wrong=True,

@@ -105,7 +105,7 @@ def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
 
 def _absurd(recording: Recording) -> list[QualityIssue]:
     names = tuple(name for name, values in recording.columns.items() if not measurable(values))
-    message = f"{', '.join(names)}: no sensor shows numbers of this size"
+    message = f"{', '.join(names)}: the values are too large for any sensor"
     hint = "Check how the log was written and read."
     return [issue("range", names, message, hint, wrong=True)] if names else []
 
@@ -266,14 +266,14 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
             message = f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum"
-            hint, low = "Is its sign or its unit wrong?", {"low_pa": float(y.min())}
+            hint, low = "Check its sign and its unit.", {"low_pa": float(y.min())}
             issues.append(issue("pressure", s.name, message, hint, low))
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
             message = (
-                f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, unusual for a pressure "
-                "that drives something"
+                f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, unusual for a "
+                "driving pressure"
             )
-            hint = "Are its values in another unit, such as bar or Pa?"
+            hint = "Check its unit: the values may be in bar or Pa."
             issues.append(issue("unit", s.name, message, hint, {"size_pa": size}))
         else:
             issues += _atmospheric_floor(s, y)
@@ -287,7 +287,7 @@ def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
             "unit",
             s.name,
             f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
-            "Are its values in degrees Celsius?",
+            "Check its unit: the values may be in degrees Celsius.",
             {"high_k": float(s.values.max())},
         )
         for s in signals
@@ -337,12 +337,8 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
             and np.unique(size).size > FEW_LEVELS
             and at.mean() > AT_LIMITS
         ):
-            message = (
-                f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time"
-            )
-            hint = (
-                "Lower the gains or ask for less: a command at its limit says little about the rig."
-            )
+            message = f"{name} is at its limit of {size.max():g} for {at.mean():.0%} of the time"
+            hint = "Reduce the gains or the reference: a saturated command excites the rig little."
             windows = Stretches.of(recording.time, at).windows
             share = {"share": float(at.mean())}
             issues.append(issue("at-limits", name, message, hint, share, windows))
@@ -380,11 +376,11 @@ def _excitation(recording: Recording, name: str, rig: Rig | None) -> list[Qualit
     )
     messages = []
     if amplitude < TIMID * usual:
-        messages.append(f"moves by only {amplitude / usual:.0%} of what is usual")
+        messages.append(f"moves by only {amplitude / usual:.0%} of the usual range")
     if seen.steps < FEW_STEPS:
         messages.append(f"has only {seen.steps} {'step' if seen.steps == 1 else 'steps'}")
     elif seen.levels <= FEW_LEVELS:
-        messages.append(f"has only {seen.levels} levels, which hide what is curved between them")
+        messages.append(f"has only {seen.levels} levels, which hide a curvature between them")
     rests = Stretches.of(recording.time, np.concatenate([[False], np.diff(values) == 0.0]))
     longest = rests.only(rests.lengths == rests.lengths.max(initial=0)).only(slice(1))
     windows: tuple[tuple[float, float], ...] = ()

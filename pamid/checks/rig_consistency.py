@@ -94,7 +94,7 @@ def contradictions(
     clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:
         factor = clocks[0].slip.factor
-        text = f"at which rig {rig.name!r} would behave quite differently"
+        text = f"which does not match the dynamics of rig {rig.name!r}"
         return [_clock_issue(recording, text, CLOCKS[factor], 1.0 / factor)], {}
     named = [explanation for explanation in slips if explanation.slip.kind not in UNNAMED]
     issues = _slip_issues(named, evidence, rig)
@@ -167,14 +167,17 @@ def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> 
         hint += f" Or {', or '.join(others)} explains it as well."
     if first.wrong:
         evidence = (
-            f"a fit of rig {rig.name!r} is off by {figures['error_as_recorded']:.2g} times the "
-            f"motion as recorded, by {figures['error_mended']:.2g} times the other way"
+            f"a fit of rig {rig.name!r} has an error of {figures['error_as_recorded']:.2g} times "
+            f"the motion, {figures['error_mended']:.2g} times after the correction"
         )
     else:
-        evidence = f"a fit of rig {rig.name!r} would explain it better"
+        evidence = f"after the correction rig {rig.name!r} fits the recording better"
     bend = figures["tolerances_as_recorded"]
     if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
-        evidence += f"; as recorded its data sheet would be {bend:.2g} tolerances off"
+        evidence += (
+            f"; without the correction the parameters deviate from the data sheet by {bend:.2g} "
+            "tolerances"
+        )
     return issue(slip.kind, names, f"{message}: {evidence}", hint, figures, wrong=first.wrong)
 
 
@@ -234,8 +237,8 @@ def _slip_words(
         )
     others = listed([c for c in outputs if c not in names])
     return (
-        f"{names[0]} reads {1.0 / slip.factor:.2g} times what rig {rig.name!r} predicts from "
-        f"{others}",
+        f"{names[0]} is {1.0 / slip.factor:.2g} times the value that rig {rig.name!r} predicts "
+        f"from {others}",
         f"Multiply its scale in {mapping} by {slip.factor:.4g}, or correct the ratio in rig "
         f"{rig.name!r}.{slip.cause_words}",
     )
@@ -268,15 +271,15 @@ def _unexplained_channels(
     size = np.log(np.maximum(e.model.std(axis=0), 1e-300) / np.maximum(e.y.std(axis=0), 1e-300))
     shown = sorted(lost, key=lambda k: -missed[k]) or [int(np.argmax(np.abs(size)))]
     k = shown[0]
-    miss = f"misses by {missed[k]:.2g} times what the signal moves"
+    miss = f"has an error of {missed[k]:.2g} times the motion"
     if missed[k] >= RUNAWAY:
         miss = "runs away"
     elif missed[k] <= 1.0:
-        miss = f"is {np.exp(size[k]):.2g} times as large"
+        miss = f"predicts a motion {np.exp(size[k]):.2g} times as large"
     every = [slip for factor in factors for slip in (factor.slip, *factor.others)]
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
-        text += f", and a refit is off by {left[k]:.2g} times the motion"
+        text += f", and a refit has an error of {left[k]:.2g} times the motion"
     hint = _unit_advice(every) + _blind(columns[k], e, k)
     names = tuple(columns[i] for i in shown)
     return [issue("far-off", names, text, hint, {"error": float(missed[k])})]
@@ -307,7 +310,7 @@ def _unit_advice(slips: Sequence[Slip]) -> str:
         " or ".join([first.words, *(s.factor_words for s in more)])
         for _, (first, *more) in groupby(by_name, key=lambda s: (s.kind in UNNAMED, s.names))
     ][:MOST_NAMED_SLIPS]
-    named = f": {', or '.join(parts)} would bring them together" if parts else ""
+    named = f": {', or '.join(parts)} would remove the difference" if parts else ""
     return f"Check units and signs{named}."
 
 
@@ -318,7 +321,10 @@ def _blind(column: str, e: SheetComparison, k: int) -> str:
     if not way:
         return ""
     side = "below" if way > 0.0 else "above"
-    return f" {column} never goes {side} 0, where the model does: is its sensor blind to the sign?"
+    return (
+        f" {column} never goes {side} 0, but the model does: check whether its sensor "
+        "measures only the magnitude."
+    )
 
 
 # ---- dead and late ------------------------------------------------------------------------------
@@ -371,11 +377,11 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
         if lag < 0 and not _fits_better_later(recording, rig, names, -lag):
             continue
         columns, delay = recorded_columns(names, recording), lag * period
-        many = "answers" if len(columns) == 1 else "answer"
+        many = "responds" if len(columns) == 1 else "respond"
         hint = (
-            "Parameters off the data sheet shift an answer, too: state what is known below "
-            "[known]. A dead time or a lag is for `pamid diagnose` to find; if clocks differ, "
-            "shift the channel in the raw log."
+            "Wrong data-sheet values also shift a response: state known values below [known]. "
+            "`pamid diagnose` finds a dead time or a lag. If clocks differ, shift the channel in "
+            "the raw log."
             if lag > 0
             else "No rig responds before its command: shift the channel, or the command, in the "
             "raw log."

@@ -45,13 +45,13 @@ from pamid.symbolic.expression import symbols
 Array = NDArray[np.float64]
 
 ROW_LATE, ROW_EARLY = "late", "early"
-OF_THE_LOG = "this is the log, not the machine"
+OF_THE_LOG = "the log is the cause, not the machine"
 MEANINGS = {
     HELD: "held between samples",
     LINEAR: "linear between samples",
     BEFORE: "was read before the command of its row was sent",
-    ROW_LATE: "stands a row late (each row holds the reading of the row before)",
-    ROW_EARLY: "stands a row early (each row holds the reading of the next row)",
+    ROW_LATE: "is a row late (each row contains the reading of the row before)",
+    ROW_EARLY: "is a row early (each row contains the reading of the next row)",
 }
 BETTER, SURE = 0.9, 0.7
 # share of the error, to first order, below which an input is tried. Half way to BETTER, because a
@@ -121,8 +121,8 @@ class RowOrder:
             ROW_EARLY: f"rows = -1 {rows}",
         }
         return (
-            f"{self.column} {where}. In that order the error of the rig is "
-            f"{self.corrected:.3g}{_unit(self.column)} RMS, as recorded {self.as_recorded:.3g}: "
+            f"{self.column} {where}. With corrected rows the error of the rig is "
+            f"{self.corrected:.3g}{_unit(self.column)} RMS instead of {self.as_recorded:.3g}: "
             f"{OF_THE_LOG}. Remedy: {'; or '.join(remedies[order] for order in self.orders)}."
         )
 

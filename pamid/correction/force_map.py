@@ -137,14 +137,14 @@ class ValidatedMap:
         have not seen."""
         anfis, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
         text = (
-            f"On points held out, the ANFIS is off by {anfis:.3g} N RMS and the best analytic law, "
-            f"{self.best} x {self.scale[self.best]:.3g}, by {other:.3g} N"
+            f"Error on held-out points: ANFIS {anfis:.3g} N RMS; best analytic law, "
+            f"{self.best} x {self.scale[self.best]:.3g}, {other:.3g} N RMS"
         )
         anfis, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
         return (
             text
             if anfis is None
-            else f"{text}; on whole contractions held out, by {anfis:.3g} and {other:.3g} N"
+            else f"{text}. On held-out contractions: {anfis:.3g} and {other:.3g} N RMS"
         )
 
     @property
@@ -155,13 +155,11 @@ class ValidatedMap:
             return (self.rms_n(held) or 0.0) > (self.rms_n(held, self.best) or 0.0)
 
         if worse(self.by_point):
-            return [
-                "This map does not need a network: the analytic law with its factor serves as well."
-            ]
+            return ["This map needs no network: the scaled analytic law is as accurate."]
         if worse(self.by_contraction):
             return [
-                "Between the contractions measured, the ANFIS is the worse of the two: measure "
-                "some in between, or take fewer --sets."
+                "Between the measured contractions the analytic law is more accurate. Measure more "
+                "contractions, or use fewer --sets."
             ]
         return []
 
@@ -320,9 +318,9 @@ def judge(
             rms(points.force_n, pulls(ForceLaw(law), points)) for law in (trained, unconstrained)
         )
         limits = (
-            " It is constrained to: as trained it moved the wrong way by "
-            f"{max(_guarded(unconstrained)[0]):.3g} N. On all points it is off by {fit:.3g} N RMS, "
-            f"as trained by {other:.3g} N."
+            " Without this constraint the force moved the wrong way by "
+            f"{max(_guarded(unconstrained)[0]):.3g} N. Error on all points: {fit:.3g} N RMS, "
+            f"{other:.3g} N RMS without the constraint."
         )
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
     return ValidatedMap(

@@ -55,9 +55,9 @@ WHICH = ("best", "cause", "network", "refitted")
 UNCORRECTED = "uncorrected."
 GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
 NETWORK_LEFT_OUT = (
-    "the network of the run was trained on the residual of the refitted model and is left out of "
-    "the model with the causes; --which network takes it with the refitted model, train-residual "
-    "--on causes trains a network for this model"
+    "the model with the causes is used without the network, which was trained on the residual of "
+    "the refitted model; choose --which network for the refitted model with the network, or train "
+    "a network for the model with the causes by train-residual --on causes"
 )
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
 

@@ -193,7 +193,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
             raise KeyError("recordings, model")
     except (KeyError, TypeError, AttributeError):
         raise FileError(
-            f"{folder} does not tell its recordings, rig and model.",
+            f"{folder} does not list its recordings, rig and model.",
             "Run `pamid fit` or `pamid diagnose` again.",
             code="damaged",
         ) from None
@@ -355,7 +355,8 @@ def train_at_port(
     target = np.zeros(len(residual.target))
     if len(rows) != len(target):
         raise FileError(
-            f"{RESIDUAL_FILE} has {len(target)} rows, the recordings have others.", "Fit again."
+            f"{RESIDUAL_FILE} has {len(target)} rows, but the recordings have {len(rows)}.",
+            "Repeat the fit.",
         )
     _require_stored(residual, model, rows[len(missing) :])
     target[rows[: len(missing)]] = from_si(missing, unit)
@@ -407,9 +408,8 @@ def _require_stored(residual: ResidualData, model: GreyBox, held_out: NDArray[np
         gap = residual.columns[channel][held_out] - written
         if not np.mean(np.abs(now - written)) <= AGAIN * np.nanmean(np.abs(gap)):
             raise DataError(
-                f"The model that {FIT_FILE} stores is not that of {RESIDUAL_FILE}: they differ in "
-                f"{channel}.",
-                "Another version wrote the run: fit it anew.",
+                f"The models of {FIT_FILE} and {RESIDUAL_FILE} differ in {channel}.",
+                "Repeat the fit: another version of pamid wrote the run.",
             )
 
 

@@ -305,8 +305,8 @@ def _model_of(
         if all(motion(columns[block[2]][s.rows]) > 0.0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()
         notes = (
-            "In its control loop the refitted model could not be simulated; the replay is "
-            "corrected instead.",
+            "The refitted model could not be simulated in closed loop; the network corrects the "
+            "replay instead.",
         )
         break
     if rig_inputs is None:
@@ -335,9 +335,9 @@ def _noise_notes(columns: dict[str, Array], inputs: tuple[str, ...]) -> tuple[st
     """A note on every input that a controller computed from a measured output: it carries the
     noise of that reading."""
     return tuple(
-        f"{command} was computed by a controller from the measured output, so that it carries its "
-        "noise. The network can learn this noise and fall below the noise floor, which is no gain "
-        "in the loop: `pamid score` on a fresh recording has both errors."
+        f"A controller computed {command} from the measured output, so {command} contains its "
+        "noise. The network can learn this noise and reach an error below the noise floor. This "
+        "is not a gain in closed loop: `pamid score` on a new recording reports both errors."
         for *_, last in _loop_blocks(list(columns))
         if (command := last.removesuffix("_loop")) in inputs
     )

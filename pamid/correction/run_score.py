@@ -144,7 +144,7 @@ def _notes(models: _Models) -> tuple[str, ...]:
     where, other = ("closed loop", "replay") if corrected.network.in_loop else ("replay", "")
     labels, without = ([a.label for a in m.effects] for m in (corrected, models.refitted))
     model = "model with its causes" if labels != without else "refitted model"
-    text = f"The network was trained in {where}{f' and is not judged in {other}' * bool(other)}"
+    text = f"The network was trained in {where}{f' and is not scored in {other}' * bool(other)}"
     return (f"{text}; it corrects the {model}.",)
 
 
@@ -155,10 +155,10 @@ def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingU
     same = next((name for name in used if name.sha256 and name.sha256 == recording.sha256), None)
     if same is not None:
         raise DataError(
-            f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a model is not "
-            "judged by what it was made with.",
-            f"Give recordings that the run has not seen; `pamid report {folder}` has the errors on "
-            "its held-out part.",
+            f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a score needs "
+            "new data.",
+            f"Give recordings that the run has not used; `pamid report {folder}` shows the errors "
+            "on the held-out part.",
             code="overlap",
         )
 

@@ -136,7 +136,7 @@ def _over_horizon(model: GreyBox, seed: int, settings: Settings) -> Budget:
             raise ConvergenceError(
                 f"The refitted model diverges within {settings.horizon_s:.4g} s of a held-out "
                 "recording.",
-                "State a shorter horizon, or none: pamid then chooses it.",
+                "Give a shorter horizon, or no horizon: pamid then chooses the horizon.",
             )
         return stated
     # The longest horizon first: an error of the equations shows more the longer a run is.

@@ -58,16 +58,18 @@ class Guards:
             if ended := at_bounds(model, settings, a.label):
                 reasons.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
-                reasons.append(f"{', '.join(gone)} of {a.label} ended at nothing")
+                reasons.append(f"{', '.join(gone)} of {a.label} ended at zero effect")
             for name, family in at_limits(model, a).items():
                 # without a candidate of that family it is the best name there is
                 if any(
                     self.search.family(k) == family and set(k.ports) & set(a.ports)
                     for k in self.search.candidates
                 ):
-                    reasons.append(f"{name} of {a.label} ended where it is {family}")
+                    reasons.append(
+                        f"{name} of {a.label} ended at a value where the effect is {family}"
+                    )
             if terms := duplicated_terms(model, a.label, base, settings):
-                reasons.append(f"{a.label} does what {', '.join(terms)} of the rig does")
+                reasons.append(f"{a.label} duplicates {', '.join(terms)} of the rig")
         return reasons
 
     def ignores_inputs(self, model: CandidateModel) -> bool:

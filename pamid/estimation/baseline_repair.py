@@ -100,7 +100,7 @@ def repaired(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
             return best
     # effects are compared on top of a refit all the same: their models are refits, too
     worse = f"{relative_error(best.held_out, sheet):.1f} times"
-    remark = f"With its data sheet the model predicts better: the refit errs by {worse} as much."
+    remark = f"The data sheet predicts better: the error of the refit is {worse} as large."
     return replace(best, remark=f"{best.remark} {remark}".strip())
 
 
@@ -115,7 +115,7 @@ def _with_held(refit: Refit, _: int) -> Refit | None:
     # what the model lacks.
     loose = undetermined_parameters(refit.fit)
     names = ", ".join(refit.assembly.parameters[i].full_name for i in loose)
-    remark = f"The recordings do not determine {names}: held at the data sheet."
+    remark = f"The recordings do not determine {names}; the fit holds the data-sheet values."
     held = fit_held(refit.fit, loose) if loose else refit.fit
     return Refit.of(refit.evidence, refit.assembly, held, remark) if loose else None
 
@@ -171,7 +171,7 @@ def without_harmful_background(refit: Refit) -> Refit:
         tried = _without(best, term, TRIAL_STEPS)
         if relative_error(best.held_out, tried.held_out) > WORSE:
             best = _without(best, term, ITERATIONS)
-            remark += f"Background {name} made the prediction of held-out data worse: dropped. "
+            remark += f"Background {name} was removed: it increased the held-out error. "
     return replace(best, remark=remark.rstrip())
 
 

@@ -190,10 +190,10 @@ def require_predictable(
     symbol = "" if unit == NONE else f" {unit}"
     window = floor[0].windows[0]
     raise ConvergenceError(
-        f"Errors of an estimated state grow to {column_size(name, errors[worst]):.3g}{symbol} in "
-        f"{name} within {(window.stop - window.start) * floor[0].track.period_s:.3g} s, but it "
-        f"moves by {column_size(name, ranges[worst]):.3g}{symbol} only: even the true model would "
-        "predict nothing",
+        f"The error of an estimated state grows to "
+        f"{column_size(name, errors[worst]):.3g}{symbol} in {name} within "
+        f"{(window.stop - window.start) * floor[0].track.period_s:.3g} s, but {name} moves by only "
+        f"{column_size(name, ranges[worst]):.3g}{symbol}: even the true model cannot predict it",
         "Check units and signs of the inputs, and the rig's masses, stiffness and damping. If the "
         "machine is that unstable, sample it faster.",
         code="unpredictable",

@@ -31,7 +31,7 @@ from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
-FIT_ANEW = "Fit it anew with `pamid fit`."
+FIT_ANEW = "Repeat the fit with `pamid fit`."
 CLOCK_TERMS = ":drift"  # background terms counted from a recording's beginning
 
 
@@ -118,23 +118,23 @@ class EarlierPosterior:
         carried = {self.keys[i] for _, i in self._places(problem)}
         notes = [
             f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in "
-            f"{self.path.parent}: what it would be beyond is guessed."
+            f"{self.path.parent}; beyond the bound its prior is extrapolated."
             for key, slope in zip(self.keys, self.held, strict=True)
             if slope
         ]
         notes += [
-            f"{', '.join(group)} were known only in combination, and the rig declares none of it: "
-            "intervals may come out too narrow."
+            f"{', '.join(group)} were known only in combination, but the rig declares no such "
+            "combination: intervals may be too narrow."
             for group in self.ridges
         ]
         lost = [key for key in self.keys if key not in carried and not key.endswith(CLOCK_TERMS)]
         notes += (
-            [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."]
+            [f"Priors not used, because this fit holds the parameters fixed: {', '.join(lost)}."]
             if lost
             else []
         )
         if any(key.endswith(CLOCK_TERMS) for key in self.keys):
-            notes.append("Drifts belong to a recording's time and begin anew.")
+            notes.append("Drifts belong to a single recording, so they start from the data sheet.")
         fresh = [
             bounds[i].key
             for i in problem.free
@@ -153,14 +153,14 @@ class EarlierPosterior:
                 "A fit can begin from a fit of the same rig, or of the rig that it derives from.",
             )
         for what, spans in (
-            ("its evidence would count twice", evidence.fit),
-            ("it is not unseen", evidence.held_out),
+            ("its data would count twice", evidence.fit),
+            ("it cannot be held out", evidence.held_out),
         ):
             for span in spans:
                 if span.recording.sha256 in self.fitted:
                     raise DataError(
-                        f"{span.recording.path}: {self.path.parent} rests on this recording "
-                        f"already; {what}.",
+                        f"{span.recording.path}: {self.path.parent} already uses this "
+                        f"recording; {what}.",
                         "Give each recording to a single stage.",
                     )
 

@@ -165,8 +165,8 @@ class Coverage:
                 )
         if self.visited < 0.8:
             blind.append(
-                f"Cannot show: what happens in the {1 - self.visited:.0%} of the range where it "
-                "never stays."
+                "Cannot show: effects in the "
+                f"{1 - self.visited:.0%} of the range that the signal does not visit."
             )
         if self.bandwidth_hz is not None and self.band_20db_hz[1] < self.bandwidth_hz:
             blind.append(

@@ -171,7 +171,7 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
     if not rig.inputs:
         raise UsageError(
             f"Nothing is sent to rig {rig.name!r}: it has no input.",
-            "Let it go and record it. To simulate it give any recording of its outputs: "
+            "Release the machine and record its motion. To simulate, give any recording: "
             f"pamid simulate --rig {rig.name} --excitation REC.csv.",
         )
     if not needed:

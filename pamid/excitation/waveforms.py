@@ -198,7 +198,7 @@ def multisine(plan: Plan, amplitude: float, seed: int | list[int]) -> Array:
     """
     band_hz, periods, count = plan.band_hz, plan.periods, _samples(plan, amplitude)
     if not 1 <= periods <= count // 8:
-        raise UsageError(f"{periods} periods do not go into {count} samples.")
+        raise UsageError(f"{count} samples are too few for {periods} periods.")
     period = count // periods
     base = 1.0 / (period * plan.period_s)
     lines = np.arange(1, period // 2, 2)
@@ -334,7 +334,7 @@ def plan_for(
         if name not in SIGNAL_SETTINGS[signal]:
             takers = " and ".join(s for s, settings in SIGNAL_SETTINGS.items() if name in settings)
             hint = f"It belongs to {takers or 'no signal'}."
-            raise UsageError(f"{name} says nothing to the signal {signal}.", hint)
+            raise UsageError(f"{name} does not apply to the signal {signal}.", hint)
     if not (math.isfinite(period_s) and period_s > 0.0):
         raise UsageError(f"The period is {period_s:g}; it must be positive.")
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0.0):

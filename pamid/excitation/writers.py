@@ -86,7 +86,7 @@ def format_of(path: Path, chosen: str | None = None) -> str:
         return by_suffix.get(suffix, "csv")
     if suffix in by_suffix and suffix != FORMATS[chosen].suffix:
         raise UsageError(
-            f"--format {chosen} does not go into a {suffix} file.",
+            f"--format {chosen} cannot be written to a {suffix} file.",
             f"Write --output {quoted(path.with_suffix(FORMATS[chosen].suffix))}.",
         )
     return chosen

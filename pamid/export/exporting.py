@@ -58,8 +58,8 @@ def export_model(
     if written.check is not None and written.check.is_worse and not anyway:
         raise FileError(
             f"{files[0]} was not written: {written.check.worst_words}.",
-            "Its notes (--anyway prints them and writes it) list the parts of the finding that the "
-            "file cannot hold.",
+            "Write the file with --anyway: its notes list the effects that the file format cannot "
+            "represent.",
             code="worse",
         )
     for folder in {file.parent for file in (*files, *further)}:

@@ -32,8 +32,8 @@ _FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
 _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 _DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
 _HOW_TO_BUILD = (
-    "it holds sources only: build it where it is to run, with `fmpy compile`, Simulink's "
-    "fmudialog.compileFMUSources or the importer's compiler"
+    "the FMU contains only sources: compile it on the target machine, with `fmpy compile`, "
+    "Simulink's fmudialog.compileFMUSources or the compiler of the importing tool"
 )
 
 

@@ -77,8 +77,8 @@ class PlainCheck:
         channels = self.errors.channels.items()
         name, c = max(channels, key=lambda item: _ratio(item[1].now, item[1].before))
         return (
-            f"in MuJoCo ({self.settings}) its errors on held-out data are larger than those of the "
-            f"original file: {name} by {c.now:.4g}, not {c.before:.4g}"
+            f"in MuJoCo ({self.settings}) its held-out errors are larger than those of the "
+            f"original file: {name} {c.now:.4g} instead of {c.before:.4g}"
         )
 
 

@@ -174,7 +174,7 @@ def load_mapping(
             raise _fault(
                 f"{path}: signals.{column}.pressure is {_shown(stated)}, but --pressures is "
                 f'"{pressures}".',
-                "Leave unit of the two out.",
+                "Remove either of them.",
             )
         # a unit such as barg states the kind
         marked = isinstance(text, str) and is_readable(text) and read_unit(text).pressure

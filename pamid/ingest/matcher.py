@@ -427,8 +427,8 @@ def _other_quantity(name: LogName, values: Iterable[RobotValue]) -> str:
         other = bool(value.quantity and name.quantity) and value.quantity != name.quantity
         if other and value.sent and name.sent and _by_name(value.element, name.names)[0]:
             return (
-                f"{value.group} sends a {value.quantity} to {value.element}, but the command of "
-                f"the model's {name.names[0]} is {name.quantity}."
+                f"{value.group} sends a {value.quantity} to {value.element}, but the model "
+                f"commands the {name.quantity} of {name.names[0]}."
             )
     return ""
 

@@ -20,16 +20,16 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
 SIGN = (
-    "a value counts along its port's position: pass what acts on the moving part, and an "
-    "effect takes friction off along the velocity. Where a bench imposes the motion and reads "
-    "the force, the reading is the opposite of what passes. `pamid check RIG.py` states it for "
-    "every port."
+    "a value is positive along the position of its port: pass the force on the moving part; an "
+    "effect subtracts friction along the velocity. If a bench imposes the motion and measures "
+    "the force, the reading is the negative of this value. `pamid check RIG.py` states the sign "
+    "for every port."
 )
 HOLD_OR_RELEASE = (
     "a parameter that is not marked as held is fitted. In the TOML file next to a recording, "
     "`NAME = VALUE` under [known] holds it at this value, and `NAME = DEVIATION` under [free] "
-    "fits a held parameter, within this standard deviation. A held zero may be missing in the "
-    "machine all the same: a diagnosis tries friction and stiffness as effects, at all joints "
+    "fits a held parameter, within this standard deviation. A parameter held at zero can still "
+    "be a missing effect: a diagnosis tries friction and stiffness as effects, at all joints "
     "together."
 )
 ON_REQUEST = (
@@ -349,7 +349,7 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         )
         lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
     if story.no_place:
-        lines += ["", "What it has no place for, and which rig has"]
+        lines += ["", "Effects without a port in this rig, and rigs with such a port"]
     for none in story.no_place:
         effects = ", ".join(f"{name} ({title})" for name, title in none.effects.items())
         lines += _wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)

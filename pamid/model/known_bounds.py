@@ -43,12 +43,14 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
     if not math.isfinite(si):
         fault = "is not finite"
     elif wrong_sign:
-        fault = f"{'is zero' if si == 0.0 else 'has the wrong sign'}, against {bounds}"
+        fault = f"{'is zero' if si == 0.0 else 'has the wrong sign'}; see {bounds}"
     elif _far(b, abs(si)):
         fault = f"lies more than {IMPOSSIBLE_FACTOR:g} times beyond {bounds}"
     else:
         return KnownObjection(name, f"[known] {name} = {value:g} lies outside {bounds}", False)
-    return KnownObjection(name, f"[known] {name} = {value:g} cannot be: it {fault}", True)
+    return KnownObjection(
+        name, f"[known] {name} = {value:g} is impossible: the value {fault}", True
+    )
 
 
 def _far(b: Bound, size: float) -> bool:

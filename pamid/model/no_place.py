@@ -22,7 +22,7 @@ def no_place_words(row: NoPlaceRow) -> str:
     """A sentence on effects without a place, the port that they need, and the rigs that have it."""
     named = ", ".join(f"{name} ({title})" for name, title in row.effects.items())
     have = f"{' and '.join(row.rigs)} {'have' if len(row.rigs) > 1 else 'has'}"
-    return f"no place for {named}: it takes {row.needs}, which {have}"
+    return f"no port for {named}: the effect needs {row.needs}, which {have}"
 
 
 def no_places(

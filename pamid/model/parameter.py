@@ -126,8 +126,8 @@ class Parameter:
             object.__setattr__(self, "unit", named)
         if unit_of(self.unit).offset:
             raise FileError(
-                f"parameter {self.name!r} is in {self.unit}, which counts from another zero than "
-                "the equations",
+                f"parameter {self.name!r} is in {self.unit}, whose zero differs from that of the "
+                "SI unit",
                 "Give it in K.",
                 code="unit",
             )

@@ -30,62 +30,61 @@ class KindOfPort:
 
 GUIDE = {
     "command": KindOfPort(
-        "what is sent, before the machine has answered: a voltage, a valve's opening, a wanted "
-        "pressure",
-        "as it is sent; effects delay, clip, scale or shift it, whatever its sign",
+        "the command to the machine: a voltage, a valve opening, a pressure reference",
+        "as commanded; effects delay, clip, scale or shift it, whatever its sign",
     ),
     "flow": KindOfPort(
-        "the flow through a single valve or pump, of a volume or of a mass",
+        "the volume or mass flow through a single valve or pump",
         "positive into the store that it feeds",
     ),
     "rate": KindOfPort(
-        "the rate at which a store fills: all that flows in, less all that flows out",
-        "positive fills it; `outflow` is positive where something leaves; losses are taken off",
+        "the net flow into a store: inflow minus outflow",
+        "positive when the store fills; a positive `outflow` empties it; effects subtract losses",
     ),
     "actuator-force": KindOfPort(
-        "the force or torque that an actuator makes, before it meets the mechanism",
+        "the force or torque that an actuator generates, before the mechanism",
         "along its `position`: a muscle's pull with its contraction, a cylinder's push with "
-        "its stroke. What the actuator loses in itself is taken off against that motion",
+        "its stroke. Effects subtract the losses of the actuator",
     ),
     "motion": KindOfPort(
-        "the force (N) or torque (N m) that is left to accelerate a coordinate",
-        "along `position`: a positive value accelerates it upwards. Friction and drag are taken "
-        "off along `velocity`, stiffness along `position`",
+        "the net force (N) or torque (N m) that accelerates a coordinate",
+        "along `position`: a positive value accelerates in positive direction. Effects subtract "
+        "friction and drag along `velocity`, and stiffness along `position`",
     ),
     "transmission": KindOfPort(
-        "the force or torque that a shaft, a chain or a belt hands on",
-        "along `position`, as at a motion port; `inertia` is all that it drives",
+        "the force or torque that a shaft, a chain or a belt transmits",
+        "along `position`, as at a motion port; `inertia` is the total driven inertia",
     ),
     "reading": KindOfPort(
-        "what a sensor is about to return, in the SI unit of its column",
+        "the value that a sensor measures, in the SI unit of its column",
         "as the sensor counts; `rate` is its rate of change, with the same sign",
     ),
 }
 
 #: meaning of a signal of the catalogue
 SIGNALS = {
-    "position": "the coordinate along which the port counts; its zero is free",
-    "velocity": "the rate of `position`; where it is offered, `position` need not be",
-    "load": "what presses a sliding contact together, positive",
-    "level": "what friction grows with, in any unit; `load`, `pressure`, `current`, `voltage` or "
-    "`temperature` serve as it, too",
-    "current": "of a coil that stiffens a fluid or closes a brake",
-    "voltage": "at such a coil",
-    "temperature": "of what rubs",
-    "pressure": "of the fluid behind the value, gauge",
-    "inertia": "mass or moment of inertia of what the port drives",
-    "free_fall": "acceleration of what the port drives, let go: by its weight, say",
+    "position": "the coordinate of the port; its zero is arbitrary",
+    "velocity": "the rate of `position`; a port with `velocity` needs no `position`",
+    "load": "the normal force of a sliding contact, positive",
+    "level": "the quantity that increases friction, in any unit; `load`, `pressure`, `current`, "
+    "`voltage` or `temperature` can also serve as `level`",
+    "current": "current of a coil that stiffens a fluid or closes a brake",
+    "voltage": "voltage at such a coil",
+    "temperature": "temperature of the sliding contact",
+    "pressure": "gauge pressure of the fluid that causes the value",
+    "inertia": "mass or moment of inertia of the driven part",
+    "free_fall": "acceleration of the driven part when released, for example by gravity",
     "behind": "what the port drives in a pose turned against it, as a function of an angle",
     "driven": "what the drive exerts more where it stands behind, as a function of an angle",
-    "stored": "what is in the store, counted from where nothing leaves it: gauge pressure, level "
+    "stored": "content of the store, zero where nothing leaves it: gauge pressure, level "
     "above the outlet, temperature above the surroundings",
-    "upstream": "what is in the store that runs over into this store; the other port offers "
+    "upstream": "content of the store that overflows into this store; the other port offers "
     "`downstream`",
-    "downstream": "what is in the store that catches what this store spills; the other port offers "
-    "`upstream`",
-    "stretch": "how far a coupling is extended or twisted: the driving side less the driven side",
-    "outflow": "what leaves the store by itself, in the value's unit, positive",
-    "side": "1 or -1: which of two opposed actuators or directions it is",
+    "downstream": "content of the store that receives the overflow of this store; the other port "
+    "offers `upstream`",
+    "stretch": "extension or twist of a coupling: the driving side minus the driven side",
+    "outflow": "flow that leaves the store by itself, in the value's unit, positive",
+    "side": "1 or -1: the actuator of an opposed pair, or the direction",
     "law": "the actuator's force law, as a function of position and pressure",
     "rate": "rate of change of the reading",
     "supply": "pressure of the supply",
@@ -95,10 +94,10 @@ SIGNALS = {
 }
 
 IMPOSED = (
-    "`position` or `velocity` here is an input: the bench imposes the motion. Pass what acts on "
-    "the moving part along `position`, all but the force that moves it; a sensor that reads that "
-    "force shows the opposite of what passes. With the other sign every friction would drive, "
-    "and its fit ends at its null"
+    "`position` or `velocity` here is an input: the bench imposes the motion. Pass the force on "
+    "the moving part along `position`, without the driving force. A sensor of the driving force "
+    "reads the negative of this value. With the wrong sign friction would accelerate "
+    "the part, and its fit ends at zero"
 )
 
 
@@ -107,7 +106,7 @@ MAPPED = ("actuator-force", "flow", "motion", "rate")
 ALONG = ("position", "stored", "level")
 #: what a map along such a signal ("": what passes) can take up besides roughness
 TAKEN_UP = {
-    "": "a bend, a dead zone or a saturation of what passes",
+    "": "a curvature, a dead zone or a saturation of the value",
     "position": "a stiffness, a cogging, and dry friction of a motion whose direction follows its "
     "position, such as a swing that dies away",
     "stored": "a loss or a leak that follows what is stored",
@@ -128,8 +127,8 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
     ready = ", ".join(maps[name] for name in names if name not in lacking)
     parts = [
-        f"offer at port {name}, which passes a balance, the part of it that is rough (the force of "
-        f"the motor, the loss of a store) as load= [{rig.ports[name].unit}], and state {maps[name]}"
+        f"the value at port {name} is a balance: offer the rough part (the force of the motor, the "
+        f"loss of a store) as load= [{rig.ports[name].unit}], and state {maps[name]}"
         for name in lacking
     ]
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
@@ -196,15 +195,15 @@ def tolerance_words(rig: Rig) -> list[str]:
     if rig.background or not mapped:
         whole = [name for name in rig.background if _of(rig, name) and _is_whole(rig, name)]
         return [
-            f"the map that it states at port {name} is a share of a balance, which is next to "
-            "nothing where the parts of it that are rough are large, so that a rough drive passes "
-            f"for friction there. State it of such a part: {stated_roughness(rig, name)}"
+            f"the map at port {name} is a share of a balance. The balance can be near zero while "
+            "its parts are large, so a rough drive looks like friction. State the map as a share "
+            f"of the rough part: {stated_roughness(rig, name)}"
             for name in whole
         ]
     return [
-        "it states no tolerances, so that a force, a flow or a loss that is off by 2 % somewhere "
-        "passes for a missing effect, or hides it. A map allows for it, but within its tolerance "
-        f"it can take up {absorbed_effects(rig, *mapped)}. If yours may be off: "
+        "the rig states no tolerances, so an error of 2 % in a force, a flow or a loss can look "
+        "like a missing effect, or hide an effect. A map allows such an error, but within its "
+        f"tolerance the map can absorb {absorbed_effects(rig, *mapped)}. To allow such errors: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 
@@ -312,9 +311,9 @@ def driven_by_speed(rig: Rig) -> dict[str, float]:
 def driving_words(rig: Rig) -> list[str]:
     """A sentence for each port of `driven_by_speed`, and how to correct it."""
     return [
-        f"What passes the port {port!r} grows with its velocity (by {slope:.3g} per unit of "
-        "it), as if damping drove the part. Pass what acts on the moving part along its position, "
-        "and give a sensor that reads the force which moves it the negative."
+        f"The value at port {port!r} increases with the velocity (slope {slope:.3g}), so damping "
+        "would accelerate the part. Pass the force that acts on the moving part along its "
+        "position. A sensor of the driving force gets the negative value."
         for port, slope in driven_by_speed(rig).items()
     ]
 

@@ -116,8 +116,8 @@ def _run(path: Path, source: bytes) -> ModuleType:
         line = next((n for frame, n in frames if frame.f_code.co_filename == str(path)), 0)
         inner = isinstance(error, ImportError) and (error.name or "").split(".")[0] == "pamid"
         hint = (
-            "Take nouns from `pamid` and functions from `pamid.equations` "
-            f"({', '.join(FUNCTIONS)}); what lies inside may move."
+            "Import classes from `pamid` and functions from `pamid.equations` "
+            f"({', '.join(FUNCTIONS)}); other modules may change."
             if inner
             else "Correct that line."
         )

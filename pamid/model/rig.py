@@ -323,8 +323,8 @@ def check_rig(rig: Rig, where: str) -> None:
         for column in getattr(rig, what):
             if column not in sent:
                 raise FileError(
-                    f"{kind}: {what} names {column!r}, which is not sent to it",
-                    nearest(column, sorted(sent)) or f"sent to it: {', '.join(sorted(sent))}",
+                    f"{kind}: {what} names {column!r}, which is not an input or reference",
+                    nearest(column, sorted(sent)) or f"choose from: {', '.join(sorted(sent))}",
                 )
     for name in rig.background:
         if name not in rig.ports:

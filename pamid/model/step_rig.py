@@ -88,7 +88,7 @@ class StepRig(Rig):
 
     def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
         """Further readings of states x: numbers, SI, by name or in the order of `readings`."""
-        raise FileError("there is none, but there are readings", _WHOLE)
+        raise FileError("the rig has readings, but no read()", _WHOLE)
 
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
@@ -359,8 +359,8 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
     if not np.array_equal(first, repeated):
         name = rig._named[0][int(np.argmax(first != repeated))]
         raise FileError(
-            f"rig {rig.name!r}, step() leads from the same states to another {name!r} after "
-            "another call: it keeps a memory that is not among its states",
+            f"rig {rig.name!r}, step() returns another {name!r} for the same states after another "
+            "call: it has a memory that is not a state",
             "set everything from x at the beginning of step(), or declare it as a state",
             code="simulation",
         )

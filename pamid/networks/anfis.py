@@ -109,7 +109,7 @@ class Anfis(Network):
                 f"Anfis: {self.sets} sets on each of {self.inputs} inputs make "
                 f"{self.sets}^{self.inputs} rules of "
                 f"{self.inputs + 1} consequents, more than {MOST_CONSEQUENTS}.",
-                "Rules grow with the power of the inputs: take fewer inputs or sets.",
+                "Use fewer inputs or sets: the number of rules is sets to the power of inputs.",
             )
 
     @classmethod

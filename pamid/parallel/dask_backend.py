@@ -130,7 +130,7 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
         raise _refused(
             f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
             f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
-            "Results would depend on who worked them out: install the same versions everywhere.",
+            "Install the same versions everywhere: results would depend on the worker.",
         )
 
 
@@ -174,7 +174,7 @@ class Cluster:
                 if alone >= self.patience.alone_s:
                     raise PamidError(
                         f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
-                        "Start some; what was finished is kept, go on with --resume.",
+                        "Start workers and continue with --resume; finished jobs are kept.",
                         code="cluster",
                     )
         finally:
@@ -199,13 +199,13 @@ class Cluster:
             return future.result()
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1
-            return Failed(label, f"its worker was killed {times} times, perhaps for want of memory")
+            return Failed(label, f"its worker was killed {times} times, perhaps for lack of memory")
         return Failed(label, f"{type(error).__name__}: {error}")
 
     def _lost(self) -> PamidError:
         return PamidError(
             f"the connection to the scheduler at {self.address} was lost",
-            "What was finished is kept; go on with --resume.",
+            "Continue with --resume; finished jobs are kept.",
             code="cluster",
         )
 

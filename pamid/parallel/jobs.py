@@ -251,7 +251,7 @@ class LocalJobs:
                     if not died:
                         break
                 else:
-                    why = f"its process was killed {ATTEMPTS} times ({reason}), perhaps for want of"
+                    why = f"its process was killed {ATTEMPTS} times ({reason}), perhaps for lack of"
                     yield i, Failed(work.label(items[i]), f"{why} memory")
 
     def _done(

@@ -124,7 +124,7 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
         return f"it took more than {limits.seconds:.0f} s of processor time"
     if code < 0:
         had = f"{limits.memory // MIB} MiB"
-        return f"it crashed (signal {-code}), perhaps for want of memory: it had {had}"
+        return f"it crashed (signal {-code}), perhaps for lack of memory (limit {had})"
     with open(folder / _ERRORS, "rb") as file:
         file.seek(max(0, os.fstat(file.fileno()).st_size - _LAST_BYTES))
         last = file.read().decode(errors="replace").strip().rpartition("\n")[2]

@@ -73,12 +73,12 @@ class PredictedReach:
         low, high = self.recorded
         if self.way:
             return (
-                f"the way of {self.name} over {self.high - self.low:.3g} {self.way}, recorded were "
+                f"the path of {self.name} over {self.high - self.low:.3g} {self.way}; recorded: "
                 f"{high - low:.3g} {self.way}"
             )
         return (
-            f"{self.name} from {self.start:.3g} to {self.low:.3g} .. {self.high:.3g}, recorded "
-            f"were {low:.3g} .. {high:.3g}"
+            f"{self.name} from {self.start:.3g} to {self.low:.3g} .. {self.high:.3g}; recorded: "
+            f"{low:.3g} .. {high:.3g}"
         )
 
 
@@ -158,7 +158,7 @@ def carried_texts(bench: Bench) -> list[str]:
             f"{name} stays at {values[0]:.4g}, as recorded"
             if motion(values) == 0.0
             else f"{name} varies as recorded ({values.min():.4g} .. {values.max():.4g}); "
-            "a column that nothing sends need not be sent"
+            "send it only if an actuator sets it"
             for name, values in bench.carried.items()
         ),
     ]

@@ -184,15 +184,15 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
     families = families_of(d.cause)
     others = [c for c in d.ranking if not families_of(c) & families and c.label not in d.set_aside]
     behind = (
-        f" ({others[0].label}, the nearest, is "
+        f" (the nearest, {others[0].label}, is "
         f"{times_text(d.comparison.removed(d.cause, others[0]).z)} standard errors behind)"
         if others
         else ""
     )
     remains = (
-        "what remains is taken up by no candidate"
+        "no candidate explains the remainder"
         if d.left_over
-        else "what remains is not a material share of the gap"
+        else "the remainder is not a material share of the gap"
     )
     return WithheldExperiment(
         f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and {remains}."
@@ -208,9 +208,9 @@ def _withheld(
     if not away:
         return None
     return WithheldExperiment(
-        f"{WITHHELD}: without a loop that holds the rig, each of them would lead it "
-        f"beyond what was recorded, {name} even at its mildest ({away}). Record an experiment in a "
-        "position loop, or between stops that may be met."
+        f"{WITHHELD}: in open loop, each experiment would drive the rig beyond the "
+        f"recorded range, {name} even at its smallest amplitude ({away}). Record an experiment in "
+        "a position loop, or between stops that the rig may touch."
     )
 
 

@@ -97,8 +97,8 @@ def check_header(path: Path, names: Sequence[str]) -> None:
     if names[0] != "time_s":
         guess = f"`pamid ingest --guess {quoted(path)}`"
         hint = (
-            "The first line of a recording names its columns, time_s first; of a raw log "
-            f"{guess} makes one."
+            "The first line of a recording names its columns, time_s first. For a raw log run "
+            f"{guess}."
         )
         if ";" in names[0] or "\t" in names[0]:
             hint = (
@@ -110,16 +110,16 @@ def check_header(path: Path, names: Sequence[str]) -> None:
     if len(names) == 1:
         refuse(
             "there is no column except time_s",
-            "A recording holds what was sent and what was measured, each in a column NAME_UNIT; if "
-            "columns are separated by something else than commas, `pamid ingest` reads it.",
+            "A recording has a column NAME_UNIT for each input and each measured signal. If the "
+            "columns are not separated by commas, convert the file with `pamid ingest`.",
         )
     seen: set[str] = set()
     for index, name in enumerate(names):
         if not name:
             refuse(
                 f"column {index + 1} has no name",
-                "Name it NAME_UNIT, as angle_deg, or drop it; a comma too many at the end makes "
-                "one as well.",
+                "Name the column NAME_UNIT, as angle_deg, or delete it. Check for an additional "
+                "comma at the end of the line.",
             )
         if fault := name_fault(name):
             refuse(f"column {index + 1}, {name!r}, {fault}", RENAME)
@@ -148,7 +148,7 @@ def explain_cells(path: Path, names: Sequence[str]) -> None:
                 wanted = "a finite number" if number else "a number"
                 _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not {wanted}")
     if empty:
-        hint = "Was the recording stopped at once?"
+        hint = "Check that the recording was not stopped immediately."
         raise FileError(f"{path} has a header but no rows.", hint, code="empty")
 
 

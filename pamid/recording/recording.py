@@ -239,7 +239,7 @@ def read_recording(path: str | Path | DataFrame) -> Recording:
     time = columns.pop(TIME)
     check_stamps(source, time)
     if time.size < MIN_SAMPLES:
-        hint = "A fit needs seconds of motion, not a moment of it; record for longer."
+        hint = "Record for longer: a fit needs some seconds of motion."
         message = f"{source}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed."
         raise DataError(message, hint, code="too-short")
     stated = sidecar_of(source, names, time)
@@ -311,7 +311,7 @@ def recording_files(
             what = "not finite" if array.shape == arrays[0].shape else f"of shape {array.shape}"
             raise FileError(
                 f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
-                "Lower what is sent, or correct the parameters that let it grow without bound.",
+                "Reduce the excitation, or correct the parameters that make the model unstable.",
             )
     formats = [f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]
     rows = np.stack(arrays, axis=1)

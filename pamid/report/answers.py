@@ -418,25 +418,25 @@ def _unknown_texts(unknown: Unknown) -> list[str]:
     if texts:
         texts.append(
             "The curve is fitted together with the parameters of the rig. A part that both can "
-            "take up, such as a part in proportion, may be divided differently."
+            "represent, such as a linear part, may be divided differently between them."
         )
     against = port_label(
         "velocity" if "velocity" in unknown.variables else (unknown.variables or ("signal",))[0]
     )
     parity = {
-        "odd": f"It changes its sign with the {against}.",
-        "even": f"It is alike on both sides of the {against}.",
+        "odd": f"It is odd in the {against}.",
+        "even": f"It is even in the {against}.",
         "mixed": f"It is neither odd nor even in the {against}.",
     }
     memory = {
-        True: "Most of it is no function of these signals at the same instant: it depends on the "
-        "past, or on something that is not among them.",
-        False: "It follows these signals without memory.",
+        True: "Most of it is not a function of these signals at the same instant: it depends on "
+        "the past, or on another signal.",
+        False: "It is a function of these signals, without memory.",
         None: "",
     }
     energy = {
-        True: "It takes energy out, as friction does.",
-        False: "On the whole it takes no energy out beyond what the refitted model takes.",
+        True: "It dissipates energy, like friction.",
+        False: "On average it dissipates no more energy than the refitted model.",
         None: "",
     }
     return [

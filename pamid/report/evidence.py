@@ -68,8 +68,8 @@ def evidence_of(
                 "controller, from the recording's beginning."
             )
         texts.append(
-            "With cause: refitted to all that is fitted; the figures above are of what either half "
-            "of the held-out windows chose for the other."
+            "With cause: refitted to all fitted data. The figures above are cross-validated: each "
+            "half of the held-out windows is scored with the model chosen on the other half."
         )
         content = recording_errors_table(recordings), note(" ".join(texts))
         yield Section("Errors by recording and model", content, 3)
@@ -183,8 +183,9 @@ def _transfer(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Section:
         body.append(row)
     heads = ["recording", "differs in", *_mae_heads(channels)]
     words = (
-        "Held-out recordings made under other conditions than any that was fitted: mean absolute "
-        "error refitted and with the cause, on windows that did not choose it."
+        "Held-out recordings under conditions that no fitted recording has: mean absolute error "
+        "of the refitted model and with the cause, on windows that were not used to choose the "
+        "cause."
     )
     content = table(heads, body, range(2, len(heads))), note(words)
     return Section("Does it hold elsewhere?", content, 3)
@@ -286,7 +287,7 @@ def _sensors(where: Where) -> Section:
         f"{checks}From the structure of the rig's equations alone, for an effect of unknown form."
     )
     content = table(["additional sensor", "takes apart"], body), note(words)
-    return Section("Which sensor would tell more", content, 3)
+    return Section("Which further sensor would help", content, 3)
 
 
 # ---- parameters ----------------------------------------------------------------------------------
@@ -307,8 +308,9 @@ def _parameters(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Secti
     if not parameters:
         return
     words = (
-        "Strain is the distance from the prior in prior standard deviations. Settled: the data "
-        "fix it; weak: partly the prior; silent: the data say nothing about it."
+        "Strain is the distance from the prior in prior standard deviations. Settled: the "
+        "data determine the value; weak: the prior contributes; silent: only the prior determines "
+        "the value."
     )
     content: list[Markup | Section] = [
         parameter_table(parameters, without_cause),

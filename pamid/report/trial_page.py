@@ -33,9 +33,9 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
             "candidate.",
         ),
         (
-            "What is taken for what?",
+            "Which effects are confused?",
             (*figures(pictures, "confusion"), *_confusion(trial)),
-            "Visible single faults; in parentheses how naming a family was avoided.",
+            "Visible single faults; in parentheses: answers that name no family.",
         ),
         (
             "When does it work?",

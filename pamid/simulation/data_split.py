@@ -264,7 +264,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     for r in every_recording:
         if not any(c in measured[id(r)] for c in channels):
             raise FileError(
-                f"{r.path} holds nothing that is both fitted and held out: {', '.join(channels)}",
+                f"{r.path} contains no channel that is fitted and held out: {', '.join(channels)}",
                 "leave it out, or hold out a recording that has the same sensors",
             )
     moving: set[str] = set()

@@ -49,7 +49,7 @@ class IdleTerm:
         what = "the value" if self.signal == "value" else self.signal
         return (
             f"The background term {self.name} at port {self.port} is left out: {what} there "
-            f"{count} in the fitted recordings, so that the curve would bend freely between them. "
+            f"{count} in the fitted recordings, so the curve is not determined between them. "
             f"Record with {what} moving over its range to keep the term"
         )
 

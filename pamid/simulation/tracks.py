@@ -168,8 +168,8 @@ def noise_remarks(
                 "`noise` in the rig if it is known better"
             )
             text = (
-                f"{channel} stands still and leaps on while the machine moves, as a coarse gauge "
-                f"or a slow sensor: its readings lag by {lag:.2g}{symbol} (rms). {usage}"
+                f"{channel} jumps between constant values while the machine moves, like a coarse "
+                f"or slow sensor: its readings lag by {lag:.2g}{symbol} (rms). {usage}"
             )
             remarks.append(NoiseRemark("clinging", channel, text, used))
     return remarks

@@ -97,7 +97,7 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     raise FileError(
         f"{excitation.path} has {there}, but not {missing}",
         f"rig {rig.name!r} runs with the references of all its loops, or with all their commands "
-        "(0 asks for nothing)",
+        "(a command of 0 has no effect)",
     )
 
 

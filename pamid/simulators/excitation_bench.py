@@ -95,7 +95,7 @@ class ExcitationBench:
             if names:
                 sentences.append(f"{what} of {', '.join(names)}")
         if stops:
-            sentences.append(f"not the end on which it stands at the start, of {', '.join(stops)}")
+            sentences.append(f"except the end of the range at which {', '.join(stops)} starts")
         return (*sentences, "bodies that touch")
 
     def _require_start(self) -> None:
@@ -104,10 +104,10 @@ class ExcitationBench:
             low, high = joint.range or (0.0, 0.0)
             if not low - ROUNDED <= joint.reference <= high + ROUNDED:
                 raise DataError(
-                    f"{self.m.path}: joint {joint.name} stands at {joint.reference:.4g} at the "
-                    f"start, outside its range {low:.4g} .. {high:.4g}.",
-                    "Give it a reference within (ref), or send the signal as it is with "
-                    "--no-limits.",
+                    f"{self.m.path}: joint {joint.name} starts at {joint.reference:.4g}, outside "
+                    f"its range {low:.4g} .. {high:.4g}.",
+                    "Give the joint a reference (ref) within the range, or use the signal "
+                    "without limits (--no-limits).",
                     code="no-room",
                 )
 

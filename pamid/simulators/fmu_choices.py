@@ -63,7 +63,7 @@ def read_choices(fmu: Path) -> FmuChoices:
     kind, free = table.get("kind", ""), table.get("free", [])
     if kind not in ("", EXCHANGE, CO_SIMULATION):
         raise FileError(
-            f"{path}: kind = {kind!r} is none",
+            f"{path}: kind = {kind!r} is not a kind of FMU",
             nearest(kind, [EXCHANGE, CO_SIMULATION]) or f"{EXCHANGE} or {CO_SIMULATION}",
             code="toml",
         )
@@ -101,5 +101,7 @@ def _signals(path: Path, name: str, port: Any) -> tuple[str, str]:
 def _wrong(path: Path, key: str, value: Any) -> FileError:
     like = {"kind": f'"{EXCHANGE}"', "seen": "false", "free": '["mass_kg"]', "ports": "a table"}
     return FileError(
-        f"{path}: {key} = {value!r:.40} cannot be", f"like {like.get(key, 'a name')}", code="toml"
+        f"{path}: {key} = {value!r:.40} is not valid",
+        f"write for example {like.get(key, 'a name')}",
+        code="toml",
     )

@@ -36,8 +36,8 @@ Array = NDArray[np.float64]
 MOST_INSTANCES = 64  # with different parameters, for seen states
 LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
-    "its equations depend on the time itself, which a state does not show; write seen = false into "
-    "the table next to it"
+    "its equations depend explicitly on time, which is not a state; write seen = false into the "
+    "TOML file next to the FMU"
 )
 
 

@@ -26,8 +26,8 @@ MODEL_ELEMENTS = (
     1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
 )
 RAISED = (
-    f"Is it the file you meant? If you trust it, {VARIABLE}=4 in the environment allows four times "
-    "as much."
+    f"Check that this is the intended file. If you trust the file, set {VARIABLE}=4 in the "
+    "environment: the limit is then four times as large."
 )
 
 
@@ -76,7 +76,7 @@ def require_few(path: Path, kind: str, count: int) -> None:
     most = foreign_limits().elements
     if count > most:
         raise FileError(
-            f"{path}: it has {count} {kind}, of a model at most {most} are read.",
+            f"{path}: the model has {count} {kind}; the limit is {most}.",
             RAISED,
             code="too-large",
         )

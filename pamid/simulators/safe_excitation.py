@@ -276,9 +276,9 @@ def _shrink(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitV
     if any(courses[i].factor < LEAST_SENT for i in guilty):
         names = ", ".join(m.actuators[i].column for i in guilty)
         raise DataError(
-            f"{m.path}: nothing is left of {names}: even with {100 * LEAST_SENT:g} % of the "
+            f"{m.path}: no signal is possible for {names}: even with {100 * LEAST_SENT:g} % of the "
             f"signal {trouble.text}, at {trouble.at_s:.4g} s.",
-            "Shorter --hold or --duration let a joint drift less; an --offset can hold it against "
-            "gravity; a joint that has to be held is better sent positions than torques.",
+            "Reduce --hold or --duration so that the joint drifts less, or hold the joint against "
+            "gravity with --offset. Prefer position commands for a joint that must be held.",
             code="no-room",
         )

@@ -65,7 +65,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         untyped.remarks = (
             f"stepped by MuJoCo, its own step {mechanism.timestep_s:g} s: "
             + "; ".join(map(str, mechanism.hindrances)),
-            "left out: effects between joint and link (backlash, a soft shaft), which want the "
+            "left out: effects between joint and link (backlash, a soft shaft), which need the "
             "model as equations",
             *(
                 str(f)

@@ -40,7 +40,7 @@ JOINT_ROWS = (
     FigureRow("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
     FigureRow("rates", "missed", "visible effect called no gap"),
     FigureRow("rates", "left_open", "visible effect left open: cannot tell"),
-    FigureRow("rates", "extra_causes", "an effect explained by two and more"),
+    FigureRow("rates", "extra_causes", "a single effect explained by two or more"),
     FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible"),
     FigureRow("rates", "both_seen", "... each of them visible in addition to the other", 65.0),
     FigureRow("rates", "one_of_two", "either or both of two effects found", 95.0),
@@ -84,7 +84,7 @@ JOINT_ROWS = (
     FigureRow("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
     FigureRow("figures", "seconds_worst", "... of the slowest", unit="s"),
     FigureRow("baselines", "most_common_family", "always the most common family"),
-    FigureRow("baselines", "shuffled_labels", "labels dealt out at random"),
+    FigureRow("baselines", "shuffled_labels", "random labels"),
 )
 _OPEN_ROWS = (
     FigureRow("rates", "open_right", "leader named, remainder reported, claims hold", 88.0),
@@ -93,7 +93,7 @@ _OPEN_ROWS = (
     FigureRow("rates", "open_wrong", "none of the named effects acts", 5.0, upward=False),
     FigureRow("rates", "open_left_open", "nothing named"),
     FigureRow("rates", "open_remainder", "size and place of the remainder reported"),
-    FigureRow("rates", "open_claims", "no less removed than claimed"),
+    FigureRow("rates", "open_claims", "removed share at least as large as reported"),
 )
 # rates that mean something only where an effect, or two, are the whole gap
 _CLOSED_ONLY = (
@@ -114,7 +114,7 @@ _ARM_ROWS.insert(
     FigureRow(
         "rates",
         "port_exact",
-        "... by the first of the ranking, number of joint or muscle and all",
+        "... by the first of the ranking, with the number of joint or muscle",
         _ARM_TARGETS["port_exact"],
     ),
 )

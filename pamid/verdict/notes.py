@@ -111,7 +111,7 @@ def unexplained(reached: Mapping[str, Reach]) -> list[str]:
         f"No model explains {channel}: its error is {reach.mae_with_cause:.3g}"
         f"{_in_unit(channel)} with the causes and {reach.mae_data_sheet:.3g} with the data sheet; "
         f"the noise floor is {reach.noise_floor:.2g}. First check its unit, its sign and its "
-        "place: `pamid check` compares it with the rig."
+        "place: `pamid check` compares the channel with the rig."
         for channel, reach in reached.items()
         if reach.mae_with_cause is not None
         and reach.mae_data_sheet is not None
@@ -194,8 +194,8 @@ def _instead(d: Diagnosis) -> list[str]:
     if d.answer is None or d.verdict == "ambiguous":
         return []
     return [
-        f"An effect of the family {' or '.join(c.instead)} in place of {c.effect.label} fits as "
-        "well."
+        f"An effect of the family {' or '.join(c.instead)} fits equally well in place of "
+        f"{c.effect.label}."
         for c in d.answer.causes
         if c.instead
     ]
@@ -231,8 +231,8 @@ def _between(d: Diagnosis) -> list[str]:
         if names:
             notes.append(
                 f"{b.owner} is half a sampling period. This is what you see if an input is "
-                f"treated as {way} between samples but is {other(way)}. If that is so for "
-                f'{names[0]}, state it in the rig (between = {{"{names[0]}": "{other(way)}"}}) and '
+                f"treated as {way} between samples but is {other(way)}. If {names[0]} is "
+                f'{other(way)}, state between = {{"{names[0]}": "{other(way)}"}} in the rig and '
                 "diagnose again."
             )
     return notes
@@ -251,8 +251,8 @@ def _row_order(d: Diagnosis) -> list[str]:
     model, period_s = d.answer.model, max(r.sampling_period_s for r in d.evidence.recordings)
     ports = {a.label: a.ports[0] for a in model.attached}
     return [f"{order.text(recording)} Then diagnose again." for order in orders] + [
-        f"{b.owner} is {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row has a "
-        "command that acts from the next row on, or a reading of the row before. Shift that "
+        f"{b.owner} is {abs(late) / period_s:.2f} sampling periods: {OF_THE_LOG}. A row contains "
+        "a command that acts from the next row on, or the reading of the row before. Shift that "
         "column by a row (`rows` in the mapping of `pamid ingest`) and diagnose again."
         for b, late in zip(model.assembly.parameters, model.fit.p, strict=True)
         if b.key.endswith((":delay", ":start"))
@@ -386,8 +386,8 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
     ports = [name for name in rig.ports if rig.group_of(name) == rest.port]
     return [
         f"The missing value at port {rest.port} is {percent_text(share)} of the total value there. "
-        f"A map with as much roughness would look the same. If yours may have it, state it in the "
-        f"rig, {stated_roughness(rig, *ports)}, and diagnose again."
+        "A map with the same roughness would look alike. If the map of your machine may be that "
+        f"rough, state {stated_roughness(rig, *ports)} in the rig and diagnose again."
     ]
 
 

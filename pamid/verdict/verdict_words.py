@@ -63,8 +63,8 @@ def _no_gap_text(diagnosis: DiagnosisFile) -> str:
         return "The refitted model is at the noise floor: no structural gap was found."
     return (
         "No structural gap was found. The refitted model leaves "
-        f"{times_text(rest.floors)} times the noise floor, of which no effect and no curve at a "
-        "port removes a material share."
+        f"{times_text(rest.floors)} times the noise floor. No effect and no curve at a port "
+        "removes a material share of this error."
     )
 
 
@@ -184,7 +184,7 @@ def _joint_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     text = f"{causes}{together} {verb} {percent_text(total)} of the gap"
     without = {c.effect: total - c.removes.share for c in diagnosis.causes if c.removes}
     if max(without.values(), default=0.0) <= 0.0:
-        return f"{text}. None of them removes any of it without the others."
+        return f"{text}. If a cause is left out, the others remove no part of the gap."
     # the most important cause first: without it the removed share is smallest
     shares = (
         f"without {spelling.effect(effect)} {percent_text(max(share, 0.0))}"
@@ -264,7 +264,7 @@ def amount_of(rest: Remainder) -> str:
     size = f"{percent_text(share)} of" if share < 1.0 else f"{times_text(share)} times"
     unit = f" {rest.unit}" if rest.unit else ""
     return (
-        f"an estimated {rest.missing_rms:.3g}{unit} rms is missing, {size} the "
+        f"the missing value is an estimated {rest.missing_rms:.3g}{unit} rms, {size} the "
         f"{rest.passing_rms:.3g}{unit} total"
     )
 
@@ -302,8 +302,8 @@ def _undecided_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if no_effect_helps and rest is not None and rest.floors is not None:
         return (
             f"The refitted model leaves {times_text(rest.floors)} times the noise floor. No effect "
-            "of the catalogue, and no curve at a port, removes a material share of it. Something "
-            "else may be missing, or a map or a parameter may be far off."
+            "of the catalogue and no curve at a port removes a material share of this error. "
+            "Another effect may be missing, or a map or a parameter may be very wrong."
         )
     if leader is None or leader.removes is None:
         return f"These recordings do not suffice for a verdict. {RECORD_MORE}"

@@ -302,7 +302,7 @@ DAMAGED: tuple[tuple[str, str, Any, int, str], ...] = (
     (AT_PORT, "run.json", ("options", "rig", "my/rig.py"), 3, "add --rig my/rig.py"),
     (AT_PORT, "fit.json", ("model", "values", "viscous", 0.5), 4, "differ in angle_deg"),
     (AT_PORT, "fit.json", ("model", "effects", ["no-such-effect"]), 3, "no-such-effect"),
-    (AT_PORT, "fit.json", ("model", GONE), 3, "does not tell"),
+    (AT_PORT, "fit.json", ("model", GONE), 3, "does not list"),
     (REPLAY, "fit.json", ("model", GONE), 3, "does not hold its model"),
     (REPLAY, "fit.json", ("schema", "pamid.fit/2"), 3, "schema|pamid.fit/1"),
     (REPLAY, "fit.json", ("model", "values", "radius", GONE), 3, "radius"),

@@ -167,7 +167,7 @@ def test_too_many_joints_are_refused_by_their_number(
     body = '<body><joint type="hinge"/><geom size="0.01"/></body>'
     more = f'<replicate count="600" offset="0 0 0.1">{body}</replicate>'
     error = refusal(model(tmp_path, more=more))
-    assert "it has 601 joints, of a model at most 500" in error.message
+    assert "the model has 601 joints; the limit is 500" in error.message
 
 
 # ---- FMUs ----------------------------------------------------------------------------------------

@@ -106,8 +106,8 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
             "velocity and contraction",
         ],
         "no-structural-gap": [
-            "No structural gap was found. The refitted model leaves 1.1 times the noise floor, of "
-            "which no effect and no curve at a port removes a material share.",
+            "No structural gap was found. The refitted model leaves 1.1 times the noise floor. "
+            "No effect and no curve at a port removes a material share of this error.",
             "Nowhere: there is no gap.",
         ],
         "cannot-tell": [

@@ -152,11 +152,11 @@ def test_a_urdfs_speed_and_effort(tmp_path: Path, speed: float) -> None:
 
 def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
     path = arm(tmp_path)
-    with pytest.raises(DataError, match="nothing is left of m1_command") as caught:
+    with pytest.raises(DataError, match="no signal is possible for m1_command") as caught:
         within_limits(path, drawn(4.0), PERIOD_S, speed_limits={"shoulder": 1e-4})
     assert caught.value.code == "no-room"
     path.write_text(path.read_text().replace('range="-1.5 1.5"', 'range="0.5 1.5"'))
-    with pytest.raises(DataError, match="shoulder stands at 0 at the start, outside"):
+    with pytest.raises(DataError, match="shoulder starts at 0, outside"):
         within_limits(path, drawn(4.0), PERIOD_S)
     # a horizontal arm falls by itself
     lying = ARM.replace("<option ", '<option gravity="-9.81 0 0" ')

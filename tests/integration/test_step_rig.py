@@ -300,7 +300,7 @@ def test_a_step_that_remembers_is_refused() -> None:
         self.calls = getattr(self, "calls", 0) + 1
         return [x.position + self.calls, 0.0, 0.0, 0.0]
 
-    assert "keeps a memory that is not among its states" in _wrong(step=step)
+    assert "has a memory that is not a state" in _wrong(step=step)
     assert "there are no states" in _wrong(states=())
 
 

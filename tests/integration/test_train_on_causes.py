@@ -114,7 +114,7 @@ def test_it_is_trained_on_what_the_causes_leave(
     assert (about["on"], about["model"]) == ("causes", "replay")
     assert about["target"] == f"measured angle_deg - {WORDS}" and WORDS in text
     assert [one["name"] for one in about["inputs"]][:2] == ["command", "angle_cause_deg"]
-    assert any("command was computed by a controller" in note for note in about["notes"])
+    assert any("A controller computed command" in note for note in about["notes"])
     table = read_columns(folder / "residual.csv")
     target = table["angle_deg"] - table["angle_cause_deg"]
     trained_rows = np.concatenate(

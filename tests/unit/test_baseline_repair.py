@@ -86,7 +86,7 @@ def test_a_refit_that_nothing_mends_is_worse_than_the_data_sheet_and_says_so(
     bad = moved(healthy, mass_kg=4.0)
     same = repaired(bad, healthy.data_sheet, 0)
     assert same.fit is bad.fit
-    assert "With its data sheet the model predicts better" in same.remark
+    assert "The data sheet predicts better" in same.remark
 
 
 def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
@@ -99,9 +99,7 @@ def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
     assert not good.assembly.background_terms and not good.evidence.rig.background
     assert healthy.evidence.rig.background  # the rig itself keeps it
     assert relative_error(good.held_out, bad.held_out) < 1.0 / WORSE
-    assert (
-        good.remark == "Background push_gain made the prediction of held-out data worse: dropped."
-    )
+    assert good.remark == "Background push_gain was removed: it increased the held-out error."
     dropped = replace(
         healthy,
         evidence=good.evidence,

@@ -84,13 +84,13 @@ def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_pat
     path = tmp_path / "bench.py"
     path.write_text(BENCH.replace("WAY", way))
     said = pamid.check(path).summary()
-    assert said.count("'rod' grows with its velocity (by 900 ") == notes
+    assert said.count("'rod' increases with the velocity (slope 900)") == notes
     assert "nothing is wrong" in said
     time = 0.01 * np.arange(600)
     made = recording_of(
         time, {"position_mm": 10.0 * np.sin(4.0 * time), "force_n": 36.0 * np.cos(4.0 * time)}
     )
-    assert pamid.check(made, rig=path).summary().count("grows with its velocity") == notes
+    assert pamid.check(made, rig=path).summary().count("increases with the velocity") == notes
     told = notes_of(
         SimpleNamespace(evidence=SimpleNamespace(rig=rig_named(str(path))), opposite=())
     )
@@ -150,7 +150,7 @@ def test_a_sensor_that_never_crosses_zero_is_asked_about(
     read = read + 0.05 * rng.standard_normal(drive.size)
     made = recording_of(0.01 * np.arange(drive.size), {"drive_v": drive, "speed_rad_per_s": read})
     said = pamid.check(made, rig=path).summary()
-    assert ("blind to the sign?" in said) == asked and ("opposite sign" in said) == turned
+    assert ("measures only the magnitude" in said) == asked and ("opposite sign" in said) == turned
 
 
 def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:

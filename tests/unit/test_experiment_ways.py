@@ -75,7 +75,7 @@ def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) 
         assert worst(predictions, model, way) <= 1.0 + 2.0 * LEEWAY
         sent = way.columns["force_n"]
         assert np.abs(sent - high[0]).max() <= high[1] * (1.0 + 1e-9)
-        assert "recorded were" in predicted_text(predictions, way, [model])
+        assert "recorded: " in predicted_text(predictions, way, [model])
 
 
 def test_a_model_that_would_run_off_forbids_it(

@@ -51,8 +51,8 @@ def test_every_effect_of_a_model_is_held_against_physics(
     )
     assert guards.objections(model(np.full(8, 3.0), LEAK, DRAG)) == (
         "exponent of leak@tank ended at a bound",
-        "drag_n_s2_per_m2 of drag@joint ended at nothing",
-        "drag@joint does what viscous, offset of the rig does",
+        "drag_n_s2_per_m2 of drag@joint ended at zero effect",
+        "drag@joint duplicates viscous, offset of the rig",
     )
 
 
@@ -66,7 +66,9 @@ def test_an_effect_at_the_limit_of_its_form_leaves_its_place_to_the_other_family
     assert guards.objections(drag) == (), "no friction at its port"
     guards._objections.clear()
     search.candidates = [effect("friction")]
-    assert guards.objections(drag) == ("reach_rad of drag@joint ended where it is friction",)
+    assert guards.objections(drag) == (
+        "reach_rad of drag@joint ended at a value where the effect is friction",
+    )
 
 
 def test_nothing_speaks_against_a_plain_model(

@@ -105,7 +105,7 @@ def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
     columns = {"force_n": u, "position_m": kinds(u)[kind]}
     (issue,) = before_a_fit(recording_of(period * np.arange(u.size), columns, {}), rig_named(RIG))
     assert issue.kind == "echo" and issue.columns == ("position_m", "force_n")
-    assert "position_m and force_n carry the same signal" in issue.text
+    assert "position_m and force_n contain the same signal" in issue.text
     assert "Export the measured column as position_m" in issue.text
     assert "opposite" not in issue.text
 
@@ -152,5 +152,5 @@ def test_the_commands_refuse_an_echo(
     write_recording(file, PERIOD_S * np.arange(u.size), {"force_n": u, "position_m": u})
     into = [] if command == "check" else ["--output", str(tmp_path / "run")]
     assert run([command, str(file), "--rig", RIG, *into, "--json"]) == 3
-    assert "carry the same signal" in json.loads(capsys.readouterr().out)["message"]
+    assert "contain the same signal" in json.loads(capsys.readouterr().out)["message"]
     assert not (tmp_path / "run").exists()

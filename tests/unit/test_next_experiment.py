@@ -182,8 +182,8 @@ def test_no_experiment_separates_what_the_recordings_have_separated(
     withheld = next_experiment(explained)
     assert isinstance(withheld, WithheldExperiment)
     assert re.search(
-        r"no other family ties with coulomb-friction \(quadratic-drag, the nearest, is \d+ "
-        r"standard errors behind\), and what remains is not a material share",
+        r"no other family ties with coulomb-friction \(the nearest, quadratic-drag, is \d+ "
+        r"standard errors behind\), and the remainder is not a material share",
         withheld.why,
     )
     alone = next_experiment(replace(explained, ranking=d.ranking[:1]))

@@ -30,7 +30,7 @@ def lacking(rig: Rig) -> dict[str, tuple[str, ...]]:
 def test_a_motor_of_one_inertia_has_no_place_for_play_to_its_load() -> None:
     assert lacking(rig_named("dc-motor"))["coupling-play"] == ("geared-motor",)
     text = rig_text(rig_story(rig_named("dc-motor"), effects().values(), rigs()))
-    assert "What it has no place for" in text
+    assert "Effects without a port in this rig" in text
     assert "coupling-play (play in the coupling between two masses): geared-motor" in text
 
 
@@ -72,5 +72,5 @@ def test_new_rig_states_it(tmp_path: Path) -> None:
         0.01 * np.arange(400), {"voltage_v": levels, "angle_deg": np.cumsum(levels)}, name="motor"
     )
     made = pamid.new_rig(given, like="dc-motor", output=tmp_path / "motor.py")
-    assert "It has no place for coupling-play" in made.summary()
+    assert "It has no port for coupling-play" in made.summary()
     assert "which geared-motor has." in made.summary()

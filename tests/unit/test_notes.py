@@ -65,7 +65,7 @@ def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
         answer=SimpleNamespace(model=model), verdict="explained", evidence=evidence
     )
     told = _row_order(d)
-    assert ["this is the log, not the machine" in note for note in told] == [True] * noted
+    assert ["the log is the cause, not the machine" in note for note in told] == [True] * noted
     assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
 
 
@@ -76,7 +76,7 @@ def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
     )
     d: Any = SimpleNamespace(answer=SimpleNamespace(causes=causes), verdict="explained")
     assert _instead(d) == [
-        "An effect of the family overflow or dead-time in place of leak@joint fits as well."
+        "An effect of the family overflow or dead-time fits equally well in place of leak@joint."
     ]
     d.verdict = "ambiguous"
     assert _instead(d) == [], "they are named"

@@ -171,7 +171,7 @@ def test_a_planted_defect_is_found(joint: Recording, defect: str, with_rig: bool
     ("sent", "kind", "word"),
     [
         (np.where(np.arange(10000) > 5000, 30.0, 0.0), "excitation", "1 step"),
-        (0.02 * reference(), "excitation", "2% of what is usual"),
+        (0.02 * reference(), "excitation", "2% of the usual range"),
         (
             np.concatenate([reference()[:3000], np.full(7000, 5.0)]),
             "excitation",

@@ -49,8 +49,8 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         verdict in ("ambiguous", "unknown-effect", "cannot-tell")
     )
     nature = (
-        "It changes its sign with the velocity. It follows these signals without memory. It takes "
-        "energy out, as friction does."
+        "It is odd in the velocity. It is a function of these signals, without memory. It "
+        "dissipates energy, like friction."
     )
     assert (nature in text) == (verdict == "unknown-effect")
     assert ("The formula covers 62 % of its variance" in text) == (verdict == "unknown-effect")

@@ -167,7 +167,7 @@ def test_any_factor_between_two_encoders_is_found(
     recording = changed(drive, lambda c: {column: factor * c[column]})
     (issue,) = slips_of(recording, "geared-motor")
     assert (issue.kind, issue.columns, issue.severity) == ("gain", (column,), "advice")
-    assert f"reads {factor:.2g} times what rig 'geared-motor' predicts from" in issue.message
+    assert f"is {factor:.2g} times the value that rig 'geared-motor' predicts from" in issue.message
     edges = max(factor, 1.0 / factor)
     assert (f"Counts per turn x{edges:g}?" in issue.hint) == (edges in (2.0, 4.0))
     assert not blocking(recording, rig_named("geared-motor"))

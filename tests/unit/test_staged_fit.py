@@ -124,7 +124,7 @@ def test_evidence_does_not_count_twice(first: tuple[Path, GreyBox], tmp_path: Pa
     other = swing(tmp_path / "b.csv", torque=True, seed=1)
     with pytest.raises(DataError, match="count twice"):
         fit_model(split_recordings(Declared(), [span.recording], []), earlier=posterior)
-    with pytest.raises(DataError, match="not unseen"):
+    with pytest.raises(DataError, match="cannot be held out"):
         fit_model(split_recordings(Declared(), [other], [span.recording]), earlier=posterior)
     with pytest.raises(FileError, match="one-dof"):
         fit_model(
@@ -166,7 +166,7 @@ def test_the_command_takes_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
     assert pamid(arguments) == 0
     text = capsys.readouterr().out
-    assert "Drifts belong to a recording's time" in text
+    assert "Drifts belong to a single recording" in text
     told, run = (json.loads((tmp_path / "two" / n).read_text()) for n in ("fit.json", "run.json"))
     assert told["from"]["path"] == str(tmp_path / "one") == run["options"]["from"]
     assert any(one["path"].endswith("one/fit.json") for one in run["inputs"])

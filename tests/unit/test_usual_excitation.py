@@ -81,7 +81,7 @@ def test_a_swing_is_moved_into_the_range_or_refused(
     )
     said, sent = excite(capsys, stated)
     assert reach(sent, "heater_percent")[0] >= 0.0
-    assert "heater_percent swings about 30, not 0: it lies within 0 .. 100." in said
+    assert "heater_percent: centre moved from 0 to 30 to stay within 0 .. 100." in said
     for words in (("--amplitude", "60"), ("--amplitude", "20", "--offset", "10")):
         said, _ = excite(capsys, stated, *words, code=2)
         assert "heater_percent lies within 0 .. 100" in said

@@ -85,8 +85,8 @@ def test_what_remains_is_told_with_size_and_place(rest: dict[str, Any], words: s
 
 def test_no_gap_is_told_with_what_the_model_leaves() -> None:
     assert sentence(changed("no-structural-gap")) == (
-        "No structural gap was found. The refitted model leaves 1.1 times the noise floor, of "
-        "which no effect and no curve at a port removes a material share."
+        "No structural gap was found. The refitted model leaves 1.1 times the noise floor. "
+        "No effect and no curve at a port removes a material share of this error."
     )
     assert "is at the noise floor" in sentence(changed("no-structural-gap", remainder=None))
 

@@ -60,7 +60,7 @@ class RecordingArguments:
 class RunArguments:
     """Arguments of the run of a fit or a diagnosis."""
 
-    seed: int = seed_option("Same inputs and seed, same output.")
+    seed: int = seed_option("The same inputs and seed give the same output.")
     jobs: int = jobs_option()
     output: FolderPath | Run | None = run_output_option("run")
     check: bool = option(

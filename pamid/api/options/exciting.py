@@ -128,7 +128,7 @@ class ExcitationArguments:
         applies_to=("multisine", "chirp"),
     )
     sweep: Literal["log", "linear"] | None = option(
-        None, "How a chirp climbs. [default: log]", applies_to=("chirp",)
+        None, "Increase of the frequency of a chirp. [default: log]", applies_to=("chirp",)
     )
     periods: int | None = option(
         None, "Equal periods of a multisine. [default: 2]", applies_to=("multisine",)
@@ -173,7 +173,7 @@ class ExcitationArguments:
     )
     # valve pulses and gravity tests accept a seed, without using it, for old command lines
     seed: int = seed_option(
-        "Same seed, same signal.", applies_to=(*SEEDED, "valve-pulses", "gravity-test")
+        "The same seed gives the same signal.", applies_to=(*SEEDED, "valve-pulses", "gravity-test")
     )
     output: FilePath = option("excitation.csv", "File to write: .csv, .mat, .st or .h.")
     form: Literal["csv", "mat", "mat-file", "mat-matrix", "st", "h"] | None = option(

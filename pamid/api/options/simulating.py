@@ -67,18 +67,18 @@ class SimulationArguments:
         "--effect",
     )
     known: Mapping[str, float] | None = known_option(
-        "Parameter of the virtual rig that the recording states as known."
+        "Parameter of the virtual rig, written as known value to the TOML of the recording."
     )
     parameters: Mapping[str, float] | None = option(
         None,
-        "Parameter of the virtual rig that the recording does not state.",
+        "Parameter of the virtual rig, not written to the TOML of the recording.",
         "--set",
         metavar="NAME=VALUE",
         parse=parse_pairs(),
         click={"envvar": ("PAMID_SIMULATE_PARAMETERS", "PAMID_SIMULATE_HIDDEN")},
     )
     noise: float = noise_option(1.0, "default | none | FACTOR on the sensor noise.")
-    seed: int = seed_option("Same seed, same noise.")
+    seed: int = seed_option("The same seed gives the same noise.")
     output: FilePath | None = option(None, "CSV file to write.", command_default="simulated.csv")
     overwrite: bool = overwrite_option("Replace the output if it exists.", formerly="--force")
 
@@ -103,10 +103,10 @@ class PowerArguments:
         "--effect",
     )
     known: Mapping[str, float] | None = known_option(
-        "Parameter that the recording would state as known."
+        "Parameter that is a known value of the recording."
     )
     noise: float = noise_option(1.0, "default | FACTOR on the noise of the rig's sensors.")
-    seed: int = seed_option("Same seed, same noise.")
+    seed: int = seed_option("The same seed gives the same noise.")
     jobs: int = jobs_option()
     progress: ShowProgress = in_python_only(None, "As in `pamid.fit`.")
 

@@ -70,8 +70,8 @@ class TrainingArguments(NetworkSizes):
         least=0,
     )
     seed: int = seed_option(
-        "Same run and seed, same network on the same kind of processor. Other processors round "
-        "differently, so a long training ends at other weights."
+        "The same run and seed give the same network on the same kind of processor. Other "
+        "processors round differently, so a long training gives other weights."
     )
     starts: int = option(
         1,
@@ -85,8 +85,8 @@ class TrainingArguments(NetworkSizes):
     )
     evidence: Literal["every-sample", "independent-samples"] = option(
         "every-sample",
-        "Samples that the regularisation counts: all of them, as in the first paper, or the far "
-        "smaller effective number of independent samples in a correlated residual.",
+        "Number of samples for the regularisation: all samples, as in the first paper, or the much "
+        "smaller effective number of independent samples of a correlated residual.",
     )
     preset: Literal["paper"] | None = option(
         None,

@@ -67,7 +67,7 @@ def _way(path: Path, lines: Sequence[str]) -> _Way:
     decimal = head.get("Decimal_Separator") or "."
     if delimiter not in _SEPARATORS.values() or decimal not in (".", ",") or decimal == delimiter:
         raise FileError(
-            f"{path}: separator {delimiter!r} and decimal separator {decimal!r} do not go together."
+            f"{path}: separator {delimiter!r} and decimal separator {decimal!r} are not valid."
         )
     return _Way(delimiter, decimal, head.get("X_Columns", "One"))
 

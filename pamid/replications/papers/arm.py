@@ -81,22 +81,22 @@ QUICK_ARM_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
-    "their figures are not compared with these. What the twin hides was chosen; its equations are "
-    "the model's but for the force law and the dry friction of its joints.",
+    "their figures are not compared with these. The hidden values of the twin are our choice. Its "
+    "equations are those of the model, except the force law and the dry friction of its joints.",
     "Dry friction is not in the rig: it is added as coulomb-friction at both joints, to every "
     "fit but the one without dry friction. The data sheet has none.",
-    "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that "
-    "is clamped is not "
-    "scored, nor are its muscles. The noise floor is the error of the twin itself.",
+    "Free runs begin at the start of the recording, without any reset. A clamped joint and its "
+    "muscles are not scored. The noise floor is the error of the twin itself.",
     "With corrections: force maps (3 %) and valves (5 %) of every muscle may depart smoothly from "
     "the law, as in every "
-    "fit of pamid. They can take up what the analytic law lacks; the law alone has none.",
-    "A swing tells inertias, first moments and friction up to a common factor. The test with a "
-    "known payload sets it, as a known torque would. Single masses, centres and inertias are "
-    "not seen by the motion.",
-    "scale multiplies a force law: the truth given is that of the twin's law. The ANFIS has learnt "
-    "it with the map, so that 1 is right there. Where a muscle is slack, the ANFIS was taught the "
-    "catalogue's law nearest to the map.",
+    "fit of pamid. They can compensate errors of the analytic law; the law alone "
+    "has no corrections.",
+    "A swing determines inertias, first moments and friction only up to a common factor. The test "
+    "with a known payload determines this factor, as a known torque would. The motion does not "
+    "determine single masses, centres and inertias.",
+    "scale multiplies a force law: the true value is that of the twin's law. The ANFIS has learnt "
+    "this factor from the map, so its true scale is 1. For slack muscles the ANFIS was trained on "
+    "the law of the catalogue that is closest to the map.",
 )
 
 

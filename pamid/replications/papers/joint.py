@@ -96,8 +96,8 @@ PUBLISHED_TRAINING: dict[str, Any] = {
 }
 JOINT_NOTES = (
     "A calibrated twin, not the authors' rig: their recordings and parameters are not published. "
-    "The effects hidden in it were sized so that the analytic model's error is the published one; "
-    "other twins would fit as well.",
+    "The sizes of its hidden effects give the published error of the analytic model; other twins "
+    "would give the same error.",
     "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 "
     "%. That divides a "
     "squared error by the range; the root of it is 0.0387, or 1.94 % of the range.",
