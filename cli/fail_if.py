@@ -31,7 +31,7 @@ class Condition:
     limit: float
 
     def holds(self, figures: Mapping[str, float | None]) -> bool:
-        """Whether the condition is met. A figure of an unstable model (None) exceeds every limit.
+        """Whether the condition is met. A figure of an unstable model (None) meets every one.
 
         Raises UsageError for an unknown figure.
         """
@@ -86,8 +86,7 @@ def exit_code_of(
     """Exit code 7 if a condition is met, else `otherwise`; stderr names the conditions met."""
     met = [condition for condition in conditions if condition.holds(figures)]
     for condition in met:
-        value = figures[condition.name]
-        shown = "unstable" if value is None else f"{value:.4g}"
-        limit = f"{condition.comparison} {condition.limit:g}"
-        aside(f"pamid: {condition.name} is {shown}, which is {limit} (--fail-if)")
+        value, limit = figures[condition.name], f"{condition.comparison} {condition.limit:g}"
+        shown = "of an unstable model" if value is None else f"{value:.4g}, which is {limit}"
+        aside(f"pamid: {condition.name} is {shown} (--fail-if)")
     return MET if met else otherwise

@@ -221,7 +221,8 @@ def run(arguments: Sequence[str]) -> int:
                 else printable(result.text.rstrip("\n"))
             )
     except OSError as error:
-        return _unheard(error)
+        # the result stands although the reader of a pipe has ended: `pamid score ... | head`
+        return _unheard(error) or result.exit_code
     except Exception as error:
         return _print_error(error, as_json, debug)
     return result.exit_code

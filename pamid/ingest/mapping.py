@@ -161,7 +161,7 @@ def load_mapping(
     def nearby() -> str:
         siblings = [item.name for item in path.parent.glob("*.toml")]
         return (
-            nearest(path.name, siblings) or "`pamid ingest --guess` writes a first unit of a log."
+            nearest(path.name, siblings) or "`pamid ingest --guess` writes a first version."
         )
 
     tables = read_toml(path, nearby)

@@ -221,6 +221,19 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     assert "Traceback" not in found.stderr and "Error" not in found.stderr
 
 
+def test_a_reader_that_leaves_keeps_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A condition that is met stays met under `pamid score ... | head`."""
+
+    def closed(_: str) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(frame, "say", closed)
+    monkeypatch.setattr(frame, "hang_up", lambda: None)
+    met = click.Command("score", callback=lambda: frame.Result({}, "text", 7))
+    monkeypatch.setattr(frame, "load_command", lambda _: met)
+    assert frame.run(["score"]) == 7
+
+
 def _generate(*more: str) -> int:
     return frame.run(["generate-aprbs", "--duration", "20", "--seed", "7", *more])
 

@@ -47,8 +47,12 @@ def test_a_condition_that_holds_comes_before_failed_jobs(
     assert exit_code_of([Condition("remainder", comparison, 0.001)], figures, 6) == code
 
 
-def test_an_unstable_model_meets_every_limit() -> None:
-    assert exit_code_of([Condition("angle_deg", ">", 1e9)], {"angle_deg": None}) == 7
+@pytest.mark.parametrize("comparison", [">", "<"])
+def test_an_unstable_model_meets_every_limit(
+    comparison: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code_of([Condition("angle_deg", comparison, 1e9)], {"angle_deg": None}) == 7
+    assert "angle_deg is of an unstable model (--fail-if)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("limit", ["nan", "inf", "-inf", "soon", ""])
