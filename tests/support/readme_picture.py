@@ -1,8 +1,7 @@
 """Draws notebooks/pictures/motor-page.png anew, the top of the page of a run as the README shows
 it: `python tests/support/readme_picture.py RUN` (needs chromium).
 
-RUN is that of the README: `pamid diagnose data/example/joint.csv --rig one-dof --output RUN`, then
-`pamid report RUN`.
+RUN is that of the README's first example, after `pamid report RUN`.
 """
 
 from __future__ import annotations
