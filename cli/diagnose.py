@@ -123,11 +123,12 @@ def _tables(diagnosis: DiagnosisFile) -> list[str]:
     itself, and by how many standard errors it is behind the first."""
     from pamid.base.share_words import percent_text, percents_text
     from pamid.report.channel_errors import aligned
-    from pamid.verdict.verdict_words import chance_figure
+    from pamid.verdict.verdict_words import chance_figure, shortened
 
+    gap = diagnosis.verdict != "no-structural-gap"
     shares = [
         [port.port, percent_text(port.share)]
-        for port in (diagnosis.where.ports if diagnosis.where is not None else ())
+        for port in (diagnosis.where.ports if gap and diagnosis.where is not None else ())
         if port.share >= _LEAST_SHARE
     ]
     rows = [["candidate", "family", "removes", "95 % interval", "behind", "P"]]
@@ -137,6 +138,6 @@ def _tables(diagnosis: DiagnosisFile) -> list[str]:
             interval = percents_text(each.removes.low, each.removes.high)
             behind = "-" if each.behind is None else f"{each.behind:.1f}"
             chance = "-" if each.probability is None else chance_figure(each.probability)
-            rows.append([each.effect, each.family, share, interval, behind, chance])
+            rows.append([shortened(each.effect), each.family, share, interval, behind, chance])
     tables = [(["port", "share of the gap"], *shares), rows]
     return [f"{aligned(table, k)}\n" for k, table in enumerate(tables, 1) if len(table) > 1]

@@ -160,9 +160,7 @@ def load_mapping(
 
     def nearby() -> str:
         siblings = [item.name for item in path.parent.glob("*.toml")]
-        return (
-            nearest(path.name, siblings) or "`pamid ingest --guess` writes a first version."
-        )
+        return nearest(path.name, siblings) or "`pamid ingest --guess` writes a first version."
 
     tables = read_toml(path, nearby)
     signals = tables.get("signals")

@@ -162,7 +162,15 @@ def _next_family_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if rival is None or rival.removes is None:
         return ""
     share = percent_text(rival.removes.share)
-    return f" The best of another family, {spelling.effect(rival.effect)}, removes {share}."
+    rival_effect = shortened(rival.effect, spelling.effect)
+    return f" The best of another family, {rival_effect}, removes {share}."
+
+
+def shortened(effect: str, spell: Callable[[str], str] = str) -> str:
+    """Text such as "gravity@arm_1 and 5 more ports" for an effect at more than two ports."""
+    first, *more = effect.split(" + ")
+    same = all(part.partition("@")[0] == first.partition("@")[0] for part in more)
+    return f"{spell(first)} and {len(more)} more ports" if same and len(more) > 1 else spell(effect)
 
 
 def _joint_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:

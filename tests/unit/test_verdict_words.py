@@ -9,9 +9,7 @@ from synthetic_run import diagnosis_json
 
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.model import read
-from pamid.verdict.verdict_words import (
-    sentence,
-)
+from pamid.verdict.verdict_words import sentence, shortened
 
 
 def changed(verdict: str, **changes: Any) -> DiagnosisFile:
@@ -47,6 +45,19 @@ def test_several_causes_remove_a_share_together() -> None:
         "together remove 85 % of the gap, without coulomb-friction 25 % and without leak 60 %. "
         "15 % of the gap remains, and the error is 1.2 times the noise floor."
     )
+
+
+@pytest.mark.parametrize(
+    ("effect", "text"),
+    [
+        ("leak", "leak"),
+        ("play@a + play@b", "play@a + play@b"),
+        ("play@a + play@b + play@c", "play@a and 2 more ports"),
+        ("play@a + play@b + leak@c", "play@a + play@b + leak@c"),
+    ],
+)
+def test_an_effect_at_many_ports_is_shortened(effect: str, text: str) -> None:
+    assert shortened(effect) == text
 
 
 # ---- what remains -------------------------------------------------------------------------------
