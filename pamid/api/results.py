@@ -17,13 +17,14 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
+from pamid.base.run_files import read_diagnosis
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.answers import answers_of
 from pamid.report.channel_errors import ChannelErrors, errors_of
-from pamid.report.load import load_run, read_diagnosis
+from pamid.report.load import load_run
 from pamid.schemas.diagnosis_file import (
     Candidate,
     GapShare,

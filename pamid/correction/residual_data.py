@@ -21,16 +21,14 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
+from pamid.base.run_files import RESIDUAL_KEYS, read_columns, read_diagnosis, repeats_refit
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
-from pamid.report.load import read_diagnosis, repeats_refit
-from pamid.report.reading import read_columns as table_columns
 from pamid.schemas.fit_file import FitFile
 
 Array = NDArray[np.float64]
 
-RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
 RESIDUAL_RUNS = {"loop": "in its control loop", "replay": "on recorded commands"}
 #: models whose residual a network may be trained on -> the kind of their columns in residual.csv
 REFIT, CAUSES = "refit", "causes"
@@ -123,7 +121,7 @@ def read_residual_data(
     if not fit.channels:
         raise FileError(f"{folder / FIT_FILE} has no channels.", REFIT_REMEDY, code="damaged")
     channels = list(fit.channels)
-    columns = read_columns(folder / RESIDUAL_FILE)
+    columns = residual_columns(folder / RESIDUAL_FILE)
     if channel is None:
         channel = "angle_deg" if "angle_deg" in channels else channels[0]
     if channel not in channels:
@@ -203,9 +201,9 @@ def derived(channel: str, kind: str) -> str:
     return with_unit(f"{stem}_{kind}", unit)
 
 
-def read_columns(path: Path) -> dict[str, Array]:
+def residual_columns(path: Path) -> dict[str, Array]:
     """residual.csv by column; FileError where it is missing or damaged."""
-    columns = table_columns(path)
+    columns = read_columns(path)
     if columns is None:
         raise FileError(f"{path} does not exist.", REFIT_REMEDY, code="missing")
     fault = ""

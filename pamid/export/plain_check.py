@@ -17,7 +17,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import read_columns, spans_of
+from pamid.correction.residual_data import residual_columns, spans_of
 from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
@@ -204,7 +204,7 @@ def _stretches(
     folder: Path, fit: FitFile, mechanism: Mechanism, horizon_s: float
 ) -> Iterator[RecordedStretch]:
     """Runs over held-out data, with as many windows each as the horizon has."""
-    columns = read_columns(folder / RESIDUAL_FILE)
+    columns = residual_columns(folder / RESIDUAL_FILE)
     inputs = {c: u for c, u in mechanism.inputs.items() if c in columns}
     if lacking := [c for c in mechanism.inputs if c not in columns and fit.inputs is not None
                    and c in fit.inputs]:  # fmt: skip

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.run_files import FloatArray
 from pamid.report.formatting import SPACE, channel_label, channel_unit, number
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import FloatArray
 
 #: field of ChannelErrors -> what people call it, in the order of the tables and bars
 MODEL_NAMES = {

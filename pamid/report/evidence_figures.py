@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from pamid.base.metrics import adjusted_share, independent_samples
+from pamid.base.run_files import FloatArray
 from pamid.base.units import quotient, split_column
 from pamid.report import formatting
 from pamid.report.captions import causes_label
@@ -20,7 +21,6 @@ from pamid.report.figures import MODEL_LINES, binned
 from pamid.report.formatting import capital, channel_label, channel_unit, percent, port_label
 from pamid.report.highlights import signal_along
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import FloatArray
 from pamid.report.samples import channels_of, inputs_of, stretches_of
 from pamid.report.style import (
     Drawing,

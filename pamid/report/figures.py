@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from pamid.base.metrics import adjusted_share, independent_samples
+from pamid.base.run_files import FloatArray
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.captions import (
@@ -50,7 +51,6 @@ from pamid.report.formatting import (
     with_unit_text,
 )
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import FloatArray
 from pamid.report.samples import FREE_RUNS
 from pamid.report.style import (
     Drawing,

@@ -10,18 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from pamid.base.errors import FileError
-from pamid.base.result_file import REMEDY, damaged, read_result
+from pamid.base.result_file import REMEDY, read_result
+from pamid.base.run_files import RESIDUAL_KEYS, FloatArray, read_columns, read_diagnosis, read_steps
 from pamid.base.run_folder import ADDED_VARIABLES_FILE, FREE_RUN_FILE, Run
 from pamid.base.units import split_column
 from pamid.networks.network_folders import channel_networks
-from pamid.report.reading import FloatArray, read_columns
 from pamid.schemas.added_variables_file import AddedVariablesFile
-from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
+from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
 from pamid.schemas.network_file import NetworkFile
-from pamid.schemas.run_file import RunFile, Step
-
-KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
+from pamid.schemas.run_file import Step
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ def load_run(folder: Path) -> RunData:
     others = tuple(other for other in read if other is not None)
     residual = read_columns(folder / "residual.csv")
     if residual is not None:
-        _require(folder / "residual.csv", residual, KEYS)
+        _require(folder / "residual.csv", residual, RESIDUAL_KEYS)
         residual |= _free_runs(folder, residual)
     trace = read_columns(folder / "trace.csv")
     if trace is not None:
@@ -123,12 +121,6 @@ def load_run(folder: Path) -> RunData:
         missing=missing,
         added=read_result(folder / ADDED_VARIABLES_FILE, AddedVariablesFile),
     )
-
-
-def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> bool:
-    """Whether the trace of the model with the causes is that of the refitted model over the fitted
-    part, as an earlier version wrote it."""
-    return np.array_equal(cause[part == 0], refitted[part == 0], equal_nan=True)
 
 
 def _in_loops(
@@ -156,22 +148,6 @@ def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, Float
     if not all(k in columns and np.array_equal(columns[k], residual[k]) for k in keys):
         return {}
     return {name: x for name, x in columns.items() if name not in residual}
-
-
-def read_diagnosis(path: Path) -> DiagnosisFile | None:
-    """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
-    diagnosis = read_result(path, DiagnosisFile)
-    if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
-        needed = f"a list of effects, not an empty list, as the verdict is {diagnosis.verdict!r}"
-        raise damaged(path, "causes", needed, "empty")
-    return diagnosis
-
-
-def read_steps(path: Path) -> tuple[Step, ...]:
-    """The commands that run.json notes."""
-    record = read_result(path, RunFile, any_schema=True)
-    assert record is not None
-    return (record, *record.steps)
 
 
 def _require(path: Path, columns: Collection[str], needed: tuple[str, ...]) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.result_file import REMEDY
+from pamid.base.run_files import FloatArray
 from pamid.base.units import split_column, to_si
 from pamid.model.registry import catalogue_rig, rig_named, rigs
 from pamid.model.rig import Rig
@@ -24,7 +25,6 @@ from pamid.report import formatting
 from pamid.report.captions import causes_label
 from pamid.report.channel_errors import MODEL_NAMES, WorstWindow, worst_window
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import FloatArray
 
 LONGEST_SHOWN_S = 12.0  # shown where no times are given
 MEASURED = "measured"

@@ -13,6 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from pamid.base.errors import PamidError
+from pamid.base.run_files import FloatArray
 from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.load import RunData
@@ -26,7 +27,6 @@ from pamid.report.motion import (
     scale_of,
 )
 from pamid.report.page import asset, rendered
-from pamid.report.reading import FloatArray
 
 PLAYER_HZ = 30  # frames per second
 TRAIL_S = 1.0

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from pamid.base.errors import FileError, PamidError
+from pamid.base.run_files import read_steps
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of
-from pamid.report.load import load_run, read_steps
+from pamid.report.load import load_run
 from pamid.schemas.run_file import Step
 from pamid.schemas.runs_file import RunSummary
 

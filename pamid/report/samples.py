@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.run_files import RESIDUAL_KEYS, FloatArray
 from pamid.base.units import split_column
 from pamid.report.channel_errors import stretches
-from pamid.report.load import KEYS, Residual
-from pamid.report.reading import FloatArray
+from pamid.report.load import Residual
 
 SAMPLE_LEVELS, MISSING_SAMPLE = 65534, -1
 # about 20 MB of page; beyond it recordings are cut short, those held out last
@@ -99,7 +99,7 @@ def inputs_of(residual: Residual) -> list[str]:
     return [
         name
         for name, values in residual.columns.items()
-        if name not in (*KEYS, *channels)
+        if name not in (*RESIDUAL_KEYS, *channels)
         and (stem := split_column(name)[0]) not in stems
         and not stem.endswith("_loop")
         and np.isfinite(values).any()

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pamid.base.run_files import FloatArray, repeats_refit
 from pamid.report import formatting
 from pamid.report.captions import model_label
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
-from pamid.report.load import Residual, RunData, repeats_refit
+from pamid.report.load import Residual, RunData
 from pamid.report.markup import paragraphs, tag
 from pamid.report.page import asset
-from pamid.report.reading import FloatArray
 from pamid.report.samples import (
     MOST_VALUES,
     SAMPLE_LEVELS,

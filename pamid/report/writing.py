@@ -11,6 +11,7 @@ from pathlib import Path
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.progress import tell
+from pamid.base.run_files import read_steps
 from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
@@ -34,7 +35,7 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.load import RunData, load_run, read_steps
+from pamid.report.load import RunData, load_run
 from pamid.report.motion import NO_POSE, rig_of_run
 from pamid.report.page import MARK, Page, html_of
 from pamid.report.paper_page import paper_page, read_paper

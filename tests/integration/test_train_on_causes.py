@@ -23,7 +23,7 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.units import from_si, split_column
 from pamid.correction.identified_model import Identified, load_identified, simulate_identified
-from pamid.correction.residual_data import derived, read_columns, read_residual_data
+from pamid.correction.residual_data import derived, read_residual_data, residual_columns
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv, residual_table
 from pamid.estimation.grey_box import GreyBox
 from pamid.networks.elman import Elman
@@ -82,7 +82,7 @@ def mean_error(table: dict[str, np.ndarray], kind: str, part: int) -> float:
 def test_the_model_with_the_causes_runs_over_the_fitted_part(made: Made, run: Copy) -> None:
     """It is its replay there, as over what was held out, and no copy of the refitted model."""
     _, plain, cause = made
-    table = read_columns(run() / "residual.csv")
+    table = residual_columns(run() / "residual.csv")
     e = cause.evidence
     tracks = e.tracks(cause.assembly)
     fitted = [
@@ -115,7 +115,7 @@ def test_it_is_trained_on_what_the_causes_leave(
     assert about["target"] == f"measured angle_deg - {WORDS}" and WORDS in text
     assert [one["name"] for one in about["inputs"]][:2] == ["command", "angle_cause_deg"]
     assert any("A controller computed command" in note for note in about["notes"])
-    table = read_columns(folder / "residual.csv")
+    table = residual_columns(folder / "residual.csv")
     target = table["angle_deg"] - table["angle_cause_deg"]
     trained_rows = np.concatenate(
         [np.r_[s.rows] for s in read_residual_data(folder, on="causes").of_part(0)]

@@ -19,7 +19,7 @@ from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.run_folder import Run
-from pamid.correction.residual_data import read_columns
+from pamid.correction.residual_data import residual_columns
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
@@ -90,7 +90,7 @@ def test_the_first_papers_network(run: Copy) -> None:
     assert found == read_json(folder / "network.json")
     assert (found["kind"], found["n_weights"], found["model"]) == ("elman", 171, "loop")
     assert [one["name"] for one in found["inputs"]] == LOOP
-    table = read_columns(folder / "residual.csv")
+    table = residual_columns(folder / "residual.csv")
     held = table["part"] == 1
     late = held & (table["time_s"] >= table["time_s"][held][0] + 1.0 - 1e-9)
     for ending, rows in (("", held), ("_after_1_s", late)):
@@ -167,7 +167,7 @@ def test_every_network_is_trained(
     about = read_json(folder / "network.json")
     assert about["kind"] == options[1] and about["sizes"] == sizes
     assert capsys.readouterr().out.startswith(words)
-    table = read_columns(folder / "residual.csv")
+    table = residual_columns(folder / "residual.csv")
     held = table["part"] == 1
     values = load_network(folder).predict({name: x[held] for name, x in table.items()})
     np.testing.assert_allclose(
@@ -202,9 +202,11 @@ def test_same_run_and_seed_same_bytes(run: Copy) -> None:
     # trained again: in the place of the first network
     assert train(one, *QUICK, "--seed", "1") == 0
     assert (one / "network.npz").read_bytes() != (other / "network.npz").read_bytes()
-    assert list(read_columns(one / "residual.csv")) == list(read_columns(other / "residual.csv"))
+    assert list(residual_columns(one / "residual.csv")) == list(
+        residual_columns(other / "residual.csv")
+    )
     assert train(other, *QUICK, "--channel", "pressure_1_kpa") == 0
-    columns = list(read_columns(other / "residual.csv"))
+    columns = list(residual_columns(other / "residual.csv"))
     assert {"pressure_1_network_kpa", "angle_network_deg"} <= set(columns)
 
 
@@ -242,7 +244,7 @@ def test_networks_of_several_channels_live_side_by_side(
     assert load_network(folder).output_name == "pressure_2_kpa"
     for name in ("network.npz", "network.json", "trace.csv"):
         assert (beside["pressure_1_kpa"] / name).read_bytes() == (alone / name).read_bytes()
-    columns = read_columns(folder / "residual.csv")
+    columns = residual_columns(folder / "residual.csv")
     assert {f"{c.rpartition('_')[0]}_network_{c.rpartition('_')[2]}" for c in channels} <= set(
         columns
     )

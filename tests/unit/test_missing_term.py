@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.report.reading import read_columns
+from pamid.base.run_files import read_columns
 from pamid.verdict.remainder import MISSING_ROWS, Missing, missing_csv
 
 

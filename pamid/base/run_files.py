@@ -1,4 +1,4 @@
-"""Reading the tables of a run, with errors that name the file and its fault."""
+"""Reading the result files of a run: its tables, its diagnosis and the record of its commands."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
-from pamid.base.result_file import REMEDY
+from pamid.base.result_file import REMEDY, damaged, read_result
+from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
+from pamid.schemas.run_file import RunFile, Step
 
 FloatArray = NDArray[np.float64]
+RESIDUAL_KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv, not signals
 SQUARED = 1e150  # what is larger cannot be squared
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
@@ -50,3 +53,25 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
             code="damaged",
         )
     return dict(zip(names, table.T.copy(), strict=True))
+
+
+def read_diagnosis(path: Path) -> DiagnosisFile | None:
+    """The diagnosis in a file; None if there is no such file, FileError if it is damaged."""
+    diagnosis = read_result(path, DiagnosisFile)
+    if diagnosis is not None and diagnosis.verdict in CAUSED and not diagnosis.causes:
+        needed = f"a list of effects, not an empty list, as the verdict is {diagnosis.verdict!r}"
+        raise damaged(path, "causes", needed, "empty")
+    return diagnosis
+
+
+def read_steps(path: Path) -> tuple[Step, ...]:
+    """The commands that run.json notes."""
+    record = read_result(path, RunFile, any_schema=True)
+    assert record is not None
+    return (record, *record.steps)
+
+
+def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> bool:
+    """Whether the trace of the model with the causes is that of the refitted model over the fitted
+    part, as an earlier version wrote it."""
+    return np.array_equal(cause[part == 0], refitted[part == 0], equal_nan=True)
