@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pamid.api.options.names import listed, papers
+from pamid.api.options.names import papers
 from pamid.api.options.record import (
     FolderPath,
     jobs_option,
@@ -14,6 +14,7 @@ from pamid.api.options.record import (
     overwrite_option,
     seed_option,
 )
+from pamid.base.errors import join_words
 
 from . import frame
 from .terminal import progress_line
@@ -29,7 +30,7 @@ PAPERS = papers()
 def _for_papers(name: str, text: str) -> dict[str, Any]:
     """Help of an option that not every paper has, and the papers that have it."""
     owners = tuple(paper for paper, (options, _) in PAPERS.items() if name in options)
-    return {"text": text.format(f"({listed(owners)})"), "applies_to": owners}
+    return {"text": text.format(f"({join_words(owners, 'or')})"), "applies_to": owners}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from pamid.api.options.names import listed, machines
+from pamid.api.options.names import machines
 from pamid.api.options.record import (
     AnyPath,
     FilePath,
@@ -22,7 +22,7 @@ from pamid.api.options.record import (
     overwrite_option,
     seed_option,
 )
-from pamid.base.errors import FileError, UsageError, quoted
+from pamid.base.errors import FileError, UsageError, join_words, quoted
 
 from . import frame
 from .terminal import failed_text, progress_line
@@ -80,8 +80,8 @@ class Arguments:
     rig: RigName = option(
         "one-dof",
         "Rig of the virtual machine, by name or by the path of a rig file (it is run). Machines "
-        f"with separate equations exist for {listed(machines())}; for any other rig the machine is "
-        "built from the rig.",
+        f"with separate equations exist for {join_words(machines(), 'or')}; for any other rig the "
+        "machine is built from the rig.",
     )
     excitation: AnyPath | None = option(
         None,

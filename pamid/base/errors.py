@@ -113,6 +113,12 @@ def listed(names: Iterable[str], most: int = 12) -> str:
     return f"{shown} and {len(every) - most} more" if len(every) > most else shown
 
 
+def join_words(words: Iterable[str], last: str = "and") -> str:
+    """ "a, b and c"."""
+    every = list(words)
+    return f" {last} ".join(filter(None, (", ".join(every[:-1]), *every[-1:])))
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """A sentence offering the valid name closest to `name`, or "" when none is close, or it is
     valid itself."""

@@ -22,6 +22,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.errors import join_words
 from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
@@ -185,7 +186,7 @@ def _slip_words(
     slip: Slip, names: tuple[str, ...], outputs: Sequence[str], rig: Rig
 ) -> tuple[str, str]:
     """Fault and remedy of a slip of these columns."""
-    symbol, many = split_column(names[0])[1], listed(list(names))
+    symbol, many = split_column(names[0])[1], join_words(names)
     shift = slip.offset / unit(symbol).factor
     shown = f"{-shift:.4g}{'' if symbol == NONE else f' {symbol}'}"
     mapping, exceptional = "the mapping of `pamid ingest`", f"; if rig {rig.name!r} really is"
@@ -203,7 +204,7 @@ def _slip_words(
             for n in names
             if is_unit(slip.meaning)
         ]
-        rename = f"Rename {listed(named)}, or set" if named else "Set"
+        rename = f"Rename {join_words(named)}, or set" if named else "Set"
         return looks, f'{rename} unit = "{slip.meaning}" in {mapping}.'
     if slip.kind == "sign":
         lone = len(outputs) == 1 and names[0] not in outputs
@@ -222,7 +223,7 @@ def _slip_words(
         )
     if slip.kind == "absolute-pressure":
         sheet = [p for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"]
-        stated = listed([p.outside_name for p in sheet]) if sheet else ""
+        stated = join_words(p.outside_name for p in sheet)
         gauge = f"; if they are gauge pressures, state {stated} under [known]" if sheet else ""
         return (
             f"{many} {'lies' if len(names) == 1 else 'lie'} about 1 atmosphere too high, as "
@@ -235,7 +236,7 @@ def _slip_words(
             f"Zero it, or set offset = {shift:.4g} for it in {mapping}; else a constant is missing "
             f"from rig {rig.name!r}.",
         )
-    others = listed([c for c in outputs if c not in names])
+    others = join_words(c for c in outputs if c not in names)
     return (
         f"{names[0]} is {1.0 / slip.factor:.2g} times the value that rig {rig.name!r} predicts "
         f"from {others}",
@@ -387,7 +388,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityI
             "raw log."
         )
         message = (
-            f"{listed(columns)} {many} {duration_text(abs(delay))} "
+            f"{join_words(columns)} {many} {duration_text(abs(delay))} "
             f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}"
         )
         issues.append(issue("delay", columns, message, hint, {"delay_s": delay}))
@@ -421,10 +422,6 @@ def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
     likeness = product[lags] / np.sqrt(np.maximum(overlap, 1e-300))
     best = int(np.argmax(likeness))
     return int(lags[best]), float(likeness[most]), float(likeness[best])
-
-
-def listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def idle_input_issues(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.base.errors import quoted
+from pamid.base.errors import join_words, quoted
 from pamid.base.share_words import minutes_text, times_text
 from pamid.base.units import split_column
 from pamid.checks.sampling_slips import OF_THE_LOG
@@ -151,7 +151,7 @@ def _where(diagnosis: DiagnosisFile) -> Answer:
     lead = "no single port stands out"
     if where.port:
         at = list(dict.fromkeys(cause.port for cause in causes if cause.port)) or [where.port]
-        labels = formatting.join(map(port_label, at))
+        labels = join_words(map(port_label, at))
         lead = f"at the {labels} port{'s' if len(at) > 1 else ''}"
         if inseparable and causes:
             lead += f", or at {ports_text(inseparable)}: these recordings cannot separate them"
@@ -170,7 +170,7 @@ def _where(diagnosis: DiagnosisFile) -> Answer:
         if port not in named and share >= _NO_SHARE
     ][:_MOST_PORTS]
     lines = [
-        f"of the gap enters here{f'; {formatting.join(others)}' if others else ''}",
+        f"of the gap enters here{f'; {join_words(others)}' if others else ''}",
         f"cannot be separated from {ports_text(inseparable)} yet" if inseparable else "",
     ]
     best = where.regimes[0] if where.regimes else None
@@ -183,10 +183,10 @@ def _where(diagnosis: DiagnosisFile) -> Answer:
     texts = []
     groups = [group for group in where.indistinguishable if len(group) > 1]
     if groups:
-        together = ", or at ".join(formatting.join(map(port_label, group)) for group in groups)
+        together = ", or at ".join(join_words(map(port_label, group)) for group in groups)
         texts.append(f"these sensors cannot separate effects of unknown form at {together}")
     if where.unseen:
-        texts.append(f"they do not respond to {formatting.join(map(port_label, where.unseen))}")
+        texts.append(f"they do not respond to {join_words(map(port_label, where.unseen))}")
     splitting = next((sensor for sensor in where.sensors if sensor.splits), None)
     if splitting is not None and max(shares.values(), default=0.0) < _DOMINANT_SHARE:
         texts.append(
@@ -206,7 +206,7 @@ def _where(diagnosis: DiagnosisFile) -> Answer:
             f"{', '.join(formatting.span(*window, 's') for window in windows)}"
             f"{f', and {further} more' if further else ''}."
         )
-    card = formatting.join(map(with_share, named)), lines
+    card = join_words(map(with_share, named)), lines
     return _answer(question, sentence(lead), details, card, list(map(_regime_text, where.regimes)))
 
 
@@ -271,7 +271,7 @@ def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
             labels.append(
                 text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
             )
-        lead = formatting.join(labels)
+        lead = join_words(labels)
     details = [*_share_texts(diagnosis), *supplements]
     causes, plots = diagnosis.causes[:_MOST_CAUSES], added_leaders(run)
     several = len(causes) > 1
@@ -282,7 +282,7 @@ def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
     if plots:
         name = f"{effect_label(plots[0].effect)} " if several else ""
         lines.append(name + added_line(plots[0]))
-    named = formatting.join(map(_with_value, causes), "or" if verdict == "ambiguous" else "and")
+    named = join_words(map(_with_value, causes), "or" if verdict == "ambiguous" else "and")
     return _answer(question, sentence(lead), details, (formatting.capital(named), lines))
 
 
@@ -327,7 +327,7 @@ def _share_texts(diagnosis: DiagnosisFile) -> list[str]:
         shares = [
             f"{effect_label(cause.effect)} accounts for {percent(cause.share)}" for cause in causes
         ]
-        texts.append(f"Of the sum of their shares, {formatting.join(shares)}")
+        texts.append(f"Of the sum of their shares, {join_words(shares)}")
     texts += [
         f"{effect_label(cause.effect)}: {formatting.parameter_text(name, parameter)}"
         for cause in causes
@@ -349,7 +349,7 @@ def _supplements(diagnosis: DiagnosisFile) -> list[str]:
     if not diagnosis.remark and (refits := refitted_texts(diagnosis.parameters)):
         details.append(sentence(f"refitted: {'; '.join(refits)}"))
     if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
-        names = formatting.join(map(effect_label, diagnosis.tied))
+        names = join_words(map(effect_label, diagnosis.tied))
         details.append(f"These recordings cannot separate {names}.")
     if len(diagnosis.ranking) <= 1:
         details.append("No other candidate was refitted.")
@@ -452,7 +452,7 @@ def _formula_texts(unknown: Unknown) -> list[str]:
     """Formula of the missing term, the certainty of its terms and the variance it covers."""
     if not unknown.formula:
         return ["No function of the signals at this port describes it."]
-    variables = formatting.join(map(port_label, unknown.variables))
+    variables = join_words(map(port_label, unknown.variables))
     texts = [
         f"The missing term{at_port(unknown.port)} is described best, as a function"
         f"{f' of {variables}' if variables else ''}, by "
@@ -486,7 +486,7 @@ def _how_far(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
         return _answer(question, lead, [], ("Not scored", []), quiet=True)
     unit_text, channel = channel_unit(row.channel), channel_label(row.channel)
     cause = causes_label(diagnosis) if diagnosis is not None else "the cause"
-    steps = formatting.join(
+    steps = join_words(
         f"{with_unit_text(value, unit_text)} {name}"
         for value, name in (
             (row.data_sheet, "from the data sheet"),
@@ -586,7 +586,7 @@ def _next_experiment(run: RunData) -> Answer:
     if experiment is None:
         none = "The diagnosis recommends no further experiment."
         return Answer(question, formatting.clean(run.diagnosis.withheld) or none)
-    separated = formatting.join(map(effect_label, experiment.separates))
+    separated = join_words(map(effect_label, experiment.separates))
     expected = []
     if experiment.expected_separation is not None:
         expected.append(
@@ -608,10 +608,10 @@ def _next_experiment(run: RunData) -> Answer:
     if local_files:
         single = len(local_files) == 1
         verb = "its excitation is" if single else "its excitations, a file per run, are"
-        files = formatting.join(f"`{formatting.clean(name)}`" for name in local_files)
+        files = join_words(f"`{formatting.clean(name)}`" for name in local_files)
         details.append(f"{verb} {files} in the run folder, ready to be sent")
     runs = [
-        formatting.join(
+        join_words(
             f"{channel_label(name)} {with_unit_text(value, channel_unit(name))}"
             for name, value in setting.items()
         )
@@ -661,5 +661,5 @@ def todo_of(run: RunData) -> str:
     if experiment.minutes is not None:
         text += f" ({formatting.unbroken(minutes_text(experiment.minutes))} at the rig)"
     if experiment.separates:
-        text += f"; it separates {formatting.join(map(effect_label, experiment.separates))}"
+        text += f"; it separates {join_words(map(effect_label, experiment.separates))}"
     return sentence(text)

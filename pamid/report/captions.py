@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 
+from pamid.base.errors import join_words
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, headline
 from pamid.report.formatting import (
@@ -74,7 +75,7 @@ def at_port(port: str) -> str:
 
 def ports_text(ports: list[str] | tuple[str, ...]) -> str:
     """ "muscle or joint 2"."""
-    return formatting.join(map(port_label, ports), "or")
+    return join_words(map(port_label, ports), "or")
 
 
 # ---- models and candidates -----------------------------------------------------------------------
@@ -85,9 +86,7 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
     joined by "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     findings = findings_of(diagnosis)
-    return formatting.join(
-        (finding_label(diagnosis, finding, SPELLING) for finding in findings), last
-    )
+    return join_words((finding_label(diagnosis, finding, SPELLING) for finding in findings), last)
 
 
 def has_joint_model(diagnosis: DiagnosisFile | None) -> bool:
@@ -154,7 +153,7 @@ def usable_plots(run: RunData) -> list[AddedVariable]:
 
 def added_line(plot: AddedVariable) -> str:
     """ "explains 98 % of the refitted model's angle residual, slope 1 ± 0.04"."""
-    next_to = f" next to {formatting.join(map(effect_label, plot.beside))}" if plot.beside else ""
+    next_to = f" next to {join_words(map(effect_label, plot.beside))}" if plot.beside else ""
     return (
         f"explains {percent(plot.share)} of the refitted model's {channel_label(plot.channel)} "
         f"residual{next_to}, {slope_text(plot)}"
@@ -176,12 +175,12 @@ def sensor_label(name: str) -> str:
     angle sensor"."""
     if name.startswith("the "):
         return port_label(name)
-    return formatting.join(map(channel_label, name.split(" and ")))
+    return join_words(map(channel_label, name.split(" and ")))
 
 
 def split_labels(sensor: Sensor) -> list[str]:
     """Groups of ports that a sensor would separate: ["muscle and joint"]."""
-    return [formatting.join(map(port_label, group)) for group in sensor.splits]
+    return [join_words(map(port_label, group)) for group in sensor.splits]
 
 
 def regime_label(regime: Regime) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from pamid.base.errors import UsageError
+from pamid.base.errors import UsageError, join_words
 from pamid.report import formatting
 from pamid.report.answers import Card
 from pamid.report.captions import causes_label, verdict_sentence
@@ -76,7 +76,7 @@ def comparison_page(runs: Sequence[ComparedRun]) -> Page:
     changed = changes_of(runs)
     differs = "The same data, run in the same way."
     if changed:
-        differs = f"What differs: {formatting.join(changed)}."
+        differs = f"What differs: {join_words(changed)}."
     sections = (
         Section("What was found", (_results(runs),)),
         Section("Errors", _errors(runs)),

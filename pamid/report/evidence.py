@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from markupsafe import Markup
 
+from pamid.base.errors import join_words
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_places
@@ -105,7 +106,7 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Markup]:
     ]
     differing = disagreements(run, rows)
     for file in dict.fromkeys(name for _, name, _, _ in differing):
-        differences = formatting.join(
+        differences = join_words(
             f"{channel_label(channel)} {formatting.with_unit_text(other, channel_unit(channel))}"
             for channel, name, other, _ in differing
             if name == file

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from pamid.base.errors import join_words
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.run_files import FloatArray
 from pamid.base.units import split_column
@@ -408,7 +409,7 @@ def comparison_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         f"windows, by {percent(first.removes.share)} of the gap"
     )
     if others:
-        names = formatting.join(effect_label(candidate.effect) for candidate in others)
+        names = join_words(effect_label(candidate.effect) for candidate in others)
         title += f"; {names} cannot be separated from it"
     return Drawing("comparison", capital(title), draw, 2.6, 2.9)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
+from pamid.base.errors import join_words
 from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
 from pamid.schemas.estimates import Estimate
@@ -43,7 +44,7 @@ def effect_label(name: str) -> str:
     and b"."""
     several = [part.partition("@") for part in clean(name).split(" + ")]
     if len(several) > 1 and len({stem for stem, _, _ in several}) == 1:
-        return effect_label(f"{several[0][0]}@{join(port for _, _, port in several)}")
+        return effect_label(f"{several[0][0]}@{join_words(port for _, _, port in several)}")
     if len(several) > 1:
         return " + ".join(effect_label("".join(item)) for item in several)
     stem, _, port = several[0]
@@ -213,12 +214,6 @@ def percent_span(low: float | None, high: float | None) -> str:
 def count(value: float | None) -> str:
     """A whole number."""
     return DASH if value is None else f"{value:.0f}"
-
-
-def join(parts: Iterable[str], last: str = "and") -> str:
-    """ "a, b and c"."""
-    words = list(parts)
-    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def not_converged(what: str, why: str) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.errors import DataError, FileError, join_words, nearest
 from pamid.base.result_file import REMEDY
 from pamid.base.run_files import FloatArray
 from pamid.base.units import split_column, to_si
@@ -196,12 +196,12 @@ def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> s
         ]
 
     article = "the " if len(means) == 1 else ""
-    follows = formatting.join(
+    follows = join_words(
         f"{article}{formatting.channel_label(channel)} to {value}"
         for channel, value in zip(means, mean_texts(best), strict=True)
     )
     model = f"model {names[best]}" if best == "cause" else f"{names[best]} model"
-    others = "".join(f" ({names[kind]}: {formatting.join(mean_texts(kind))})" for kind in before)
+    others = "".join(f" ({names[kind]}: {join_words(mean_texts(kind))})" for kind in before)
     return f"The {model} follows {follows} on average{others}"
 
 

@@ -7,8 +7,8 @@ from pathlib import PurePath
 
 from markupsafe import Markup
 
+from pamid.base.errors import join_words
 from pamid.base.units import duration_text
-from pamid.report import formatting
 from pamid.report.formatting import DASH, clean, count
 from pamid.report.page import Section, code, note, table
 from pamid.schemas.fit_file import FitFile
@@ -29,7 +29,7 @@ def provenance(
     # versions of the software that the commands ran on; the latest of several
     versions = dict(pair for step in steps for pair in step.versions.items())
     listed = ", ".join(f"{clean(name)} {clean(version)}" for name, version in versions.items())
-    places = formatting.join(dict.fromkeys(clean(s.platform) for s in steps if s.platform))
+    places = join_words(dict.fromkeys(clean(s.platform) for s in steps if s.platform))
     ran_on = f"Versions: {listed}{f'; on {places}' if places else ''}." if listed else ""
     return Section("Provenance", (*tables, note(*notes, ran_on)), level)
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
+from pamid.base.errors import join_words
 from pamid.model.effect import KINDS
 from pamid.report import formatting
 from pamid.report.block_diagram import (
@@ -275,7 +276,7 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
         for port in ports
     ]
     kinds = "; ".join(dict.fromkeys(KINDS.get(port.kind, port.kind) for port in ports))
-    texts = [f"Quantity at this port: {kinds} ({formatting.join(named)})."]
+    texts = [f"Quantity at this port: {kinds} ({join_words(named)})."]
     where, rest = diagnosis.where, diagnosis.remainder
     if where is not None:
         order = [port.port for port in where.ports]
@@ -308,7 +309,7 @@ def _cause_text(cause: Cause) -> str:
         text += f", with probability {formatting.chance(cause.probability)}"
     if cause.removes is not None:
         text += f": it removes {percent(cause.removes.share)} of the gap"
-    return sentence(text + (f"; {formatting.join(values)}" if values else ""))
+    return sentence(text + (f"; {join_words(values)}" if values else ""))
 
 
 def _tried(diagnosis: DiagnosisFile, group: str) -> str:

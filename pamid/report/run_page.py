@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
+from pamid.base.errors import join_words
 from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.added_variable_figure import ADDED_NOTE, added_panels
@@ -42,7 +43,7 @@ def run_page(
     )
     recordings = run.fit.recordings if run.fit is not None else ()
     names = [clean(recording.name) for recording in recordings]
-    short = formatting.join(names) if len(names) <= 3 else f"{len(names)} recordings"
+    short = join_words(names) if len(names) <= 3 else f"{len(names)} recordings"
     return Page(
         headline=verdict,
         title=f"{rig}: {verdict}" if rig else verdict,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pamid.base.errors import join_words
 from pamid.base.run_files import FloatArray, repeats_refit
 from pamid.report import formatting
 from pamid.report.captions import model_label
@@ -239,7 +240,7 @@ def _exactness(residual: Residual, stretches: Sequence[Stretch], channels: list[
         )
     texts = [
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
-        f"by at most: {formatting.join(exact)}."
+        f"by at most: {join_words(exact)}."
     ]
     if any(stretch.cut for stretch in stretches):
         texts.append(

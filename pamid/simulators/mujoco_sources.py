@@ -15,7 +15,7 @@ from pathlib import Path, PureWindowsPath
 from types import ModuleType
 from typing import Any
 
-from pamid.base.errors import FileError
+from pamid.base.errors import FileError, listed
 from pamid.base.files import open_data
 from pamid.simulators.foreign_limits import foreign_limits
 from pamid.simulators.model_packages import ModelPackages, package_of, places_of
@@ -224,10 +224,12 @@ class ModelAssets:
             by_reason.setdefault(absent.reason, []).append(absent.name)
         if not by_reason:
             return ""
-        reasons = "; ".join(f"{_listed(names)} ({why})" for why, names in by_reason.items())
+        reasons = "; ".join(
+            f"{listed(names, _MOST_NAMED)} ({why})" for why, names in by_reason.items()
+        )
         note = f"left out, because the motion does not depend on them: {reasons}"
         if self.bodies:
-            note += f"; contacts of these shapes of {_listed(list(self.bodies))} are not seen"
+            note += f"; contacts of these shapes of {listed(self.bodies, _MOST_NAMED)} are not seen"
         return note
 
     def _parsed(self) -> Any:
@@ -352,8 +354,3 @@ def _is_moving(body: Any) -> bool:
             return True
         body = body.parent
     return False
-
-
-def _listed(names: list[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pamid.base.errors import join_words
 from pamid.base.metrics import motion
 from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
@@ -25,7 +26,6 @@ from pamid.model.registry import effects, rigs
 from pamid.schemas.diagnosis_file import Reach, Remainder
 from pamid.simulation.input_effects import IDLE_CURE
 from pamid.simulation.tracks import noise_remarks
-from pamid.verdict.verdict_words import joined
 
 FEW_WINDOWS = 12  # held-out windows; a note warns about fewer
 # tolerances by which an effect must relieve a strained parameter, and number of effects to list
@@ -41,13 +41,13 @@ def remark(d: Diagnosis) -> str:
     """Fault of the recordings or of their conversion that makes a verdict impossible."""
     if not d.silent:
         return ""
-    channels, single = joined(d.silent, "and"), len(d.silent) == 1
+    channels, single = join_words(d.silent), len(d.silent) == 1
     moving = (
         name
         for name in d.evidence.rig.inputs
         if any(name in r.values and np.ptp(r.values[name]) > 0.0 for r in d.evidence.recordings)
     )
-    sent = joined(moving, "or")
+    sent = join_words(moving, "or")
     if d.response is None:
         shown = f"The model predicts {channels} no better than the mean or a straight line does."
     elif d.response.is_reversed:
@@ -149,7 +149,7 @@ def _unused(d: Diagnosis) -> list[str]:
     if not names:
         return []
     shares = {name: _share_of_remainder(d, name) for name in names[:UNUSED_TRIED]}
-    listed = joined(names[:UNUSED_LISTED], "and")
+    listed = join_words(names[:UNUSED_LISTED])
     more = f" and {len(names) - UNUSED_LISTED} more" * (len(names) > UNUSED_LISTED)
     notes = [f"Recorded, but not part of the rig: {listed}{more}."]
     name, (channel, share) = max(shares.items(), key=lambda item: item[1][1])

@@ -5,10 +5,11 @@ It needs only diagnosis.json. A `Spelling` sets how names of effects and ports a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from pamid.base.errors import join_words
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 
@@ -80,7 +81,7 @@ def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
         return f"A curve at any of the ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
-    elsewhere = f", or equally at the {joined(others, 'or')} port," if others else ""
+    elsewhere = f", or equally at the {join_words(others, 'or')} port," if others else ""
     return (
         f"A curve at the {first} port{elsewhere} removes {share} of it. The effect is "
         f"{free_families(diagnosis, spelling)}."
@@ -130,7 +131,7 @@ def finding_text(
         return label
     unplaced = first.port and "@" not in first.effect
     place = f" at the {spelling.port(first.port)} port" if unplaced else ""
-    ports = joined((spelling.port(port) for port in first.or_at), "or")
+    ports = join_words((spelling.port(port) for port in first.or_at), "or")
     elsewhere = f" (or equally at the {ports} port)" if ports else ""
     return f"{label}{place}{elsewhere}"
 
@@ -142,7 +143,7 @@ def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling)
     joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
     if ports == joints:
         return "in the joints"
-    return f"at {joined((spelling.port(c.port) for c in finding), 'and')}"
+    return f"at {join_words(spelling.port(c.port) for c in finding)}"
 
 
 def _probability_text(c: Cause) -> str:
@@ -179,9 +180,8 @@ def _joint_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     Shares of single causes do not add up, because two causes may each remove the same part.
     """
     findings = findings_of(diagnosis)
-    causes = joined(
-        (f"{finding_text(diagnosis, k, spelling)}{_probability_text(k[0])}" for k in findings),
-        "and",
+    causes = join_words(
+        f"{finding_text(diagnosis, k, spelling)}{_probability_text(k[0])}" for k in findings
     )
     together = " together" if len(findings) > 1 else ""
     rest = diagnosis.remainder
@@ -198,7 +198,7 @@ def _joint_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
         f"without {spelling.effect(effect)} {percent_text(max(share, 0.0))}"
         for effect, share in sorted(without.items(), key=lambda item: item[1])
     )
-    return f"{text}, {joined(shares, 'and')}."
+    return f"{text}, {join_words(shares)}."
 
 
 def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
@@ -211,7 +211,7 @@ def _set_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
             f"{_share_text(diagnosis, first, spelling)}. These recordings cannot separate it from "
             f"{finding_text(diagnosis, other, spelling)}{share}{_probability_text(other[0])}."
         )
-    names = joined((finding_label(diagnosis, k, spelling) for k in findings), "and")
+    names = join_words(finding_label(diagnosis, k, spelling) for k in findings)
     removes = diagnosis.causes[0].removes
     size = f" Each removes about {percent_text(removes.share)} of the gap." if removes else ""
     return f"On these recordings {names} predict the same and cannot be separated.{size}"
@@ -244,7 +244,7 @@ def free_families(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> 
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
         return ""
-    names = joined(
+    names = join_words(
         (spelling.effect(family) for family in dict.fromkeys(f.family for f in forms)), "or"
     )
     return f"of the {names} family, in a form that is not in the catalogue"
@@ -291,7 +291,7 @@ def _entry_port(where: Where, spelling: Spelling) -> str:
     first = f" It enters at the {spelling.port(where.port)} port"
     if not others:
         return f"{first}."
-    other_ports = joined([spelling.port(p) for p in others], "or")
+    other_ports = join_words([spelling.port(p) for p in others], "or")
     return f"{first}, or at {other_ports}: these sensors cannot separate them."
 
 
@@ -302,7 +302,7 @@ def _undecided_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
         first, *others = (spelling.effect(m.effect) for m in tied)
         return (
             f"{first} removes {percent_text(tied[0].removes.share)} of the gap, but "
-            f"{joined(others, 'and')} remove as much. These recordings cannot separate them."
+            f"{join_words(others)} remove as much. These recordings cannot separate them."
         )
     leader = next((r for r in diagnosis.ranking if r.removes and not r.set_aside), None)
     rest = diagnosis.remainder
@@ -329,9 +329,3 @@ def _undecided_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
 def chance_figure(probability: float) -> str:
     """Probability as written in brackets, such as "> 0.99"."""
     return chance_text(probability).replace("above", ">").replace("below", "<")
-
-
-def joined(parts: Iterable[str], last: str) -> str:
-    """Join words with commas, and the last two with `last`: "a, b and c"."""
-    words = list(parts)
-    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))

@@ -4,7 +4,6 @@ importing these would take seconds."""
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -31,12 +30,6 @@ def _files(folder: str) -> list[Path]:
         for file in sorted((PACKAGE / folder).glob("*.py"))
         if not file.stem.startswith("_") and BASES[folder] in file.read_text(encoding="utf-8")
     ]
-
-
-def listed(names: Iterable[str]) -> str:
-    """a, b or c"""
-    *first, last = names
-    return " or ".join([*([", ".join(first)] if first else []), last])
 
 
 def entries(folder: str) -> list[str]:

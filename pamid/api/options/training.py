@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, fields, make_dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from pamid.api.options.names import listed, network_sizes
+from pamid.api.options.names import network_sizes
 from pamid.api.options.record import (
     AnyPath,
     NetworkName,
@@ -16,6 +16,7 @@ from pamid.api.options.record import (
     option,
     seed_option,
 )
+from pamid.base.errors import join_words
 
 if TYPE_CHECKING:
     from pamid.api.workers import OpenedRun
@@ -40,7 +41,7 @@ else:
         options = []
         for name, kinds in sorted(owners.items()):
             least, most, text, default = network_sizes()[kinds[0]][name]
-            text = f"{text} of {listed(kinds)}. [default: {default}]"
+            text = f"{text} of {join_words(kinds, 'or')}. [default: {default}]"
             options.append((name, "int | None", option(None, text, least=least, most=most)))
         return options
 
@@ -62,7 +63,7 @@ class TrainingArguments(NetworkSizes):
 
     run: OpenedRun | AnyPath = argument("Result, or run folder.")
     _: KW_ONLY
-    network: NetworkName = option("elman", f"Kind of network: {listed(network_sizes())}.")
+    network: NetworkName = option("elman", f"Kind of network: {join_words(network_sizes(), 'or')}.")
     iterations: int | None = option(
         None,
         "Levenberg-Marquardt steps at most, for every start. [default: 1000, or 5000 with "
