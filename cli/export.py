@@ -17,6 +17,7 @@ from pamid.api.options.record import (
     option,
     overwrite_option,
     required_option,
+    which_option,
 )
 
 from . import frame
@@ -55,13 +56,7 @@ class Arguments:
     output: AnyPath | None = option(
         None, "File to write, for c a folder. [default: pamid_<rig>.<ending>]"
     )
-    which: str = option(
-        "best",
-        "Model to export. cause: with the causes of the diagnosis. network: as the network was "
-        "trained, with the network. refitted: the fitted rig alone. best: causes and network if "
-        "the network was trained with the causes, else the first of cause, network and refitted "
-        "that the run has.",
-    )
+    which: str = which_option("Model to export.")
     known: Mapping[str, float] | None = known_option(
         "Parameter with another known value in that application."
     )

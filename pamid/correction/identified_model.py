@@ -59,7 +59,7 @@ NETWORK_LEFT_OUT = (
     "the refitted model; choose --which network for the refitted model with the network, or train "
     "a network for the model with the causes by train-residual --on causes"
 )
-PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
+_PERIODS_AGREE = 0.01  # share by which a recording's period may differ from the model's
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +245,18 @@ def simulate_identified(
     return Y
 
 
+def require_period(recording: Recording, model: Identified, remedy: str, code: str = "") -> None:
+    """DataError unless a recording is sampled with the model's period."""
+    period = recording.sampling_period_s
+    if abs(period - model.period_s) > _PERIODS_AGREE * model.period_s:
+        raise DataError(
+            f"{recording.path} is sampled every {period:g} s, the model's sample is "
+            f"{model.period_s:g} s.",
+            remedy,
+            code=code,
+        )
+
+
 def record_identified(
     model: Identified,
     excitation: Recording,
@@ -260,12 +272,7 @@ def record_identified(
     recordings, else the rig's. Columns in their units.
     """
     rig, n = model.assembly.rig, len(excitation)
-    if abs(excitation.sampling_period_s - model.period_s) > PERIODS_AGREE * model.period_s:
-        raise DataError(
-            f"{excitation.path} is sampled every {excitation.sampling_period_s:g} s, the model's "
-            f"sample is {model.period_s:g} s.",
-            "Make the excitation with the model's period.",
-        )
+    require_period(excitation, model, "Make the excitation with the model's period.")
     known = {**excitation.known, **(known or {})}
     model, closed = model.knowing(known), in_its_loop(rig, excitation)
     settings = {**rig.controller, **model.controller, **excitation.controller} if closed else {}

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -254,10 +255,7 @@ def spans_of(columns: dict[str, Array]) -> list[Segment]:
         | (np.diff(columns["time_s"]) <= 0)
     )
     edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
-    return [
-        Segment(slice(a, b), int(columns["part"][a]))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    return [Segment(slice(a, b), int(columns["part"][a])) for a, b in pairwise(edges)]
 
 
 def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segment], int]:
@@ -266,20 +264,24 @@ def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segm
 
     The model's start-up lies there, and the network's may.
     """
-    windows: list[tuple[int, int, int, int]] = []
-    for span in spans:
-        window = columns["window"][span.rows]
-        edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
-        free = span.rows.start
-        for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            if window[a] >= 0:
-                first, last = span.rows.start + a, span.rows.start + b
-                windows.append((first - free, first, last, span.part))
-                free = last
-    washout = min((before for before, *_ in windows), default=0)
+    windows = [(span, *w) for span in spans for w in scored_windows(columns["window"][span.rows])]
+    washout = min((first - free for _, free, first, _ in windows), default=0)
     return [
-        Segment(slice(first - washout, last), part) for _, first, last, part in windows
+        Segment(slice(span.rows.start + first - washout, span.rows.start + end), span.part)
+        for span, _, first, end in windows
     ], washout
+
+
+def scored_windows(window: Array) -> list[tuple[int, int, int]]:
+    """(end of the window before, first scored row, end) of every window of a span; window: its
+    number by row, below 0 where nothing is scored."""
+    edges = [0, *(np.flatnonzero(np.diff(window) != 0) + 1).tolist(), len(window)]
+    windows, free = [], 0
+    for first, end in pairwise(edges):
+        if window[first] >= 0:
+            windows.append((free, first, end))
+            free = end
+    return windows
 
 
 # ---- model and inputs --------------------------------------------------------------------------

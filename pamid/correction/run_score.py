@@ -23,11 +23,11 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.identified_model import (
-    PERIODS_AGREE,
     Identified,
     channel_network,
     load_identified,
     record_identified,
+    require_period,
 )
 from pamid.correction.port_network import ADDED
 from pamid.model.assembly import Assembly
@@ -94,7 +94,8 @@ def score_run(
     for recording in recordings:
         _require_fresh(folder, recording, fit.recordings)
         require_apart(outputs, used, [recording])
-        _require_alike(recording, models.refitted)
+        remedy = "Record with the model's period, or fit a model with this period."
+        require_period(recording, models.refitted, remedy, code="period")
         data_of(models.refitted.assembly.rig, recording).measured(models.refitted.assembly.rig)
     most, begun = 2 * len(recordings) * len(models.every), count()
 
@@ -175,17 +176,6 @@ def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
         except (PamidError, OSError):  # it has moved or changed: its digest is what is left
             continue
     return repeated
-
-
-def _require_alike(recording: Recording, model: Identified) -> None:
-    period = recording.sampling_period_s
-    if abs(period - model.period_s) > PERIODS_AGREE * model.period_s:
-        raise DataError(
-            f"{recording.path} is sampled every {period:g} s, the model's sample is "
-            f"{model.period_s:g} s.",
-            "Record with the model's period, or fit a model with this period.",
-            code="period",
-        )
 
 
 # ---- rows --------------------------------------------------------------------------------------

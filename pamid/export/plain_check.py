@@ -17,7 +17,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import residual_columns, spans_of
+from pamid.correction.residual_data import residual_columns, scored_windows, spans_of
 from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
@@ -246,14 +246,7 @@ def _groups(
     A window's start is estimated on its unscored samples; that of several windows on the whole
     first.
     """
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(window) != 0) + 1, [len(window)]])
-    pieces = [(int(a), int(b), int(window[a])) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    windows: list[tuple[int, int, int]] = []  # first sample, first scored sample, end
-    free = 0
-    for a, b, number in pieces:
-        if number >= 0:
-            windows.append((free, a, b))
-            free = b
+    windows = scored_windows(window)
     if not windows:
         return
     longest = max(end - first for first, _, end in windows) * period_s

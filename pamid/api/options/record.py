@@ -192,6 +192,17 @@ def _noise_factor(text: str) -> float:
     return factor
 
 
+def which_option(text: str) -> Any:
+    """The --which option; text: its first sentence."""
+    return option(
+        "best",
+        f"{text} cause: with the causes of the diagnosis. network: as the network was trained, "
+        "with the network. refitted: the fitted rig alone. best: causes and network if the network "
+        "was trained with the causes, else the first of cause, network and refitted that the run "
+        "has.",
+    )
+
+
 def seed_option(text: str, default: int = 0, **about: Any) -> Any:
     """The --seed option."""
     return option(default, text, least=0, **about)

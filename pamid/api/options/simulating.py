@@ -23,6 +23,7 @@ from pamid.api.options.record import (
     parse_pairs,
     required_option,
     seed_option,
+    which_option,
 )
 
 if TYPE_CHECKING:
@@ -54,13 +55,7 @@ class SimulationArguments:
         "instead of a rig from its data sheet. Repeat --rig and --effect for files of that run.",
         metavar="RUN",
     )
-    which: str = option(
-        "best",
-        "With --model, the model to simulate. cause: with the causes of the diagnosis. network: as "
-        "the network was trained, with the network. refitted: the fitted rig alone. best: causes "
-        "and network if the network was trained with the causes, else the first of cause, network "
-        "and refitted that the run has.",
-    )
+    which: str = which_option("With --model, the model to simulate.")
     effects: EffectLike | Iterable[EffectLike] = option(
         (),
         "NAME, NAME@PORT, with :parameter=value,...; or the path of an effect file (it is run).",
