@@ -18,6 +18,7 @@ from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.run_files import read_diagnosis
+from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -160,7 +161,7 @@ class FitResult(OpenedRun):
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / "fit.json")
+        content: dict[str, Any] = read_json(self.folder / FIT_FILE)
         return content
 
     def simulate(
@@ -267,7 +268,7 @@ class DiagnosisResult(FitResult):
 
     def to_dict(self) -> dict[str, Any]:
         """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / "diagnosis.json")
+        content: dict[str, Any] = read_json(self.folder / DIAGNOSIS_FILE)
         return content
 
     def plot_rig(self) -> NotebookFigure:
@@ -334,8 +335,8 @@ def result_of(
     """The result in a run folder: a DiagnosisResult where it holds a diagnosis. FileError where it
     holds none, or a damaged file; no code of the folder's is run."""
     folder = home.folder
-    fit = read_result(folder / "fit.json", FitFile)
-    diagnosis = read_diagnosis(folder / "diagnosis.json")
+    fit = read_result(folder / FIT_FILE, FitFile)
+    diagnosis = read_diagnosis(folder / DIAGNOSIS_FILE)
     if fit is None:
         load_run(folder)  # reports the damage
         raise FileError(

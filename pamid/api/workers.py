@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, PathLike, is_inside, read_data, write_atomically
 from pamid.base.json_file import write_json
-from pamid.base.run_folder import JOBS, Run
+from pamid.base.run_folder import JOBS, RUN_FILE, Run
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import WorkerPool
@@ -91,7 +91,7 @@ class OpenedRun:
         )
         for name, path in zip(content, copy.claim(*content), strict=True):
             write_atomically(path, content[name])
-        write_json(target / "run.json", {**record, "files": list(content)})
+        write_json(target / RUN_FILE, {**record, "files": list(content)})
         return target
 
     def _figure(self, content: str) -> NotebookFigure:
@@ -105,7 +105,7 @@ def _content(folder: Path, name: str) -> bytes:
     path = folder / name
     if PurePath(name).is_absolute() or not is_inside(folder, PurePath(name)) or path.is_symlink():
         raise FileError(
-            f"{folder / 'run.json'} lists {name!r}, which is not a file of that folder.",
+            f"{folder / RUN_FILE} lists {name!r}, which is not a file of that folder.",
             "Take it out of the list, or copy the folder by hand.",
             code="run-folder",
         )

@@ -32,7 +32,8 @@ from pamid.base.files import (
 from pamid.base.json_file import json_text, read_json, write_json
 
 RUN_SCHEMA = "pamid.run/1"
-FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
+RUN_FILE, FIT_FILE, DIAGNOSIS_FILE = "run.json", "fit.json", "diagnosis.json"
+RESIDUAL_FILE, MISSING_FILE = "residual.csv", "missing.csv"
 NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
 ADDED_VARIABLES_FILE, FREE_RUN_FILE = "added-variables.json", "free-run.csv"
 FIGURES_FOLDER = "figures"
@@ -79,7 +80,7 @@ class Run:
         unless that has come to its end, it counts as begun again.
         """
         path = Path(folder)
-        if resume and (path / "run.json").is_file():
+        if resume and (path / RUN_FILE).is_file():
             return cls.open(path)._resumed(command, seed, _hashes(inputs), dict(options or {}))
         _require_free(path, overwrite, resumable=resume is not None)
         _require_inside(path, JOBS)
@@ -96,21 +97,21 @@ class Run:
             raise FileError(
                 f"{path}: the run folder cannot be made: {error.strerror}.", code="run-folder"
             ) from error
-        write_json(path / "run.json", record | {"files": old})
+        write_json(path / RUN_FILE, record | {"files": old})
         # after run.json: if this is cut short, the folder already states that it is unfinished, and
         # what may be there
         sweep(path)
         _remove_listed(path, old)
         remove_jobs(path / JOBS)
         if old:
-            write_json(path / "run.json", record)
+            write_json(path / RUN_FILE, record)
         return cls(path)
 
     @classmethod
     def open(cls, folder: str | Path) -> Run:
         """An existing run; FileError if the folder holds none."""
         path = Path(folder)
-        if not (path / "run.json").is_file():
+        if not (path / RUN_FILE).is_file():
             hint = "Give the folder that `pamid fit` or `pamid diagnose` wrote with --output."
             raise FileError(
                 f"{path} is not a run folder: it has no run.json.", hint, code="not-a-run"
@@ -119,7 +120,7 @@ class Run:
         schema = run.record.get("schema")
         if schema != RUN_SCHEMA:
             raise FileError(
-                f"{path / 'run.json'}: schema is {schema!r}, expected {RUN_SCHEMA!r}.",
+                f"{path / RUN_FILE}: schema is {schema!r}, expected {RUN_SCHEMA!r}.",
                 code="not-a-run",
             )
         return run
@@ -151,7 +152,7 @@ class Run:
         if record["outcome"] != "done":
             again = {"command": _command_line(command), "versions": _versions(), "begun": _now()}
             write_json(
-                self.folder / "run.json",
+                self.folder / RUN_FILE,
                 {
                     **record,
                     "resumed": [*record.get("resumed", []), again],
@@ -168,10 +169,10 @@ class Run:
     @property
     def record(self) -> dict[str, Any]:
         """The content of run.json."""
-        record = read_json(self.folder / "run.json")
+        record = read_json(self.folder / RUN_FILE)
         if not isinstance(record, dict):
             raise FileError(
-                f"{self.folder / 'run.json'} must hold a single JSON object.", code="not-a-run"
+                f"{self.folder / RUN_FILE} must hold a single JSON object.", code="not-a-run"
             )
         for key, empty in (
             ("options", {}),
@@ -187,12 +188,12 @@ class Run:
                 and all(isinstance(entry, dict) for entry in record[key])
             ):
                 raise FileError(
-                    f"{self.folder / 'run.json'}: {key} must be a list of objects.",
+                    f"{self.folder / RUN_FILE}: {key} must be a list of objects.",
                     code="not-a-run",
                 )
         if not isinstance(record["options"], dict):
             raise FileError(
-                f"{self.folder / 'run.json'}: options must be an object.", code="not-a-run"
+                f"{self.folder / RUN_FILE}: options must be an object.", code="not-a-run"
             )
         return record
 
@@ -217,7 +218,7 @@ class Run:
         known = _written(self.folder)
         new = [name for name in dict.fromkeys(names) if name not in known]
         if new:
-            write_json(self.folder / "run.json", {**self.record, "files": [*known, *new]})
+            write_json(self.folder / RUN_FILE, {**self.record, "files": [*known, *new]})
         return paths
 
     def remove(self, *names: str) -> None:
@@ -226,7 +227,7 @@ class Run:
         if gone := [name for name in names if name in known]:
             _remove_listed(self.folder, gone)
             write_json(
-                self.folder / "run.json",
+                self.folder / RUN_FILE,
                 {**self.record, "files": [n for n in known if n not in gone]},
             )
 
@@ -245,7 +246,7 @@ class Run:
 
         step = Step(**_begun(command, seed, inputs, options))
         steps = [*record.get("steps", []), step.as_json()]
-        write_json(self.folder / "run.json", {**record, "steps": steps})
+        write_json(self.folder / RUN_FILE, {**record, "steps": steps})
         sweep(self.folder)
 
     def finish(self, outcome: str = "done", **more: Any) -> None:
@@ -255,7 +256,7 @@ class Run:
         open_steps = [step for step in record.get("steps", []) if step.get("ended") is None]
         part = open_steps[-1] if open_steps else record
         part.update(more, ended=_now(), outcome=outcome)
-        write_json(self.folder / "run.json", record)
+        write_json(self.folder / RUN_FILE, record)
 
 
 def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
@@ -265,7 +266,7 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
         )
     if not path.exists() or all(_BEGINNING.fullmatch(item.name) for item in path.iterdir()):
         return  # at most what is left of a run that was killed before it had its run.json
-    if not (path / "run.json").is_file():
+    if not (path / RUN_FILE).is_file():
         hint = "Give --output a new or empty folder."
         raise FileError(f"{path} contains files and is not a run folder.", hint, code="run-folder")
     if not overwrite:
@@ -277,7 +278,7 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
             hint,
             code="run-folder",
         )
-    if _listed(path) is None and any(item.name != "run.json" for item in path.iterdir()):
+    if _listed(path) is None and any(item.name != RUN_FILE for item in path.iterdir()):
         raise FileError(
             f"{path}: run.json does not list its files (damaged, or of an earlier version). "
             "Without the list, pamid cannot separate its files from yours.",
@@ -288,12 +289,12 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
 
 def _written(folder: Path) -> list[str]:
     """Files that the run in a folder lists as written; only these are ever deleted."""
-    return [name for name in _listed(folder) or [] if name != "run.json"]
+    return [name for name in _listed(folder) or [] if name != RUN_FILE]
 
 
 def _listed(folder: Path) -> list[str] | None:
     """The files that run.json lists; None where it has no such list or cannot be read."""
-    if not (folder / "run.json").is_file():
+    if not (folder / RUN_FILE).is_file():
         return []
     try:
         files = Run(folder).record.get("files")

@@ -23,7 +23,7 @@ from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
 from pamid.base.run_files import RESIDUAL_KEYS, read_columns, read_diagnosis, repeats_refit
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
+from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
 from pamid.schemas.fit_file import FitFile
@@ -188,7 +188,7 @@ def causes_of(folder: Path, fit: FitFile) -> tuple[str, ...]:
             "`pamid diagnose` that names an effect.",
             code="no-cause",
         )
-    diagnosis = read_diagnosis(folder / "diagnosis.json")
+    diagnosis = read_diagnosis(folder / DIAGNOSIS_FILE)
     ports = {cause.effect: cause.port for cause in diagnosis.causes} if diagnosis else {}
     return tuple(
         f"{label.partition('@')[0]} at {ports[label]}" if ports.get(label) else label

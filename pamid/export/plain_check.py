@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
+from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.correction.identified_model import Identified
 from pamid.correction.residual_data import residual_columns, scored_windows, spans_of
@@ -27,7 +27,6 @@ from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, Simulator
 
 Array = NDArray[np.float64]
 
-DIAGNOSIS_FILE = "diagnosis.json"
 #: largest ratio to the stated error for an acceptable file
 REACHED = 1.2
 #: integrators and divisors of the file's step that are tried if the file's settings miss that,

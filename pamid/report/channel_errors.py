@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.run_files import FloatArray
+from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
 from pamid.report.formatting import SPACE, channel_label, channel_unit, number
 from pamid.report.load import Residual, RunData
 
@@ -126,7 +127,7 @@ def disagreements(
     MAE shown)."""
     differing = []
     replayed = run.network_errors(in_loop=False)
-    others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": replayed}
+    others = {FIT_FILE: run.fit.mae if run.fit else {}, NETWORK_FILE: replayed}
     for row in rows:
         for file, mae in others.items():
             other = mae.get(row.channel, {}).get("refitted")

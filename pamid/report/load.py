@@ -12,9 +12,19 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, read_result
 from pamid.base.run_files import RESIDUAL_KEYS, FloatArray, read_columns, read_diagnosis, read_steps
-from pamid.base.run_folder import ADDED_VARIABLES_FILE, FREE_RUN_FILE, Run
+from pamid.base.run_folder import (
+    ADDED_VARIABLES_FILE,
+    DIAGNOSIS_FILE,
+    FIT_FILE,
+    FREE_RUN_FILE,
+    MISSING_FILE,
+    NETWORK_FILE,
+    RESIDUAL_FILE,
+    RUN_FILE,
+    Run,
+)
 from pamid.base.units import split_column
-from pamid.networks.network_folders import channel_networks
+from pamid.networks.network_folders import TRACE_FILE, channel_networks
 from pamid.schemas.added_variables_file import AddedVariablesFile
 from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.schemas.fit_file import FitFile
@@ -86,32 +96,32 @@ class RunData:
 def load_run(folder: Path) -> RunData:
     """Read a run folder; FileError if it is no run folder, has no result, or has a damaged file."""
     Run.open(folder)
-    fit = read_result(folder / "fit.json", FitFile, also=("posterior",))
-    diagnosis = read_diagnosis(folder / "diagnosis.json")
+    fit = read_result(folder / FIT_FILE, FitFile, also=("posterior",))
+    diagnosis = read_diagnosis(folder / DIAGNOSIS_FILE)
     if fit is None and diagnosis is None:
         raise FileError(
             f"{folder} has no result yet: neither fit.json nor diagnosis.json.",
             "`pamid fit` or `pamid diagnose` with --output writes a result.",
             code="no-result",
         )
-    network = read_result(folder / "network.json", NetworkFile, any_schema=True)
+    network = read_result(folder / NETWORK_FILE, NetworkFile, any_schema=True)
     # the networks of other channels than that of network.json
     places = [] if network is None else channel_networks(folder).values()
-    read = [read_result(p / "network.json", NetworkFile, any_schema=True) for p in places]
+    read = [read_result(p / NETWORK_FILE, NetworkFile, any_schema=True) for p in places]
     others = tuple(other for other in read if other is not None)
-    residual = read_columns(folder / "residual.csv")
+    residual = read_columns(folder / RESIDUAL_FILE)
     if residual is not None:
-        _require(folder / "residual.csv", residual, RESIDUAL_KEYS)
+        _require(folder / RESIDUAL_FILE, residual, RESIDUAL_KEYS)
         residual |= _free_runs(folder, residual)
-    trace = read_columns(folder / "trace.csv")
+    trace = read_columns(folder / TRACE_FILE)
     if trace is not None:
-        _require(folder / "trace.csv", trace, ("iteration", "mse"))
-    missing = read_columns(folder / "missing.csv")
+        _require(folder / TRACE_FILE, trace, ("iteration", "mse"))
+    missing = read_columns(folder / MISSING_FILE)
     if missing is not None:
-        _require(folder / "missing.csv", [split_column(name)[0] for name in missing], ("missing",))
+        _require(folder / MISSING_FILE, [split_column(name)[0] for name in missing], ("missing",))
     networks = () if network is None else (network, *others)
     return RunData(
-        steps=read_steps(folder / "run.json"),
+        steps=read_steps(folder / RUN_FILE),
         fit=fit,
         diagnosis=diagnosis,
         network=network,

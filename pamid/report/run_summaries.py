@@ -9,6 +9,7 @@ from typing import Any
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.run_files import read_steps
+from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RUN_FILE
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of
@@ -18,7 +19,6 @@ from pamid.schemas.runs_file import RunSummary
 
 DEEPEST = 4  # folders below the searched folder
 MOST_LISTED = 2000
-_RECORD = "run.json"
 _NO_FINDINGS: dict[str, Any] = {
     "recordings": (),
     "verdict": "",
@@ -31,9 +31,9 @@ _KINDS = {"trial.json": "trial", "paper.json": "paper", "arm-paper.json": "paper
 
 def summary_of(folder: Path) -> RunSummary:
     """Summary of a run; FileError if the folder is not a run or a file of it is damaged."""
-    first = read_steps(folder / _RECORD)[0]
+    first = read_steps(folder / RUN_FILE)[0]
     kind = next((kind for name, kind in _KINDS.items() if (folder / name).exists()), "")
-    has_result = any((folder / name).exists() for name in ("fit.json", "diagnosis.json"))
+    has_result = any((folder / name).exists() for name in (FIT_FILE, DIAGNOSIS_FILE))
     about: dict[str, Any] = {
         "path": str(folder),
         "command": command_name(first),
@@ -94,7 +94,7 @@ def _run_folders(folder: Path) -> Iterator[Path]:
     for place, below, files in os.walk(folder):
         path = Path(place)
         below.sort()
-        if _RECORD in files:
+        if RUN_FILE in files:
             count += 1
             yield path
             below.clear()

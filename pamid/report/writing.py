@@ -12,7 +12,7 @@ from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.progress import tell
 from pamid.base.run_files import read_steps
-from pamid.base.run_folder import FIGURES_FOLDER, Run
+from pamid.base.run_folder import DIAGNOSIS_FILE, FIGURES_FOLDER, RUN_FILE, Run
 from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
@@ -161,10 +161,10 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
     paper = read_paper(run_folder)
     if trial is not None or paper is not None:
         Run.open(run_folder)
-        steps = read_steps(run_folder / "run.json")
+        steps = read_steps(run_folder / RUN_FILE)
     if trial is not None:
         return Content((), trial_drawings(trial), partial(trial_page, trial, steps))
-    if paper is not None and not (run_folder / "diagnosis.json").exists():
+    if paper is not None and not (run_folder / DIAGNOSIS_FILE).exists():
         return Content((), [], partial(paper_page, paper, steps, None, ()))
     run = load_run(run_folder)
     rows = errors_of(run)

@@ -12,8 +12,10 @@ from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import (
     ADDED_VARIABLES_FILE,
+    DIAGNOSIS_FILE,
     FIT_FILE,
     FREE_RUN_FILE,
+    MISSING_FILE,
     RESIDUAL_FILE,
     Run,
 )
@@ -102,10 +104,10 @@ def diagnose_into(
     if diagnosis.ranking:
         write_json(run.path(ADDED_VARIABLES_FILE), added_variables(diagnosis).as_json())
     if result.missing is not None:
-        write_atomically(run.path("missing.csv"), missing_csv(result.missing))
+        write_atomically(run.path(MISSING_FILE), missing_csv(result.missing))
     if isinstance(proposal, Proposal):
         proposal.write(run.claim)
-    write_json(run.path("diagnosis.json"), content)
+    write_json(run.path(DIAGNOSIS_FILE), content)
     return content
 
 

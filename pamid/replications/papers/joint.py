@@ -21,7 +21,7 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
 from pamid.base.progress import Progress, Settled, silent
-from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
+from pamid.base.run_folder import DIAGNOSIS_FILE, NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.correction.output_network import CHECKPOINT_FILE, STARTUP_S, Correction, train_correction
 from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -303,7 +303,7 @@ def explain(
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()
     diagnosis = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
-    write_json(run.path("diagnosis.json"), diagnosis_file(diagnosis).as_json())
+    write_json(run.path(DIAGNOSIS_FILE), diagnosis_file(diagnosis).as_json())
     seconds = time.perf_counter() - begun
     if diagnosis.cause is not None:
         rows += named_rows(records, diagnosis.budget.model, diagnosis.cause, seconds)
