@@ -23,7 +23,7 @@ from pamid.diagnosis.starting_hints import gather_hints
 from pamid.model.attachment import additions_of, attachments
 from pamid.parallel.jobs import WorkerPool
 from pamid.trial.case_machine import CaseMachine, RecordedCase
-from pamid.trial.cases import OPEN, draw_case
+from pamid.trial.cases import OPEN, draw_cases
 
 RIGS = ("dc-motor", "thermal-block", "servo-pendulum", "damper-bench", "cylinder-bench")
 
@@ -44,8 +44,8 @@ def main() -> None:
     for rig in chosen.rig:
         for number in range(chosen.cases):
             with tempfile.TemporaryDirectory() as folder:
-                drawn = draw_case("calibration", number, chosen.seed, rig, world=OPEN)
-                case = CaseMachine.of(drawn).recorded(Path(folder))
+                drawn = draw_cases("calibration", number + 1, chosen.seed, rig, world=OPEN)
+                case = CaseMachine.of(drawn[number]).recorded(Path(folder))
                 if case.acting and case.acting[0].family:  # not an effect without a name
                     print(rig, number, case.acting[0].family)
                     tabulate(case, ["", *chosen.setting])

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-#: quantities of a joint in a log, by the kind of their units
-QUANTITIES = ("position", "velocity", "effort")
-
 
 @dataclass(frozen=True)
 class LogName:

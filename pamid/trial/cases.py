@@ -152,11 +152,6 @@ def draw_cases(
     return cases
 
 
-def draw_case(part: str, number: int, seed: int, rig: str, *, world: str = CLOSED) -> Case:
-    """The case of a number. UsageError as in `draw_cases`."""
-    return draw_cases(part, number + 1, seed, rig, world=world)[number]
-
-
 def cases_sha256(cases: Sequence[Case]) -> str:
     """A digest over all cases, labels and all: two trials with the same digest posed the same
     questions."""

@@ -22,8 +22,8 @@ from pamid.trial.cases import (
     NAMELESS,
     OPEN,
     STRATA,
+    Case,
     cases_sha256,
-    draw_case,
     draw_cases,
 )
 from pamid.trial.logger import Logger
@@ -34,9 +34,13 @@ SEED = 5
 QUICK = ("cascaded-tanks", "damper-bench", "servo-pendulum")
 
 
+def case_of(number: int, rig: str) -> Case:
+    return draw_cases("calibration", number + 1, SEED, rig, world=OPEN)[number]
+
+
 @cache
 def machine(rig: str, number: int) -> CaseMachine:
-    return CaseMachine.of(draw_case("calibration", number, SEED, rig, world=OPEN))
+    return CaseMachine.of(case_of(number, rig))
 
 
 # ---- what is drawn ---------------------------------------------------------------------------
@@ -95,7 +99,7 @@ def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Pa
         for c in draw_cases("calibration", 20, SEED, QUICK[0], world=OPEN)
         if c.stratum == "single"
     )
-    case = draw_case("calibration", number, SEED, QUICK[0], world=OPEN)
+    case = case_of(number, QUICK[0])
     one, other = (CaseMachine.of(case).recorded(tmp_path / k, fresh=2) for k in "ab")
     assert one.acting == other.acting and one.rig.name == QUICK[0]
     recordings = [*one.fitted, *one.held_out, *one.fresh]
@@ -121,7 +125,7 @@ def test_the_tool_holds_a_recording_of_its_own_out(monkeypatch: pytest.MonkeyPat
         raise DataError("seen enough")
 
     monkeypatch.setattr(trial_cases, "diagnose", diagnose)
-    case = draw_case("calibration", 2, SEED, QUICK[0], world=OPEN)
+    case = case_of(2, QUICK[0])
     assert CaseWork()(case)["failed"]["message"] == "seen enough"
     ((fitted, held_out),) = shown
     assert (fitted.path.stem, held_out.path.stem) == ("recording", "held-out")
