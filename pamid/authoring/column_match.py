@@ -105,11 +105,6 @@ class Match:
         return f"none of its outputs: {', '.join(map(_column_text, self.rig.outputs))}"
 
 
-def _left_over(match: Match) -> tuple[int, int, int]:
-    """Number of unused columns, of unrecorded columns of the rig, and of its states."""
-    return len(match.unused), len(match.unrecorded), len(match.rig.states)
-
-
 def _side(column: str) -> str:
     """Kind of a column: "load" for a force or torque, "motion" for a length, an angle or a speed.
 
@@ -274,7 +269,10 @@ def best_match(
     # a column without a place may be the input, which a rig without inputs cannot take
     fitting = [m for m in every if m.fits and (m.rig.inputs or not m.unused)]
     # by units alone the smallest machine is most plausible: columns of larger ones are missing
-    guessed = sorted((match for match in fitting if not match.named), key=_left_over)
+    guessed = sorted(
+        (match for match in fitting if not match.named),
+        key=lambda match: (len(match.unused), len(match.unrecorded), len(match.rig.states)),
+    )
     fitting = [match for match in fitting if match.named]
     names = set(recorded)
     whole = ""

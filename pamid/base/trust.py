@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
 from pathlib import Path
 
 #: endings of model files that a rig can be made of (`pamid.model.model_file`). The binary of an FMU
@@ -39,7 +38,7 @@ def why_shared(path: Path) -> str:
             for near in (place, place.parent):
                 if _is_anothers(status := near.lstat()):
                     return f"{near} belongs to another user ({status.st_uid})"
-            for depth, folder in enumerate(_chain(place)):
+            for depth, folder in enumerate((place, *place.parents)):
                 status = folder.lstat()
                 sticky = depth > 1 and bool(status.st_mode & stat.S_ISVTX)
                 if others_may_write(status) and not sticky:
@@ -82,12 +81,6 @@ def others_may_write(status: os.stat_result) -> bool:
         or bool(status.st_mode & stat.S_IWGRP)
         and not _private_group(status.st_gid)
     )
-
-
-def _chain(place: Path) -> Iterator[Path]:
-    """The path itself, its folder, and so on up."""
-    yield place
-    yield from place.parents
 
 
 def _private_group(gid: int) -> bool:

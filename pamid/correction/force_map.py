@@ -45,7 +45,6 @@ from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
 from pamid.symbolic.expression import expression, substitute, symbol
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
@@ -250,14 +249,11 @@ def forces(law: Law, at: ForceMap) -> Array:
     """Forces of a law at the points of a map (points,), N; negative where the muscle is slack."""
     contraction, pressure = symbol("state", "contraction"), symbol("state", "pressure")
     pull = [law(contraction, pressure)]
-    return np.array(
-        [
-            _number(
-                substitute(pull, {contraction: expression(e), pressure: expression(1e3 * p)})[0]
-            )
-            for e, p in zip(at.contraction.tolist(), at.pressure_kpa.tolist(), strict=True)
-        ]
-    )
+    values = [
+        substitute(pull, {contraction: expression(e), pressure: expression(1e3 * p)})[0]
+        for e, p in zip(at.contraction.tolist(), at.pressure_kpa.tolist(), strict=True)
+    ]
+    return np.array([float(value) for value in values])  # type: ignore[arg-type]
 
 
 def pulls(law: Law, at: ForceMap) -> Array:
@@ -401,7 +397,3 @@ def _train(
     if bent > CONTRADICTED * float(points.force_n.max()):
         return trained, None
     return law, trained
-
-
-def _number(value: Expr) -> float:
-    return float(value)  # type: ignore[arg-type]

@@ -159,7 +159,7 @@ def channel_fits(channels: Sequence[Channel], rig: Rig) -> dict[tuple[str, int],
         role = roles.get(i)
         # column names of other rigs are not names of joints
         joint = role if rig.log_names or channel.robot is not None else None
-        numbered = role is not None and channel.robot is None and _is_number(role.element)
+        numbered = role is not None and channel.robot is None and _is_numbered(role.element)
         for column in sorted(_columns(rig), key=rig.optional.__contains__):
             sent = column in rig.inputs and column not in rig.optional
             fit = words_fit(stem, dimension, column, sent, percent=True)
@@ -311,7 +311,7 @@ def _role_by_words(name: str) -> RobotValue | None:
     return RobotValue(group, "_".join(rest), 0, 1, quantity, names_command(last))
 
 
-def _is_number(element: str) -> bool:
+def _is_numbered(element: str) -> bool:
     """Whether a name only has a quantity and a number: "torque_1"."""
     return all(word.isdigit() or word in JOINT_QUANTITIES for word in tokens(element) or ("?",))
 

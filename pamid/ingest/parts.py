@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from pamid.base.errors import FileError, listed
-from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import ANY, Channel, Log
 from pamid.ingest.guessed_clock import guess_clock
 
@@ -118,10 +117,6 @@ def _lengths(channels: Iterable[Channel]) -> set[int]:
     return {channel.values.size for channel in channels}
 
 
-def _alike(arrays: Sequence[FloatArray]) -> bool:
-    return all(np.array_equal(arrays[0], array, equal_nan=True) for array in arrays[1:])
-
-
 def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
     """Whether these parts are separate recordings, not channels of a single recording.
 
@@ -136,7 +131,9 @@ def _are_recordings(parts: Sequence[Mapping[str, Channel]]) -> bool:
         clocks = [guess_clock(list(part.values())).source for part in parts]
         values = [clock.values for clock in clocks if clock is not None]
         # time1, p1, time2, p2: each channel of a recording may have a copy of the stamps
-        alone = any("/" in name for name in parts[0]) or not _alike(values)
+        alone = any("/" in name for name in parts[0]) or not all(
+            np.array_equal(values[0], stamps, equal_nan=True) for stamps in values[1:]
+        )
         return len(values) == len(parts) and alone
     if any(channel.stamps is None for part in parts for channel in part.values()):
         return False

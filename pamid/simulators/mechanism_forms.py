@@ -100,7 +100,10 @@ def _free_words(met: RecordedContacts) -> str:
     if met.nearest is None:
         return f"{first}, and none come near each other."
     pair = met.nearest
-    return f"{first}. {_pair_words(pair)} come nearest: {_length(pair.distance_m)}, {_when(pair)}."
+    return (
+        f"{first}. {_pair_words(pair)} come nearest: {_length(pair.distance_m)}, at "
+        f"{pair.time_s:.3g} s of {pair.recording}."
+    )
 
 
 def _acting_words(met: RecordedContacts, path: str) -> str:
@@ -124,10 +127,6 @@ def _pair_words(pair: GeomPair) -> str:
         f"{geom} of {body}" for geom, body in zip(pair.geoms, pair.bodies, strict=True)
     )
     return f"{first} and {second}"
-
-
-def _when(pair: GeomPair) -> str:
-    return f"at {pair.time_s:.3g} s of {pair.recording}"
 
 
 def _length(metres: float) -> str:

@@ -217,17 +217,11 @@ def _actuators(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "actuator", i, f"armature at a {drives}")
 
 
-def _is_coupling(file: MujocoFile, equality: int) -> bool:
-    """True if an equality couples joints, or tendons that are sums of joint positions."""
-    m = file.model
-    kind = file.word("mjtEq", m.eq_type[equality])
-    return kind in ("joint", "tendon")
-
-
 def _options(file: MujocoFile, share: float, met: str) -> Iterator[ModelFinding]:
     m, mujoco = file.model, file.mujoco
     for i in range(m.neq):
-        if m.eq_active0[i] and not _is_coupling(file, i):
+        # joints can be coupled, and tendons, which are sums of joint positions
+        if m.eq_active0[i] and file.word("mjtEq", m.eq_type[i]) not in ("joint", "tendon"):
             yield _finding(file, "equality", i, "a constraint that closes a loop")
     if m.opt.density or m.opt.viscosity:
         yield ModelFinding(

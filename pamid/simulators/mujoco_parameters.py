@@ -41,7 +41,9 @@ def parameters_of(
 ) -> tuple[ModelParameter, ...]:
     """All parameters, bodies first, then joints, tendons and actuators."""
     parameters = [
-        _mass(i, body) for i, body in enumerate(bodies) if body.mass_kg and _moves(file, i)
+        _mass(i, body)
+        for i, body in enumerate(bodies)
+        if body.mass_kg and file.model.body_weldid[i]  # a joint between it and the world
     ]
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide") and not joint.is_base:
@@ -51,11 +53,6 @@ def parameters_of(
     for i, actuator in enumerate(actuators):
         parameters += [] if actuator.is_bare else _of_actuator(i, actuator)
     return tuple(parameters)
-
-
-def _moves(file: MujocoFile, body: int) -> bool:
-    """True if there is a joint between this body and the world."""
-    return bool(file.model.body_weldid[body])
 
 
 def stated_parameter(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:

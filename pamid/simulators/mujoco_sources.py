@@ -213,7 +213,9 @@ class ModelAssets:
             unread = {name: why for name in self.present if (why := self._why_unread(name))}
             if not unread:
                 raise
-        self.absent |= {name: AbsentFile(self._name(name), why) for name, why in unread.items()}
+        self.absent |= {
+            name: AbsentFile(self.present[name][1].name, why) for name, why in unread.items()
+        }
         spec = self._parsed()
         return spec, spec.compile()
 
@@ -282,9 +284,6 @@ class ModelAssets:
 
     def _places(self, name: str) -> Iterator[Path]:
         return places_of(name, self.path, self.folders, self.packages)
-
-    def _name(self, mesh: str) -> str:
-        return self.present[mesh][1].name
 
     def _why_unread(self, name: str) -> str:
         """Reason why MuJoCo cannot read a mesh by itself, "" if it can."""

@@ -104,7 +104,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         known = [
             i
             for i, a in enumerate(m.actuators)
-            if (a.joint >= 0 or a.tendon >= 0) and not self._is_other(i)
+            if (a.joint >= 0 or a.tendon >= 0) and not self._has_no_law(i)
         ]
         inside = equations.known_forces(i for i in known if not m.actuators[i].is_bare)
         for j, force in enumerate(equations.known_forces(known)):
@@ -113,7 +113,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
             into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
 
-    def _is_other(self, actuator: int) -> bool:
+    def _has_no_law(self, actuator: int) -> bool:
         """True if the description has no law for this actuator."""
         return any(
             f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]

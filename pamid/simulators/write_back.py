@@ -775,10 +775,12 @@ class _Writer:
         self.changed[mass] = (old.mass_kg, new.mass_kg)
 
     def _inertial(self, tag: Tag, body: Body) -> str:
+        # all digits, because a rounded inertia of a thin plate may be invalid
+        full = full_inertia(body)
         words = {
             "pos": numbers(body.centre),
             "mass": number(body.mass_kg),
-            "fullinertia": _exact_text(full_inertia(body)),
+            "fullinertia": " ".join(repr(float(full[i, k])) for i, k in PAIRS),
         }
         inertial = self._inside(tag, "inertial")
         if inertial is None:
@@ -862,11 +864,6 @@ def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
         **dict(zip(shape.centre_names, body.centre, strict=True)),
         **{n: float(full[i, k]) for n, (i, k) in zip(shape.inertia_names, PAIRS, strict=True)},
     }
-
-
-def _exact_text(full: Array) -> str:
-    """Full inertia with all digits, because a rounded inertia of a thin plate may be invalid."""
-    return " ".join(repr(float(full[i, k])) for i, k in PAIRS)
 
 
 def _inertia_about(body: Body, joint: MechanismJoint) -> float:

@@ -22,7 +22,6 @@ from pamid.base.units import unit as unit_of
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.model.executable import Executable
-from pamid.model.rig import Port
 from pamid.recording.signal_filters import local_parabola, welch_power
 from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.data_split import DataSplit
@@ -214,7 +213,8 @@ def port_signals(base: CandidateModel) -> _PortSignals:
                 "state",
                 "input",
             }:
-                name = f"{q.port}_{_quantity(port, key)}"
+                quantity = VALUE_NAMES[port.kind] if key == "value" else port.called.get(key, key)
+                name = f"{q.port}_{quantity}"
                 first, _, places = signals.setdefault(value, (name, port.unit_of(key), []))
                 places += [q.place] if q.place and name == first else []
                 turning += [value] if port.kind == "motion" and key == "velocity" else []
@@ -229,11 +229,6 @@ def port_signals(base: CandidateModel) -> _PortSignals:
         tuple(unit for _, unit, _ in signals.values()),
         names[turning[0]] if turning else "",
     )
-
-
-def _quantity(port: Port, key: str) -> str:
-    """Common name of a signal."""
-    return VALUE_NAMES[port.kind] if key == "value" else port.called.get(key, key)
 
 
 def _followed(

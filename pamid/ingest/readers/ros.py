@@ -171,7 +171,8 @@ class _Flat:
         return names
 
     def _field(self, value: Any, path: str, word: str, names: list[str] | None) -> None:
-        count, inside = _length(value), f"{path}/{word}"
+        inside = f"{path}/{word}"
+        count = len(value) if isinstance(value, list | np.ndarray) else None
         if count is None:
             self.enter(value, inside, names)
         elif count > MAX_COLUMNS:
@@ -198,11 +199,6 @@ class _Flat:
             return
         sent = _CONTROLLER_PARTS.get(part, names_command(self.topic.rpartition("/")[2]))
         self.robot[path] = RobotValue(group, name, *where, _PER_JOINT[word], sent, si=True)
-
-
-def _length(value: Any) -> int | None:
-    """Elements of an array or list; None for anything else."""
-    return len(value) if isinstance(value, list | np.ndarray) else None
 
 
 KIND = Kind(
