@@ -146,8 +146,8 @@ class FitData:
 
         begin: start point; by default the data sheet. problem: earlier fit of the same rig, whose
         model is compiled already. stepping: stepping of a fit that only differs in its inputs.
-        restart: also start from the states that the readings show, while the fit is poor. A fit
-        that took no step, or that has parameters of zero, does so anyway.
+        restart: while the fit is poor, also start from the states that the readings show, by
+        stages. A fit that took no step, or that has parameters of zero, starts there in any case.
         """
         problem = problem.with_data(self) if problem else ShortFit.of(self, rig, stepping)
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
@@ -158,7 +158,9 @@ class FitData:
         further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
         for s in further[: 1 + problem.unset.any()] if begin is None and restarts else ():
             if max(best.shares.values()) > USUAL_ERROR:
-                fit = FittedWindows(rig, problem.minimum_by_stages(s, steps), problem)
+                read = problem.readings(s)
+                reach = problem.minimum_by_stages if restart else problem.minimum
+                fit = FittedWindows(rig, reach(read, steps), problem)
                 best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
         return best
 
@@ -293,13 +295,13 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def minimum(self, start: FitPoint, steps: int) -> FitPoint:
         return iterate(self, Iteration(start, self.rule.start), steps).point
 
-    def minimum_by_stages(self, s: Array, steps: int) -> FitPoint:
-        """Minimum that is reached from the readings, with windows whose length doubles.
+    def minimum_by_stages(self, point: FitPoint, steps: int) -> FitPoint:
+        """Minimum that is reached with windows whose length doubles.
 
         Over a few samples the readings hold an arm whose data sheet is far off; over a whole window
         its error is beyond any linear prediction.
         """
-        whole, point = self.trial.windows, self.readings(s)
+        whole = self.trial.windows
         length = whole[0].stop - whole[0].start
         stages = range(int(np.log2(length / FIRST_STAGE_SAMPLES)), -1, -1)
         for halvings in stages:

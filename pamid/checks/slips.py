@@ -92,6 +92,7 @@ ORDER = (
     "parameter",
 )
 UNNAMED = ORDER[-2:]  # kinds of slips without a unit
+INVENTED = 3.0  # a free factor must be this much nearer to the data sheet's run to tie with a unit
 HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that do not stop a fit
 # weight of a predicted channel: its residuals are computed, but it does not affect the fit
 UNSEEN_WEIGHT = 1e-6
@@ -300,10 +301,10 @@ class Explanation:
         return self.before.score - self.after.score
 
     @property
-    def implausibility(self) -> tuple[bool, float]:
-        """Rank among slips that explain a recording equally well: a named unit before any other
-        factor, then the distance to the data sheet's run."""
-        return self.slip.kind in UNNAMED, round(self.away, 1)
+    def implausibility(self) -> float:
+        """Rank among slips that explain a recording equally well: the distance to the data sheet's
+        run."""
+        return self.away + (math.log(INVENTED) if self.slip.kind in UNNAMED else 0.0)
 
     @property
     def wrong(self) -> bool:
@@ -360,7 +361,7 @@ def judge(
             data = data if p is None else replace(data, track=replace(data.track, p=p))
             problem = like if like and like.matches_data(data) else None
             # what every slip has to beat is the best fit of the recording as it is
-            fit = data.fitted(rig, problem=problem, steps=steps, restart=p is None)
+            fit = data.fitted(rig, problem=problem, steps=steps, restart=like is None)
             return Judgement(fit.shares, fit.strain, fit.determined, problem=fit.problem)
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
@@ -624,8 +625,8 @@ def _first(ranked: Sequence[Explanation]) -> Explanation | None:
     ties = [explanation for explanation in ranked if explanation.gain >= ranked[0].gain - TIED_GAIN]
     if not ties:
         return None
-    ties.sort(key=lambda tie: (tie.implausibility, ORDER.index(tie.slip.kind)))
-    first, *others = ties
+    first = min(ties, key=lambda tie: (round(tie.implausibility, 1), ORDER.index(tie.slip.kind)))
+    others = sorted((tie for tie in ties if tie is not first), key=lambda tie: tie.implausibility)
     return replace(first, others=tuple(other.slip for other in others))
 
 

@@ -154,7 +154,7 @@ def test_a_run_notes_what_it_was_asked_for(
     assert written["horizon_s"] == pytest.approx(0.3 * samples * 0.01, rel=0.02)
     assert frame.run([*words, *given, "--resume"]) == 0
     assert frame.run([*words, "--horizon", "whole", "--resume"]) == 3, "other settings"
-    with pytest.raises(pamid.PamidError, match="its options"):
+    with pytest.raises(pamid.PamidError, match="Differences: options"):
         left_out = [word for word in others() if word != "--without"]
         pamid.diagnose(
             recording, RIG, without=left_out, settings={"refits": 5}, output=folder, resume=True
