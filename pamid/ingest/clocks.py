@@ -122,8 +122,8 @@ def _by_stamps(
         assert stamps is not None
         if stamps.size != channel.values.size:
             raise FileError(
-                f"{log.path}: {channel.name!r} has {channel.values.size} values, its clock "
-                f"{stamps.size} stamps.",
+                f"{log.path}: {channel.name!r} has {channel.values.size} values, but its time "
+                f"channel has {stamps.size} time stamps.",
                 "Choose a time.source with the same number of rows.",
                 code="rows",
             )

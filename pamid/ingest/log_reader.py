@@ -128,7 +128,7 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         )
     if by_name.marks and by_name.name != "mat":  # MAT v4 has no magic number
         raise FileError(
-            f"{path} is called {path.suffix}, but does not begin as {by_name.name} files do.",
+            f"{path} has the suffix {path.suffix}, but does not begin as a {by_name.name} file.",
             "It may be damaged, incomplete or of another kind.",
             code="damaged",
         )

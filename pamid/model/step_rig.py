@@ -88,7 +88,10 @@ class StepRig(Rig):
 
     def read(self, x: Any, p: Any) -> Mapping[str, float] | Sequence[float]:
         """Further readings of states x: numbers, SI, by name or in the order of `readings`."""
-        raise FileError("the rig has readings, but no read()", _WHOLE)
+        raise FileError(
+            "The rig declares `readings`, but does not define read().",
+            "Add read(x, p), or remove `readings`.",
+        )
 
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]

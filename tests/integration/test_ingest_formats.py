@@ -425,7 +425,7 @@ def test_kinds_are_told_by_content_and_by_name(tmp_path: Path) -> None:
         read_log(tmp_path / "rig.csv", "parkett")
     with pytest.raises(FileError, match="Did you mean 'rig.csv'"):
         read_log(tmp_path / "rigg.csv")
-    with pytest.raises(FileError, match="does not begin as tdms"):
+    with pytest.raises(FileError, match="does not begin as a tdms"):
         read_log(Path(shutil.copy(tmp_path / "rig.csv", tmp_path / "rig.tdms")))
     log = read_log(Path(shutil.copy(write_tdms(tmp_path / "ok.tdms"), tmp_path / "renamed.mat")))
     assert log.kind == "tdms" and said(log, "named .mat")

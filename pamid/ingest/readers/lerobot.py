@@ -94,7 +94,9 @@ def _stamps(
 ) -> FloatArray:
     """Stamps (n,) in s of every frame, episode after episode."""
     if "timestamp" not in columns:
-        raise FileError(f"{file}: a LeRobot data set has a column timestamp.", code="no-signals")
+        raise FileError(
+            f"{file} lacks the column timestamp of a LeRobot data set.", code="no-signals"
+        )
     stamps = np.asarray(columns["timestamp"], dtype=np.float64)
     if stamps.ndim != 1 or not np.isfinite(stamps).all():
         raise FileError(f"{file}: timestamp is not a number in every row.", code="stamps")
