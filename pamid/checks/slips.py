@@ -96,9 +96,9 @@ INVENTED = 3.0  # a free factor must be this much nearer to the data sheet's run
 HARMLESS = (*UNNAMED, "absolute-pressure", "offset", "gain")  # kinds that do not stop a fit
 # weight of a predicted channel: its residuals are computed, but it does not affect the fit
 UNSEEN_WEIGHT = 1e-6
-# of the motion of a channel: an offset that is worth a fit; log factor of a free gain that is
+# for a fit: smallest offset as a share of the channel's motion, and smallest log of a free gain
 LEAST_OFFSET, LEAST_GAIN = 0.3, math.log(1.3)
-# of the variance within windows: a column that shares less with its prediction is not a copy of it
+# smallest share of the variance within windows that a copy has in common with its prediction
 LEAST_SHARED = 0.25
 OTHER_SIDE = "measured on the other side of the gear"
 GEARED = ("angle", "angular velocity", "angular acceleration", "torque")
@@ -109,17 +109,15 @@ GEAR_WORDS = {"gear", "gearing", "gearbox", "ratio", "reduction", "transmission"
 
 # natural logarithms of odds: a slip is named, and stops a fit; others are named with it
 CLEAR_GAIN, SURE_GAIN, TIED_GAIN = 12.0, 40.0, 5.0
-# share of the errors as recorded: after a slip that corrects them, or the parameters only
+# largest ratio of the errors to those as recorded: of a slip that corrects them, and of any slip
 MENDED, NO_WORSE = 0.3, 1.1
 GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
-# largest number of steps of the fit as recorded, of a slip's, and of one that shows whether it is
-# worth more
+# largest number of steps: of the fit as recorded, of a slip, and of the first fit of a slip
 RECORDED_STEPS, JUDGING_STEPS, FIRST_STEPS = 30, 12, 4
 # standard deviations of the strain above its mean, of a recording that suits its rig
 USUAL_DEVIATIONS = 4.0
-# of the motion of a channel, after a fit: what is not explained; of a channel whose error was much
-# larger
+# largest error after a fit as a share of the channel's motion; the second if it was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
 FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
 NEARER = 0.4  # smallest decrease of the log distance to the data sheet's run for a fit
@@ -253,8 +251,8 @@ class Slip:
 class Judgement:
     """Quality of a short fit: error over motion by channel, and the distance to the data sheet.
 
-    The distance is the sum of squares in prior spreads, determined its mean for a data sheet that
-    is right. problem: of the fit.
+    strain: distance, as the sum of squares in prior spreads; determined: its mean if the data sheet
+    is right; problem: of the fit.
     """
 
     errors: dict[str, float]
@@ -487,8 +485,8 @@ def _signs(
 ) -> Iterator[Slip]:
     """Sign changes to try.
 
-    Inputs come first, because an input explains several outputs at once. A column that stays on the
-    same side of zero, as its model does, has none.
+    Inputs come first, because an input explains several outputs at once. The sign of a column is
+    not tried if neither the column nor its model goes below zero.
     """
     for column in inputs:
         values = recording.columns[column]

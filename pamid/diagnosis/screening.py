@@ -55,7 +55,7 @@ FEWEST_SCREENED = 3  # minimum number of windows per recording
 # whenever the effect helps.
 TRACE = 0.1
 ADVANCED = 2  # candidates with further steps per refitted candidate
-SCAN_GAIN = 0.1  # share of the cost that an effect must remove before it is scanned
+SCAN_GAIN = 0.1  # share of the cost that an effect must remove before a grid search
 # cost ratio above which screening starts from the data-sheet parameters, not from the fitted ones
 SHEET_ADVANTAGE = 1.05
 
@@ -412,7 +412,7 @@ def _scanned_at_null(
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
     fitted = transferred(assembly, (reference.baseline.assembly, base_fit.p))
     for i, bound in enumerate(assembly.parameters):
-        # the effect at another joint is not there either
+        # the effect is zero at the candidate's other joints, too
         if bound.owner in added.labels and bound.null is not None:
             p[i] = fitted[i] = bound.null
     part = ScanPart(problem, p, starts, base_fit.weights, reference.stepping, SCAN_SAMPLES)
@@ -437,8 +437,8 @@ def _scanned_places(assembly: Assembly, added: Addition) -> list[int]:
 
 
 def _has_shape_parameters(problem: Problem, added: Addition) -> bool:
-    """Whether the candidate has parameters that are neither scanned nor amounts. At the null of the
-    amounts they have no influence."""
+    """Whether the candidate has parameters that are neither scanned nor amplitudes. At amplitudes
+    of zero they have no influence."""
     free = [problem.assembly.parameters[i] for i in problem.free]
     return any(b.owner in added.labels and b.null is None and not b.scan[1] for b in free)
 

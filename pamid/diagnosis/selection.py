@@ -109,8 +109,7 @@ def select_effects(
             after = _located_after(search, best, located)
         if len(best.additions) >= settings.effects_most:
             break
-        # The linearisation costs runs of every candidate and holds for all later steps, which
-        # choose from the same columns.
+        # The linearisation needs simulations of every candidate. Later steps reuse its columns.
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
         search.progress(f"looking for a further effect next to {best.label}")
@@ -202,8 +201,8 @@ def _larger(
     evidence, and the best subsets of that size."""
     size = len(best.additions) + 1
     models: list[CandidateModel] = []
-    # A second effect on top of the first is sought only where evidence remains. Without a first
-    # effect the round on the baseline has been that search.
+    # A second effect is sought only where evidence remains. Without a first effect, the first
+    # round has already searched.
     if best.attached:
         least = search.settings.port_reach * after.most
         open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
@@ -326,8 +325,8 @@ def _less(model: CandidateModel, added: Addition) -> tuple[Attachment, ...]:
 def with_needed_ports(
     search: Search, comparison: Comparison, whole: CandidateModel
 ) -> CandidateModel:
-    """The model without the ports at which an effect is not needed: it ties with the whole without
-    them.
+    """The model without the ports at which an effect is not needed: the reduced model fits as well
+    as the whole.
 
     The weakest is tried first, until an effect is needed. All are compared with the whole, because
     many small losses add up.

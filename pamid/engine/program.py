@@ -195,7 +195,7 @@ class Program(EquationSteps):
     array.
 
     ordered: whether results converge regularly with finer steps; keeps_slopes: whether steps are
-    so expensive that their slopes are reused.
+    so expensive that their Jacobians are reused.
     """
 
     ordered: ClassVar[bool] = True
@@ -314,7 +314,7 @@ class Program(EquationSteps):
         """Simulate windows of the recording u (samples x inputs). See `run` for other arguments.
 
         Cells, delay lines and states that a window does not set continue from the window before.
-        Windows are simulated in blocks, ahead of the block that is yielded. `memory` therefore
+        A block of windows is simulated before its first window is yielded. `memory` therefore
         belongs to the last window only after the iteration has ended. A window that diverges ends
         its block; the next block is simulated on demand.
         """
@@ -400,7 +400,7 @@ class Program(EquationSteps):
         return RunParts(equations, arrays._replace(x=x, S=S), inputs, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
-        """Return an empty slope table of a track for `with_slopes`; None if steps are cheap."""
+        """Allocate the Jacobians of a recording for `with_slopes`; None if steps are cheap."""
         return None
 
     def with_slopes(self, known: KnownSlopes | None) -> Program:
@@ -703,7 +703,7 @@ class ProgramText:
     def partials(self) -> PartialsModule:
         layout, groups = self._layout, self._groups
         tables = [with_partials(roots, layout.column, self.sensitive) for roots in groups]
-        # the plain functions find their derived values at the same indices, so these come first
+        # derived values of the plain functions come first, so that both use the same indices
         values, derived = extract_derived([v for v, _, _ in tables], self._plain_values[1])
         layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
         part = part_of(values)

@@ -47,7 +47,7 @@ Progress = Callable[[int, float], None]
 Blocks: TypeAlias = tuple[Array, Array, Array, Array]
 
 ITERATIONS, TOLERANCE = 40, 1e-4
-LAST_STEPS = 3  # steps that a fit may always take after its slopes are recomputed
+LAST_STEPS = 3  # steps allowed, at least, after the Jacobian is recomputed
 CALM = 0.02  # squared step in posterior deviations; two consecutive steps below it end a fit
 
 

@@ -27,7 +27,7 @@ def fit_robustly(
     """Fit from p (SI; default: the data sheet) with weights that are updated from the residuals of
     the preceding fit.
 
-    Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
+    Iteratively reweighted least squares with a weight per channel, not per sample. The first
     weights come from a fit of a single step. A long fit with sensor-noise weights would distort the
     parameters of a wrong model.
     """
@@ -87,7 +87,7 @@ def fit_in_stages(
     groups = problem.assembly.rig.on_request.values()
     late = {p.name for group in groups for p in group}
     early = tuple(i for i in problem.free if parameters[i].key not in late)
-    # an earlier posterior is a start for all of them
+    # with the posterior of an earlier fit, all parameters have good initial values
     if early == problem.free or problem.prior is not None:
         return fit_robustly(problem, progress=progress, stepping=stepping)
     first = fit_robustly(replace(problem, free=early), progress=progress, stepping=stepping)

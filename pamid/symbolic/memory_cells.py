@@ -1,10 +1,10 @@
 """Memory operators become cells: discrete states that the engine carries from step to step.
 
 A cell is updated at the start of every step (of every sample where `sampled`), from the state at
-that instant and its past, and holds over the step. Inside the step an operator is evaluated
-relative to its cell, so a play or a bristle is exact for a monotonic motion, whatever the
-integrator's stages do, and no operator is stiff. With x_k at the start of the step, k - 1 at that
-of the step before, and h its length:
+that instant and its past, and holds over the step. Within the step an operator is computed from
+the value of its cell. A play or a bristle is then exact for a monotonic motion, whatever the stages
+of the integrator, and no operator makes the equations stiff. Index k is the start of the present
+step, k - 1 that of the previous step, and h the length of a step:
 
     play     s_k = clip(s_k-1 + x_k - x_k-1, -r, r); the value is x - clip(s_k + x - x_k, -r, r),
              and stop(x) = x - play(x) (Krasnosel'skii and Pokrovskii 1989; Brokate and Sprekels
@@ -13,15 +13,14 @@ of the step before, and h its length:
              z = e + (z_k - e) exp(-|x - x_k| / reach) with e = +-reach, the sign of the motion
     lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
              lag with x linear over the step (first-order hold)
-    delay    ring buffer of the integrator, linear between steps. A held x that comes a share q of
-             a step late is its last but one value for this share, then the last: what a rate
-             makes of it counts by its mean over the step, (1 - q) f(near) + q f(far), not by f of
-             their mean, which a valve that opens either way would take for hardly any command
-             (as the modified z-transform splits a sample; Franklin, Powell and Workman 1998)
-    input    held over the sample, or linear to the next sample: its value plus what it
-             rises over the sample times the share of the sample that has gone by. What depends on
-             such inputs and on no state is known over the whole step: there a lag takes the slope
-             of the step itself, and a delay reads its buffer at both ends of it
+    delay    ring buffer of the integrator, linear between steps. If a held x is late by q of a
+             step, the far value acts for q h, and the near value for (1 - q) h. A rate f counts
+             by its mean over the step, (1 - q) f(near) + q f(far), not by f of the mean: for a
+             valve that opens either way, the mean of two commands is hardly any command (the
+             modified z-transform splits a sample so; Franklin, Powell and Workman 1998)
+    input    held over the sample, or interpolated linearly to the next sample. An expression of
+             such inputs that has no state is known in advance for the whole step. A lag then
+             takes its slope over the step, and a delay reads its buffer at both ends of the step
     integral an ordinary state
     rate     (x_k - x_k-1) / period, k of samples, held over a sample
 
@@ -30,9 +29,9 @@ of the step before, and h its length:
     Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
     Franklin, Powell and Workman (1998), Digital Control of Dynamic Systems, 4.3.2
 
-Where the state is set anew between two windows of a recording, deflections that follow a state stay
-as they are. Memories are stored relative to the signal, so that a corrected position is not taken
-for a motion. Deflections that follow recorded inputs alone go on moving there.
+A window of a recording resets the state. A deflection that is driven by a state does not change
+then: it is stored relative to its signal, so that a corrected position is not taken for a motion. A
+deflection that is driven by recorded inputs alone is updated as usual.
 """
 
 from __future__ import annotations
@@ -43,9 +42,8 @@ from pamid.symbolic.expression import rebuild, substitute, symbol, symbols, text
 from pamid.symbolic.vocabulary import EquationError, Expr, exp, floor, maximum, minimum, where
 
 TICKS = ("time", "step", "period", "fresh", "begin", "join", "part", "along")
-# s, s, s; 1 at the first step of a sample, at the very first step, at the first step after the
-# state was set anew; share of the sample, and of the step, that has gone by at the integrator's
-# stage
+# time, step and period in s; fresh, begin and join are 1 at the first step of a sample, of the run,
+# and after a reset of the state; part, along: elapsed fractions of the sample and of the step
 
 MOST_SPLIT = 3  # held delays whose effect on the rates is averaged over the step
 
@@ -131,8 +129,8 @@ def _linear_inputs(roots: list[Expr], linear: tuple[str, ...]) -> list[Expr]:
 
 @dataclass(frozen=True)
 class _Split:
-    """A held value that changes within a step: what it is, on the mean and before and after, and
-    for which share of the step it still is what it was before."""
+    """A held value that changes within a step: its mean, its value before and after the change, and
+    the share of the step before the change."""
 
     mean: Expr
     before: Expr
@@ -140,10 +138,9 @@ class _Split:
     share: Expr
 
     def means_of(self, roots: list[Expr]) -> list[Expr]:
-        """Means over the step of what is made of the value.
+        """Means over the step of expressions that contain the value.
 
-        Only the outermost expressions that bend over the value are formed twice. What is linear in
-        these takes their mean.
+        Only the outermost nonlinear expressions are formed twice, with the value before and after.
         """
         straight = _straightness(roots, self.mean)
 
@@ -160,8 +157,7 @@ class _Split:
 
 
 def _straightness(roots: list[Expr], part: Expr) -> dict[Expr, bool | None]:
-    """Whether each node below the roots is a straight line over this part of it; None: without
-    it."""
+    """Whether each node below the roots is affine in this part; None if it does not contain it."""
     straight: dict[Expr, bool | None] = {}
     for node in walk(roots):
         followed = [straight[a] for a in node.args]
@@ -179,7 +175,7 @@ def _is_linear(node: Expr, straight: dict[Expr, bool | None]) -> bool:
     followed = [straight[a] for a in node.args]
     once = node.op == "mul" and None in followed
     divided = node.op == "div" and followed[1] is None
-    # a tangent gives what was solved for, and its derivatives by a correction that is solved for
+    # a tangent is the solution of an equation; its derivatives come from a linear correction
     return once or divided or node.op in ("add", "sub", "neg", "tangent")
 
 
@@ -199,7 +195,7 @@ class _MemoryExpansion:
         return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
 
     def follows_a_state(self, x: Expr) -> bool:
-        """Whether x reads a state, itself or through its cells. Cells of the rig are assumed to."""
+        """Whether x reads a state, itself or through its cells. True for cells of the rig."""
         cells = {c.name: c for c in self.cells}
         seen: set[str] = set()
         todo = [x]
@@ -219,8 +215,8 @@ class _MemoryExpansion:
         return False
 
     def unchanged_on_reset(self, x: Expr, past: Expr) -> Expr | None:
-        """The update of a memory of x where the state is set anew: as it was, unless x follows
-        recorded inputs alone, which move there as anywhere (None)."""
+        """Update of a memory of x at a reset of the state: its past value if x depends on a state,
+        None (the usual update) if x depends on recorded inputs alone."""
         return past if self.follows_a_state(x) else None
 
     def play(self, x: Expr, r: Expr) -> Expr:
@@ -408,7 +404,8 @@ def expand_memory(
     out_nodes = [next(expanded) for _ in outputs]
     done = [Cell(c.name, next(expanded), next(expanded), c.sampled) for c in cells]
     rate_nodes += [e for _, e in work.states]
-    # seven late commands of an arm would make 2^7 copies of it: there their means have to do
+    # each delayed input doubles the nonlinear expressions (an arm of seven joints: 2^7); beyond
+    # MOST_SPLIT the mean of the value is used
     for split in work.splits if len(work.splits) <= MOST_SPLIT else ():
         rate_nodes = split.means_of(rate_nodes)
     return StateEquations(
