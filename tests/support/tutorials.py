@@ -53,8 +53,8 @@ def steps(page: Path) -> list[Step]:
 #: what the reader of a page has already, as a page that makes it or as commands
 ALREADY: dict[str, tuple[str | Path, ...]] = {
     "README": (
-        "pamid generate-aprbs --rig dc-motor --duration 20 --output excitation.csv",
-        "pamid simulate --rig dc-motor --excitation excitation.csv --output rec.csv",
+        "pamid generate-aprbs --rig dc-motor --duration 20 --output sent.csv",
+        "pamid simulate --rig dc-motor --excitation sent.csv --output rec.csv",
         FOLDER / "own-mujoco-model.md",
         "python robot.py",
         "cp pendulum.xml arm.xml",
