@@ -145,7 +145,7 @@ class _Split:
         straight = _straightness(roots, self.mean)
 
         def bent_arguments(node: Expr) -> tuple[Expr, ...]:
-            linear = straight[node] is False and _is_linear(node, straight)
+            linear = _is_linear(node, straight)
             return tuple(a for a in node.args if straight[a] is False) if linear else ()
 
         bent = [r for r in roots if straight[r] is False]
