@@ -19,7 +19,7 @@ from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import WHOLE, Replay, noise_floor
+from pamid.simulation.replay import WHOLE, Replay, noise_floors
 
 Array = NDArray[np.float64]
 
@@ -99,6 +99,11 @@ def gap_budget(
             f"The model could not be fitted: {model.fit.why}.",
             "check the units of the columns, and starting values and bounds of the rig",
         )
+    return budget_of(model, seed=seed, progress=progress, settings=settings)
+
+
+def budget_of(model: GreyBox, *, seed: int, progress: Progress, settings: Settings) -> Budget:
+    """The budget of a fitted baseline, over the horizon of the comparison."""
     budget = _over_horizon(model, seed, settings)
     progress(Settled(f"refitted, held-out errors: {budget.error_text()}"))
     return budget
@@ -181,7 +186,7 @@ def _budget_of(model: GreyBox, per_run: int, seed: int, settings: Settings) -> B
         sheet = runs_of(evidence, alone, alone.data_sheet(), stepping, sheet_tracks)
         if not all(r.finite for r in runs):
             return None
-        floor = tuple(noise_floor(a, p, r, stepping, noise, seed + i) for i, r in enumerate(runs))
+        floor = noise_floors(a, p, runs, stepping, noise, seed)
         if not all(r.finite for r in floor):
             return None
     return Budget(

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.answer import Answer, answer
-from pamid.diagnosis.budget import Budget, gap_budget
+from pamid.diagnosis.budget import Budget, budget_of, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.family_forms import free_forms
 from pamid.diagnosis.guards import Guards
 from pamid.diagnosis.input_response import explained_channels, following_channels, silent_channels
-from pamid.diagnosis.search import Search, opposite_signs, run_round
+from pamid.diagnosis.search import Search, lower_baseline, opposite_signs, run_round
 from pamid.diagnosis.selection import Selection, select_effects, with_plainer_effects
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
@@ -171,7 +171,19 @@ def diagnose(
     # The cost grows with the length of the data, the certainty only with its square root.
     evidence = with_linear_windows(evidence.excerpt(settings.fitted_most, settings.held_out_most))
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
-    evidence = budget.evidence  # with the horizon of the comparison
+    return _diagnosis_from(budget, catalogue, seed, pool, progress)
+
+
+def _diagnosis_from(
+    budget: Budget,
+    catalogue: dict[str, type[Effect]],
+    seed: int,
+    pool: WorkerPool,
+    progress: Progress,
+) -> Diagnosis:
+    """Diagnosis that begins with this baseline; again, where an effect leads the baseline out of a
+    local minimum."""
+    evidence, settings = budget.evidence, budget.settings  # with the horizon of the comparison
     base, comparison = budget.baseline, Comparison(budget, seed)
     response = lagged_response(evidence, base.assembly)
     explained = explained_channels(budget, base, response, seed)
@@ -205,6 +217,11 @@ def diagnose(
     located = locate(evidence, base, pool, alike=settings.port_alike)
     to_screen = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
     first_round = with_plainer_effects(search, comparison, run_round(search, base, to_screen))
+    lower = lower_baseline(search, comparison.ordered(first_round.models))
+    if lower is not None:
+        progress("the baseline had ended in a local minimum; beginning again")
+        again = budget_of(lower, seed=seed, progress=progress, settings=settings)
+        return _diagnosis_from(again, catalogue, seed, pool, progress)
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first_round)
     reduced = selection.steps[0].reduced

@@ -31,7 +31,14 @@ from pamid.diagnosis.screening import (
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.known_slopes import KnownSlopes
-from pamid.estimation.grey_box import COARSE, model_with, rechecked, settles
+from pamid.estimation.grey_box import (
+    COARSE,
+    GreyBox,
+    model_with,
+    rechecked,
+    refitted_from,
+    settles,
+)
 from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
@@ -232,6 +239,35 @@ def refit_screened(
         else:
             models.append(c)
     return models, failed
+
+
+def lower_baseline(search: Search, ranking: list[CandidateModel]) -> GreyBox | None:
+    """The baseline fitted from where the best model ended; None where it did not end in a local
+    minimum.
+
+    ranking: models of a single effect, best first. An effect that is not in the machine can lead
+    out of a local minimum, and would be named for what its refit found in the other parameters.
+    """
+    if not ranking:
+        return None
+    return search.pool.one(_BaselineRestart(search.budget.model, search.seed), ranking[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _BaselineRestart(Work[CandidateModel, "GreyBox | None"]):
+    """Job that fits the baseline from where another model ended."""
+
+    what = "fitting the baseline from the values of"
+    model: GreyBox
+    seed: int
+
+    def __call__(self, item: CandidateModel) -> GreyBox | None:
+        assembly = self.model.assembly
+        p = transferred(assembly, (item.assembly, item.fit.p))
+        return refitted_from(self.model, p, item.fit.starts, self.seed)
+
+    def name(self, item: CandidateModel) -> str:
+        return item.label
 
 
 def opposite_signs(

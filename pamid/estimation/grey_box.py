@@ -33,7 +33,7 @@ from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay_track
+from pamid.simulation.replay import Replay, channel_mae, noise_floors, replay_track
 from pamid.simulation.tracks import Track
 
 Array = NDArray[np.float64]
@@ -140,10 +140,7 @@ def fit_model(
         held = evidence.tracks(assembly, held_out=True)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
-    floor = tuple(
-        noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
-        for i, r in enumerate(replays)
-    )
+    floor = noise_floors(assembly, fitted.p, replays, fitted.stepping, evidence.noise, seed)
     require_predictable(evidence, floor, (*tracks, *held))
     if draws:
         values = (f"{b.full_name} {e.value:.4g}" for b, e in estimates(fitted).items())
@@ -161,6 +158,25 @@ def fit_model(
         else None,
         earlier,
         refit.remark,
+    )
+
+
+def refitted_from(model: GreyBox, p: Array, starts: tuple[Array, ...], seed: int) -> GreyBox | None:
+    """The model fitted from p (SI) and these states at the window starts; None where its fit did
+    not end in a local minimum."""
+    noise = model.evidence.noise
+    fitted = escape_local_minimum(model.fit, noise, p=p, starts=starts)
+    if fitted is model.fit:
+        return None
+    held = tuple(r.full_track for r in model.held_out)
+    replays, change = rechecked(model.assembly, fitted, held, noise)
+    return replace(
+        model,
+        fit=fitted,
+        recheck=change,
+        held_out=replays,
+        floor=noise_floors(model.assembly, fitted.p, replays, fitted.stepping, noise, seed),
+        remark="The first fit had ended in a local minimum and was repeated from other values.",
     )
 
 

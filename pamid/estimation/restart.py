@@ -1,4 +1,4 @@
-"""Restart of fits that ended in a local minimum: initial states estimated anew.
+"""Restart of fits that ended in a local minimum: initial states estimated anew, or other values.
 
 The states at the window starts are estimated once, with the first parameters, and then fitted with
 them. Where something sticks (friction, play) the outputs do not depend on such a state within some
@@ -32,14 +32,28 @@ PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 
 
-def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
-    """The fit; where it ended in a local minimum, the fit reached from initial states estimated
-    anew. noise: of the sensors, per channel (SI)."""
+def escape_local_minimum(
+    fitted: Fit, noise: Array, *, p: Array | None = None, starts: tuple[Array, ...] | None = None
+) -> Fit:
+    """The fit; where it ended in a local minimum, the fit reached from other values.
+
+    Parameters
+    ----------
+    fitted
+        The fit.
+    noise
+        Of the sensors, per channel (SI).
+    p
+        Other parameters (SI; default: those of the fit).
+    starts
+        Other states at the window starts, per track (default: estimated anew with p).
+    """
     if not fitted.residuals:
         return fitted
     shooting, begun = begin(
         fitted.problem,
-        p=fitted.p,
+        p=fitted.p if p is None else p,
+        starts=starts,
         weights=fitted.weights,
         stepping=fitted.stepping,
         continuity=fitted.continuity,

@@ -7,7 +7,7 @@ from run to run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -230,6 +230,20 @@ def noise_floor(
         noise,
         done.starts - done.carried,
         done.per_run,
+    )
+
+
+def noise_floors(
+    assembly: Assembly,
+    p: Array,
+    replays: Iterable[Replay],
+    stepping: Stepping,
+    noise: Array,
+    seed: int,
+) -> tuple[Replay, ...]:
+    """The noise floor of each replay, with draws of its own."""
+    return tuple(
+        noise_floor(assembly, p, r, stepping, noise, seed + i) for i, r in enumerate(replays)
     )
 
 
