@@ -1,0 +1,74 @@
+"""A baseline in a local minimum: no effect is named for what its refit found in the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cart import FEW, cart_evidence, record_cart
+
+from pamid.diagnosis import pipeline
+from pamid.diagnosis.budget import Budget, budget_of
+from pamid.diagnosis.pipeline import diagnose
+from pamid.estimation.grey_box import GreyBox, fit_model, refitted_from
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit
+from pamid.estimation.weights import Weights, residual_weights
+from pamid.model.registry import effects
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import replay_track
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> GreyBox:
+    """A cart without any effect, fitted."""
+    return fit_model(cart_evidence(record_cart(tmp_path_factory.mktemp("cart"), ())))
+
+
+def trapped(model: GreyBox) -> GreyBox:
+    """The model as if its fit had ended at half of the mass."""
+    wrong, problem, noise = model.fit.p.copy(), model.fit.problem, model.evidence.noise
+    wrong[model.assembly.keys["mass_kg"]] /= 2.0
+    stay: Callable[..., Fit] = partial(fit, problem, p=wrong, iterations=0)
+    residuals = stay(weights=Weights(noise, np.ones_like(noise))).residuals
+    fitted = stay(weights=residual_weights(residuals, noise, problem.window))
+    replays = tuple(
+        replay_track(model.assembly, wrong, r.full_track, fitted.stepping, noise)
+        for r in model.held_out
+    )
+    return replace(model, fit=fitted, held_out=replays)
+
+
+def test_a_trapped_baseline_is_fitted_from_where_another_model_ended(model: GreyBox) -> None:
+    again = refitted_from(trapped(model), model.fit.p, model.fit.starts, seed=0)
+    assert again is not None
+    mass = model.assembly.keys["mass_kg"]
+    assert again.fit.p[mass] == pytest.approx(model.fit.p[mass], rel=1e-3)
+    assert "local minimum" in again.remark
+
+
+def test_a_baseline_in_its_minimum_stays(model: GreyBox) -> None:
+    assert refitted_from(model, model.fit.p * 1.001, model.fit.starts, seed=0) is None
+
+
+def test_nothing_is_named_where_the_baseline_was_trapped(
+    model: GreyBox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Budget] = []
+
+    def in_trap(evidence: DataSplit, *, pool: object, **options: object) -> Budget:
+        begun.append(budget_of(trapped(model), **options))  # type: ignore[arg-type]
+        return begun[0]
+
+    monkeypatch.setattr(pipeline, "gap_budget", in_trap)
+    catalogue = {name: effects()[name] for name in FEW}
+    found = diagnose(model.evidence, catalogue)
+    assert begun[0].baseline.fit.cost > 2.0 * found.budget.baseline.fit.cost
+    assert found.verdict == "no-structural-gap"
+    # that of the trap would have been blamed on an effect
+    monkeypatch.setattr(pipeline, "lower_baseline", lambda search, ranking: None)
+    assert diagnose(model.evidence, catalogue).verdict != "no-structural-gap"
