@@ -155,13 +155,16 @@ class FitData:
         restarts = restart or problem.unset.any() or not best.point.s.any()
         # from where the data sheet's run has gone, or from an inertia of zero, no step may lead to
         # what was measured
-        further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
-        for s in further[: 1 + problem.unset.any()] if begin is None and restarts else ():
-            if max(best.shares.values()) > USUAL_ERROR:
-                read = problem.readings(s)
-                reach = problem.minimum_by_stages if restart else problem.minimum
-                fit = FittedWindows(rig, reach(read, steps), problem)
-                best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
+        if begin is not None or not restarts:
+            return best
+        read: FitPoint | None = None
+        for s in (np.zeros(len(problem.unset)), problem.unset.astype(float)):
+            if max(best.shares.values()) <= USUAL_ERROR or read and not s.any():
+                break
+            read = problem.at(s, read.x) if read else problem.readings(s)
+            reach = problem.minimum_by_stages if restart else problem.minimum
+            fit = FittedWindows(rig, reach(read, steps), problem)
+            best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:
@@ -463,9 +466,9 @@ class ShortFit(LeastSquares[FitPoint, Array]):
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
         m = len(at.s)
         s = np.clip(at.s + step[:m], *self._reach())
-        # derivatives of a stepped rig cost many times as much as a run, and most of the steps
-        # from an unsuitable data sheet are rejected
-        return self.at(s, at.x + step[m:].reshape(at.x.shape), self.runner.known is None)
+        # derivatives cost many times as much as a run, and most of the steps from an unsuitable
+        # data sheet are rejected
+        return self.at(s, at.x + step[m:].reshape(at.x.shape), derivatives=False)
 
     def linearised(self, at: FitPoint) -> FitPoint:
         return at if at.linearised else self.at(at.s, at.x)
