@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import os
 
+from pamid.engine.sampled_inputs import SampledInputs
+
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -48,7 +50,11 @@ def measured() -> dict[str, float]:
     def run(columns: int = 0) -> None:
         memory = a.program.memory(a.start(p), columns, stepping=step, period_s=PERIOD_S)
         _, _, bad = a.program.run(
-            memory, u, p, period_s=PERIOD_S, stepping=step, columns=chosen if columns else None
+            memory,
+            SampledInputs(u, PERIOD_S),
+            p,
+            stepping=step,
+            columns=chosen if columns else None,
         )
         assert bad < 0, "the arm became unstable"
 

@@ -28,6 +28,7 @@ from timing import cpu
 
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.excitation.aprbs import aprbs
@@ -115,7 +116,7 @@ class Setting:
             chosen = np.full(len(self.p), -1, np.int64)
             chosen[columns] = np.arange(len(columns))
         y, _, bad = program.run(
-            memory, self.u, self.p, period_s=PERIOD_S, stepping=self.stepping, columns=chosen
+            memory, SampledInputs(self.u, PERIOD_S), self.p, stepping=self.stepping, columns=chosen
         )
         assert bad == -1, f"blew up at sample {bad}"
         return y

@@ -25,6 +25,7 @@ from timing import cpu
 
 from pamid.engine.llvm_ir import LANES
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
@@ -36,7 +37,7 @@ def run_lanes(s: Setting) -> None:
     program = s.assembly.lane_program
     x = np.repeat(s.assembly.start(s.p)[:, None], LANES, axis=1)
     memory = program.memory(x, stepping=s.stepping, period_s=PERIOD_S)
-    _, bad = program.run(memory, s.u, s.p, period_s=PERIOD_S, stepping=s.stepping)
+    _, bad = program.run(memory, SampledInputs(s.u, PERIOD_S), s.p, stepping=s.stepping)
     assert (bad == -1).all()
 
 
@@ -92,7 +93,7 @@ def run_briefly(assembly: Assembly, *, implicit: bool) -> None:
     program = assembly.lane_program
     x, u = np.zeros((len(program.states), 1)), np.zeros((0, len(program.inputs)))
     program.run(
-        program.memory(x), u, assembly.values(), period_s=1.0, stepping=Stepping(1, implicit)
+        program.memory(x), SampledInputs(u, 1.0), assembly.values(), stepping=Stepping(1, implicit)
     )
 
 

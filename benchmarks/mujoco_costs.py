@@ -24,6 +24,8 @@ from __future__ import annotations
 
 import os
 
+from pamid.engine.sampled_inputs import SampledInputs
+
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -134,7 +136,7 @@ def _runs(way: str, rig: Rig, u: Array, rounds: int) -> None:
     def run(columns: int) -> None:
         memory = a.program.memory(a.start(p), columns, period_s=STEP_S)
         _, _, bad = a.program.run(
-            memory, u, p, period_s=STEP_S, columns=chosen if columns else None
+            memory, SampledInputs(u, STEP_S), p, columns=chosen if columns else None
         )
         assert bad < 0, f"the arm became unstable in sample {bad}"
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from pamid.engine.known_slopes import PREDICTION_LIMIT
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
@@ -49,7 +50,7 @@ def cost(
         if slopes:
             memory.S[:n, len(free) : wide] = np.eye(n)
         begun = time.process_time()
-        program.run(memory, u, p, period_s=rig.period_s, columns=columns if slopes else None)
+        program.run(memory, SampledInputs(u, rig.period_s), p, columns=columns if slopes else None)
         best = min(best, time.process_time() - begun)
     return 1e6 * best / len(u), wide
 

@@ -17,7 +17,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.observed_sizes import observed_sizes
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, FitStart, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
@@ -74,13 +74,15 @@ def fit_free_run(rig: str, effects: tuple[str, ...], record: Path, start_samples
         weight[0] = float(np.max(sigma / problem.noise) ** 2)
         tried = fit(
             replace(problem, importance=weight),
-            p=found.p,
-            starts=starts,
-            weights=Weights(sigma, np.ones_like(sigma)),
-            stepping=found.stepping,
+            FitStart(
+                p=found.p,
+                starts=starts,
+                weights=Weights(sigma, np.ones_like(sigma)),
+                stepping=found.stepping,
+                continuity=tuple(1.0 / (tie * t.jump) ** 2 for t in tracks),
+            ),
             iterations=STEPS,
             tolerance=1e-3,
-            continuity=tuple(1.0 / (tie * t.jump) ** 2 for t in tracks),
         )
         if not tried.residuals:
             break

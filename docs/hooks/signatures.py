@@ -19,6 +19,7 @@ import numpy as np
 from conformance_rules import STEPPING, Case, assembled, cases, excitation, rig_of
 from matplotlib.figure import Figure
 
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Array
 from pamid.model.trace import Passage
 from pamid.symbolic.expression import Expr
@@ -89,7 +90,9 @@ def seen(case: Case) -> Seen:
     program = assembly.program_with({"before": passage.value, "after": passage.result, **over})
     p = assembly.values()
     memory = program.memory(assembly.start(p), stepping=STEPPING, period_s=rig.period_s)
-    y, _, _ = program.run(memory, excitation(case.rig), p, period_s=rig.period_s, stepping=STEPPING)
+    y, _, _ = program.run(
+        memory, SampledInputs(excitation(case.rig), rig.period_s), p, stepping=STEPPING
+    )
     added = y[:, -(2 + len(over)) :][-2 * SHOWN :]
     before, after = added[:, 0], added[:, 1]
     return Seen(

@@ -17,6 +17,7 @@ import numpy as np
 from pamid.base.progress import ProgressLine
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.program import Program, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rigs
@@ -55,7 +56,7 @@ def _compile(assembly: Assembly) -> None:
     assert isinstance(program, Program)  # no shipped rig is stepped
     program.code.at(p, partials=True)
     x, u = np.zeros((len(lanes.states), 1)), np.zeros((0, len(program.inputs)))
-    lanes.run(lanes.memory(x), u, p, period_s=assembly.rig.period_s)
+    lanes.run(lanes.memory(x), SampledInputs(u, assembly.rig.period_s), p)
 
 
 def _run_once(assembly: Assembly) -> None:
@@ -65,10 +66,10 @@ def _run_once(assembly: Assembly) -> None:
     u = np.zeros((1, len(program.inputs)))
     # the numbers are of no interest, nor is a state that runs away
     program.rate_matrix(memory, u[0], p, period_s=period)
-    program.run(memory, u, p, period_s=period, stepping=Stepping())
+    program.run(memory, SampledInputs(u, period), p, stepping=Stepping())
     lanes = assembly.lane_program
     x = assembly.start(p)[:, None]
-    lanes.run(lanes.memory(x), u, p, period_s=period, stepping=Stepping(1, implicit=True))
+    lanes.run(lanes.memory(x), SampledInputs(u, period), p, stepping=Stepping(1, implicit=True))
     eliminate(np.ones((1, 1, 1)), np.zeros((0, 1, 1)), np.ones((1, 1, 1)), 0.0)
 
 

@@ -24,6 +24,7 @@ from pamid.base.errors import PamidError
 from pamid.base.progress import tell
 from pamid.checks.findings import CheckOutcome, fault, note, outcome, passed
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import usual_range
@@ -302,7 +303,9 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     )
     at_start = _start_slopes(trial, p)
     memory.S[: at_start.shape[0], : at_start.shape[1]] = at_start
-    Y, exact, _ = program.run(memory, trial.u, p, period_s=period, stepping=step, columns=columns)
+    Y, exact, _ = program.run(
+        memory, SampledInputs(trial.u, period), p, stepping=step, columns=columns
+    )
     worst = 0.0
     for column, (i, b) in enumerate(trial.tested_parameters):
         # the errors of the differences, of order h^2 and 1e-16 / h, stay far below SAME_SLOPE

@@ -319,7 +319,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         n, p = self.runner.start_states, self.parameters(s)[0]
         program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states})
         memory = program.memory(a.start(p), stepping=self.runner.stepping, period_s=t.period_s)
-        Y, _, _ = program.run(memory, t.u, p, period_s=t.period_s, stepping=self.runner.stepping)
+        Y, _, _ = program.run(memory, t.inputs, p, stepping=self.runner.stepping)
         led = Y[[w.start for w in self.trial.windows]][:, Y.shape[1] - n :]
         return np.where(np.isfinite(led), led, a.start(p)[:n])
 
@@ -435,10 +435,8 @@ class ShortFit(LeastSquares[FitPoint, Array]):
                 memory.x[: len(x)], memory.join = x, True
                 Y, _, _ = program.run(
                     memory,
-                    u[window.start : window.stop],
+                    replace(t.inputs, u=u).part(window.start, window.stop),
                     p,
-                    period_s=t.period_s,
-                    time_s=(t.first + window.start) * t.period_s,
                     stepping=runner.stepping,
                 )
                 seen.append((Y * self.trial.weight).ravel())

@@ -31,6 +31,7 @@ from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import CAUSES, MODEL_COLUMNS, REFIT, REFIT_REMEDY, derived
 from pamid.correction.stored_model import refuse, stored_model
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -236,7 +237,7 @@ def simulate_identified(
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
     p = np.array(list(model.constants.values()))
-    Y, _, bad = program.run(memory, u, p, period_s=model.period_s, stepping=model.stepping)
+    Y, _, bad = program.run(memory, SampledInputs(u, model.period_s), p, stepping=model.stepping)
     if bad >= 0:
         raise DataError(
             f"The model of {model.name!r} became unstable at {bad * model.period_s:.3f} s.",

@@ -16,6 +16,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import (
     Fit,
+    FitStart,
     Problem,
     careful_stepping,
     free_parameters,
@@ -211,11 +212,7 @@ def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlo
         return ()
     shooting, _ = begin(
         fitted.problem,
-        p=fitted.p,
-        starts=fitted.starts,
-        weights=fitted.weights,
-        stepping=stepping,
-        continuity=fitted.continuity,
+        replace(fitted.end, stepping=stepping),
         probe=True,
     )
     return shooting.known
@@ -256,12 +253,14 @@ def refit(
     def fitted_from(start: Array) -> Fit:
         return fit(
             problem,
-            p=start,
-            starts=begun.starts,
-            weights=base.weights,
-            stepping=stepping,
-            continuity=begun.continuity,
-            known=known,
+            FitStart(
+                p=start,
+                starts=begun.starts,
+                weights=base.weights,
+                stepping=stepping,
+                continuity=begun.continuity,
+                known=known,
+            ),
             exact=False,
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,
@@ -282,11 +281,7 @@ def refit(
             break
         done = fit(
             problem,
-            p=done.p,
-            starts=done.starts,
-            weights=weights,
-            stepping=done.stepping,
-            known=done.known,
+            replace(done.end, weights=weights, continuity=(), known=done.known),
             exact=False,
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,
@@ -294,12 +289,7 @@ def refit(
     if any(done.known) and done.residuals:  # to its end, by steps that are made
         done = fit(
             problem,
-            p=done.p,
-            starts=done.starts,
-            weights=done.weights,
-            stepping=done.stepping,
-            continuity=done.continuity,
-            known=tuple(k and k.without_prediction() for k in done.known),
+            replace(done.end, known=tuple(k and k.without_prediction() for k in done.known)),
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,
         )

@@ -223,12 +223,10 @@ def _side_by_side(
         memory = program.memory(begun, stepping=where.stepping, period_s=track.period_s)
         Y, _, _ = program.run_windows(
             memory,
-            track.u,
+            track.inputs,
             p,
             edges,
             np.repeat(x[: len(windows), :, None], p.shape[1], axis=2),
-            period_s=track.period_s,
-            time_s=track.first * track.period_s,
             stepping=where.stepping,
         )
         left = (track.y[: edges[-1], :, None] - Y)[:, track.seen] * where.weights.root[

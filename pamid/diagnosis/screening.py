@@ -209,11 +209,7 @@ class ScreeningBaseline:
         costs = [
             fit(
                 restricted,
-                p=p,
-                starts=tuple(starts),
-                weights=base_fit.weights,
-                continuity=base_fit.continuity,
-                stepping=stepping,
+                replace(base_fit.end, p=p, starts=tuple(starts), stepping=stepping),
                 iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
             ).cost
@@ -502,28 +498,25 @@ class _Probe:
     ) -> _Probed:
         """Take `steps` steps from p (SI) and these window starts."""
         base_fit = self.reference.baseline.fit
-        continuity = window_starts_from(base_fit, self.problem.assembly).continuity
+        start = replace(
+            base_fit.end,
+            p=p,
+            starts=starts,
+            stepping=stepping,
+            continuity=window_starts_from(base_fit, self.problem.assembly).continuity,
+        )
         if self.frozen is None or starts is None:
             exact_fit = fit(
                 self.problem,
-                p=p,
-                starts=starts,
-                weights=base_fit.weights,
-                continuity=continuity,
-                known=self.reference.known,
+                replace(start, known=self.reference.known),
                 iterations=steps,
                 probe=True,
-                stepping=stepping,
             )
             return _Probed(exact_fit, exact_fit.cost)
         shooting, begun = begin_chords(
             self.problem,
             self.frozen,
-            p=p,
-            starts=starts,
-            weights=base_fit.weights,
-            continuity=continuity,
-            stepping=stepping or careful_stepping(self.problem, p),
+            replace(start, stepping=stepping or careful_stepping(self.problem, p)),
         )
         if not begun.point.normal.fine:
             return _Probed(shooting.fit(begun), np.inf)

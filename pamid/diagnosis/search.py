@@ -333,11 +333,7 @@ class _StepRefinement(Work[CandidateModel, CandidateModel]):
                 break
             refined = fit(
                 best.fit.problem,
-                p=best.fit.p,
-                starts=best.fit.starts,
-                weights=best.fit.weights,
-                continuity=best.fit.continuity,
-                stepping=best.fit.stepping.doubled(),
+                replace(best.fit.end, stepping=best.fit.stepping.doubled()),
                 iterations=REFIT_ITERATIONS,
                 tolerance=REFIT_TOLERANCE,
             )

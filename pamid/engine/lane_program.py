@@ -24,6 +24,7 @@ from pamid.engine.program import (
     line_length,
     with_rises,
 )
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import StateEquations
 
@@ -110,22 +111,17 @@ class LaneProgram(EquationSteps):
     def run(
         self,
         memory: LaneMemory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
     ) -> tuple[Array, NDArray[np.int64]]:
-        """Simulate over the rows of u in all lanes, carrying `memory` on.
+        """Simulate over the rows of the inputs in all lanes, carrying `memory` on.
 
         Parameters
         ----------
-        u : (samples, inputs), shared by the lanes, or (samples, inputs, lanes)
+        inputs : (samples, inputs), shared by the lanes, or (samples, inputs, lanes)
         p : (parameters, lanes), or (parameters,) for all lanes
-        time_s, after : time of the first row; inputs a sample behind the last row, as in
-            `Program.run`
 
         Returns
         -------
@@ -133,20 +129,18 @@ class LaneProgram(EquationSteps):
         up, and these samples (lanes,), -1 where none is.
         """
         nothing = np.empty((1, 0, memory.lanes))
-        edges = np.array([0, len(u)])
-        Y, _, bad = self._run(memory, u, p, edges, nothing, period_s, time_s, stepping, after)
+        edges = np.array([0, len(inputs)])
+        Y, _, bad = self._run(memory, inputs, p, edges, nothing, stepping)
         return Y, bad
 
     def run_windows(
         self,
         memory: LaneMemory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         edges: NDArray[np.int64],
         entered: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -154,8 +148,7 @@ class LaneProgram(EquationSteps):
 
         Parameters
         ----------
-        u : (samples, inputs) or (samples, inputs, lanes) of the whole track, whose first row is
-            at `time_s`
+        inputs : (samples, inputs) or (samples, inputs, lanes) of the whole track
         p : (parameters, lanes), or (parameters,) for all lanes
         edges : (windows + 1,) rows at which windows start, and the end of the last window
         entered : (windows, n, lanes) values of the first n states at the start of each window
@@ -172,7 +165,7 @@ class LaneProgram(EquationSteps):
         """
         memory.join = True
         edges = np.asarray(edges)
-        return self._run(memory, u, p, edges, entered, period_s, time_s, stepping, None, dependent)
+        return self._run(memory, inputs, p, edges, entered, stepping, dependent)
 
     def exchange_matrices(
         self, memory: LaneMemory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
@@ -200,14 +193,11 @@ class LaneProgram(EquationSteps):
     def _run(
         self,
         memory: LaneMemory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         edges: NDArray[np.int64],
         entered: Array,
-        period_s: float,
-        time_s: float,
         stepping: Stepping | None,
-        after: Array | None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]:
         from pamid.engine.lane_sweep import (
@@ -221,7 +211,7 @@ class LaneProgram(EquationSteps):
         step = stepping or Stepping()
         groups, windows, first = len(memory.states), len(edges) - 1, int(edges[0])
         all_lanes = groups * LANES
-        code = _compiled(self, step.implicit, u.ndim == 2)
+        code = _compiled(self, step.implicit, inputs.u.ndim == 2)
         results = LaneResults(
             np.empty((int(edges[-1]) - first, len(self.outputs), groups, LANES)),
             np.empty((windows, len(self.states), groups, LANES)),
@@ -230,10 +220,12 @@ class LaneProgram(EquationSteps):
         sweep_lanes(
             code.equations,
             memory.arrays(),
-            LaneInputs(self._by_group(u, after, first), self._prepared(code, p, memory)),
+            LaneInputs(
+                self._by_group(inputs.u, inputs.after, first), self._prepared(code, p, memory)
+            ),
             LaneTimes(
-                float(time_s) + first * float(period_s),
-                float(period_s),
+                float(inputs.time_s) + first * float(inputs.period_s),
+                float(inputs.period_s),
                 step.substeps,
                 step.implicit,
                 memory.begin,

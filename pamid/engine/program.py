@@ -20,6 +20,7 @@ from pamid.engine.llvm_ir import (
     product_text,
     with_partials,
 )
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.symbolic.expression import plain
 from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
@@ -109,14 +110,12 @@ class WindowStarts:
     """Windows of a recording in time order, each with its initial states.
 
     edges (windows, 2): first sample, and the sample after the last; states (windows, n): the first
-    n states at the start of each window; column: sensitivity column of the first of these states;
-    first: index of the recording's first sample, from which the time follows.
+    n states at the start of each window; column: sensitivity column of the first of these states.
     """
 
     edges: NDArray[np.int64]
     states: Array
     column: int
-    first: int = 0
 
     def __len__(self) -> int:
         return len(self.edges)
@@ -233,38 +232,29 @@ class Program(EquationSteps):
     def run(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
-        after: Array | None = None,
     ) -> tuple[Array, Array, int]:
-        """Simulate over the rows of u and advance `memory`.
+        """Simulate over the rows of the inputs and advance `memory`.
 
         Parameters
         ----------
         memory
             State at the first sample; after the run, the state after the last sample.
-        u
-            Inputs (samples x inputs). Additional columns, if any, hold the rise of each linear
-            input over the sample.
+        inputs
+            Inputs (samples x inputs), held or linear in between.
         p
             Parameters (SI).
-        period_s, time_s
-            Sampling period and time of the first sample (s).
         stepping
             Integration steps per sample; default: an explicit step.
         columns
             Sensitivity column of each parameter, or -1. None runs without sensitivities.
         weights
             Factor per output on its sensitivities.
-        after
-            Inputs (inputs,) of the sample after the last row, where linear inputs end. Without it
-            the last row is held.
 
         Returns
         -------
@@ -275,20 +265,20 @@ class Program(EquationSteps):
         from pamid.engine.integrator import Results, Times, WindowTable, sweep_windows
 
         step = stepping or Stepping()
-        equations, inputs = self._prepared(memory, u, p, columns, after, partials=step.implicit)
+        equations, prepared = self._prepared(memory, inputs, p, columns, partials=step.implicit)
         width = memory.S.shape[1]
-        shape = len(u), len(self.outputs)
+        shape = len(inputs), len(self.outputs)
         Y, JY = np.empty(shape), np.empty((1, 1, 0) if columns is None else (*shape, width))
-        times = float(time_s), float(period_s), step.substeps, step.implicit
-        arrays = memory.arrays(sensitive=inputs.sensitive)
+        times = float(inputs.time_s), float(inputs.period_s), step.substeps, step.implicit
+        arrays = memory.arrays(sensitive=prepared.sensitive)
         _, diverged_at = sweep_windows(
             equations,
             arrays,
-            inputs,
+            prepared,
             Times(*times, memory.begin, memory.join, -1),
             Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
             WindowTable(
-                np.array([[0, len(u)]], np.int64),
+                np.array([[0, len(inputs)]], np.int64),
                 np.array([times[0]]),
                 np.empty((1, 0)),
                 width,
@@ -302,16 +292,15 @@ class Program(EquationSteps):
     def run_windows(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         windows: WindowStarts,
         *,
-        period_s: float,
         stepping: Stepping | None = None,
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
     ) -> Iterator[SimulatedWindow]:
-        """Simulate windows of the recording u (samples x inputs). See `run` for other arguments.
+        """Simulate windows of a recording with these inputs. See `run` for other arguments.
 
         Cells, delay lines and states that a window does not set continue from the window before.
         A block of windows is simulated before its first window is yielded. `memory` therefore
@@ -324,14 +313,12 @@ class Program(EquationSteps):
             return
         step, edges, n = stepping or Stepping(), windows.edges, windows.states.shape[1]
         first_sample, stop_sample = edges[0, 0], edges[-1, 1]
-        next_inputs = u[stop_sample] if stop_sample < len(u) else None
-        equations, inputs = self._prepared(
-            memory, u[first_sample:stop_sample], p, columns, next_inputs, partials=step.implicit
-        )
-        arrays, output_count = memory.arrays(sensitive=inputs.sensitive), len(self.outputs)
+        simulated = inputs.part(first_sample, stop_sample)
+        equations, prepared = self._prepared(memory, simulated, p, columns, partials=step.implicit)
+        arrays, output_count = memory.arrays(sensitive=prepared.sensitive), len(self.outputs)
         width = arrays.S.shape[1]
         weights = np.ones(output_count) if weights is None else weights
-        time_s = (windows.first + edges[:, 0]) * period_s
+        time_s = inputs.time_s + edges[:, 0] * inputs.period_s
         rows, starts = edges - first_sample, np.ascontiguousarray(windows.states, float)
         # Blocks bound the memory of the Jacobian, and each is read while it is still in the cache.
         block_samples, window = BLOCK_NUMBERS // max(1, output_count * width), 0
@@ -347,11 +334,11 @@ class Program(EquationSteps):
                 np.empty((block_end - window, len(memory.x))),
                 np.empty((block_end - window, n, width)),
             )
-            times = float(period_s), step.substeps, step.implicit, memory.begin, True, -1
+            times = float(inputs.period_s), step.substeps, step.implicit, memory.begin, True, -1
             diverged_window, _ = sweep_windows(
                 equations,
                 arrays,
-                inputs,
+                prepared,
                 Times(0.0, *times),
                 Results(Y, JY, weights),
                 WindowTable(
@@ -373,10 +360,9 @@ class Program(EquationSteps):
     def driver(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         columns: NDArray[np.int64] | None,
-        after: Array | None,
         first: int,
     ) -> RunParts:
         """Prepare a run in single steps; other arguments as of `run`.
@@ -391,13 +377,13 @@ class Program(EquationSteps):
         x[first:], S[first:] = memory.x, arrays.S
         shape = (1, len(self.outputs), S.shape[1])
         # The caller may choose an implicit step at any time, so the partials are always compiled.
-        equations, inputs = self._prepared(memory, u, p, columns, after, partials=True)
+        equations, prepared = self._prepared(memory, inputs, p, columns, partials=True)
         results = Results(
             np.empty(shape[:2]),
             np.empty((1, 1, 0) if columns is None else shape),
             np.ones(len(self.outputs)),
         )
-        return RunParts(equations, arrays._replace(x=x, S=S), inputs, results)
+        return RunParts(equations, arrays._replace(x=x, S=S), prepared, results)
 
     def room(self, samples: int, substeps: int, columns: NDArray[np.int64]) -> KnownSlopes | None:
         """Allocate the Jacobians of a recording for `with_slopes`; None if steps are cheap."""
@@ -414,7 +400,7 @@ class Program(EquationSteps):
         from pamid.engine.integrator import rate_matrix
 
         equations, values = self.code.at(p, partials=True)
-        u = self._with_rises(u[None, :], None)[0]
+        u = with_rises(u[None, :], None, self.linear, len(self.inputs))[0]
         return rate_matrix(equations, memory.arrays(), u, values, time_s, period_s, period_s)
 
     exchange_matrix = rate_matrix  # matrix from which the step length is chosen
@@ -422,10 +408,9 @@ class Program(EquationSteps):
     def _prepared(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         columns: NDArray[np.int64] | None,
-        after: Array | None,
         *,
         partials: bool,
     ) -> tuple[CompiledEquations, Inputs]:
@@ -442,10 +427,8 @@ class Program(EquationSteps):
         ):
             raise ValueError("the model was not compiled for sensitivities by these parameters")
         equations, values = self.code.at(p, partials=sensitive or partials)
-        return equations, Inputs(self._with_rises(u, after), values, columns, sensitive)
-
-    def _with_rises(self, u: Array, after: Array | None) -> Array:
-        return with_rises(u, after, self.linear, len(self.inputs))
+        u = with_rises(inputs.u, inputs.after, self.linear, len(self.inputs))
+        return equations, Inputs(u, values, columns, sensitive)
 
 
 def with_rises(u: Array, after: Array | None, linear: tuple[int, ...], inputs: int) -> Array:

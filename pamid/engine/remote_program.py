@@ -10,7 +10,7 @@ import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,10 @@ from pamid.engine.program import (
     ProgramCode,
     Stepping,
 )
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import Simulator
-from pamid.engine.stepped import SteppedProgram
+from pamid.engine.stepped import Course, SteppedProgram
 
 Array = NDArray[np.float64]
 
@@ -76,19 +77,6 @@ def rebuilt_program(data: dict[str, Any], simulator: Simulator | Carrier) -> Ste
     return SteppedProgram(simulator, around, *data["sizes"])
 
 
-class Course(NamedTuple):
-    """The arguments of a run; see `Program.run`."""
-
-    u: Array
-    p: Array
-    period_s: float
-    time_s: float
-    stepping: Stepping
-    columns: NDArray[np.int64] | None
-    weights: Array | None
-    after: Array | None
-
-
 @dataclass(frozen=True)
 class Parcel:
     """Arrays in a row of numbers, with their shapes for JSON."""
@@ -130,13 +118,14 @@ def packed(about: dict[str, Any], arrays: list[Array | None]) -> Parcel:
 
 def run_request(memory: Memory, course: Course) -> Parcel:
     """Pack a run, without the saved states of the simulator."""
+    inputs = course.inputs
     about = {
-        "times": [course.period_s, course.time_s],
+        "times": [inputs.period_s, inputs.time_s],
         "stepping": [course.stepping.substeps, course.stepping.implicit],
         "begin": memory.begin,
         "join": memory.join,
     }
-    given: list[Any] = [course.u, course.p, course.columns, course.weights, course.after]
+    given: list[Any] = [inputs.u, course.p, course.columns, course.weights, inputs.after]
     return packed(about, [*memory.arrays(), *given])
 
 
@@ -152,8 +141,8 @@ def run_of(parcel: Parcel) -> tuple[Memory, Course]:
     places = None if columns is None else columns.astype(np.int64)
     substeps, implicit = about["stepping"]
     period_s, time_s = about["times"]
-    stepping = Stepping(substeps, implicit)
-    return memory, Course(u, p, period_s, time_s, stepping, places, weights, after)
+    inputs = SampledInputs(u, period_s, time_s, after)
+    return memory, Course(inputs, p, Stepping(substeps, implicit), places, weights)
 
 
 def run_answer(memory: Memory, outcome: tuple[Array, Array, int]) -> Parcel:

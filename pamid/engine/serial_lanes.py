@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Memory, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.stepped import SteppedProgram
 
 Array = NDArray[np.float64]
@@ -78,23 +79,14 @@ class SerialLanes:
     def run(
         self,
         memory: SerialMemory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
     ) -> tuple[Array, NDArray[np.int64]]:
         runs = [
             self.program.run(
-                lane_memory,
-                _of_lane(u, lane, 2),
-                _of_lane(p, lane, 1),
-                period_s=period_s,
-                time_s=time_s,
-                stepping=stepping,
-                after=None if after is None else _of_lane(after, lane, 1),
+                lane_memory, _inputs_of_lane(inputs, lane), _of_lane(p, lane, 1), stepping=stepping
             )
             for lane, lane_memory in enumerate(memory.memories)
         ]
@@ -103,13 +95,11 @@ class SerialLanes:
     def run_windows(
         self,
         memory: SerialMemory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         edges: NDArray[np.int64],
         entered: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]:
@@ -126,15 +116,7 @@ class SerialLanes:
                     # carry the difference into the next.
                     memory.memories[lane] = memory.memories[0].copy()
             memory.enter(entered[w])
-            values, lost = self.run(
-                memory,
-                u[start:stop],
-                p,
-                period_s=period_s,
-                time_s=time_s + start * period_s,
-                stepping=stepping,
-                after=u[stop] if stop < len(u) else None,
-            )
+            values, lost = self.run(memory, inputs.part(start, stop), p, stepping=stepping)
             well = bad < 0
             Y[start - edges[0] : stop - edges[0], :, well] = values[:, :, well]
             bad = np.where(well & (lost >= 0), start + lost, bad)
@@ -142,6 +124,11 @@ class SerialLanes:
             if (bad >= 0).all() or (bad[0] >= 0 and shared < lanes):
                 break
         return Y, ends, bad
+
+
+def _inputs_of_lane(inputs: SampledInputs, lane: int) -> SampledInputs:
+    after = None if inputs.after is None else _of_lane(inputs.after, lane, 1)
+    return replace(inputs, u=_of_lane(inputs.u, lane, 2), after=after)
 
 
 def _of_lane(values: Array, lane: int, axes: int) -> Array:

@@ -23,13 +23,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Program, RunParts, SimulatedWindow, Stepping, WindowStarts
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.shadow_simulators import BLOWN_UP, Carrier, ShadowCourse
 from pamid.engine.simulator import (
     DIFFERENCE,
@@ -45,13 +46,23 @@ Array = NDArray[np.float64]
 MOST_EXCHANGES = 64  # per sample
 
 
+class Course(NamedTuple):
+    """Arguments of a run in another process; see `Program.run`."""
+
+    inputs: SampledInputs
+    p: Array
+    stepping: Stepping
+    columns: NDArray[np.int64] | None
+    weights: Array | None
+
+
 class FarRunner(Protocol):
     """A process in which a simulator lives, and where whole runs are made."""
 
     def run_there(
-        self, program: SteppedProgram, memory: Memory, *course: Any
+        self, program: SteppedProgram, memory: Memory, course: Course
     ) -> tuple[Array, Array, int]:
-        """See `SteppedProgram.run`, whose arguments these are, in its order."""
+        """See `SteppedProgram.run`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,27 +147,23 @@ class SteppedProgram:
     def run(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
-        after: Array | None = None,
     ) -> tuple[Array, Array, int]:
         """See `Program.run`."""
         step = stepping or Stepping()
         if self.far is not None:
-            course = u, p, period_s, time_s, step, columns, weights, after
-            return self.far.run_there(self, memory, *course)
+            return self.far.run_there(self, memory, Course(inputs, p, step, columns, weights))
         wide, seen = memory.S.shape[1], len(self.outputs)
-        Y = np.empty((len(u), seen))
-        JY = np.empty((1, 1, 0) if columns is None else (len(u), seen, wide))
+        Y = np.empty((len(inputs), seen))
+        JY = np.empty((1, 1, 0) if columns is None else (len(inputs), seen, wide))
         columns = None if wide == 0 else columns
-        around = self.around.driver(memory, u, p, columns, after, self.readings)
-        times = time_s, period_s, step
+        around = self.around.driver(memory, inputs, p, columns, self.readings)
+        times = inputs.time_s, inputs.period_s, step
         run = self._run_copies if isinstance(self.simulator, Carrier) else self._run_compiled
         bad = run(memory, around, p, columns, times, Y, JY)
         memory.begin = memory.join = False
@@ -284,11 +291,10 @@ class SteppedProgram:
     def run_windows(
         self,
         memory: Memory,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         windows: WindowStarts,
         *,
-        period_s: float,
         stepping: Stepping | None = None,
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
@@ -300,14 +306,11 @@ class SteppedProgram:
             program = self.with_slopes(known.part(start, stop)) if known else self
             Y, JY, bad = program.run(
                 memory,
-                u[start:stop],
+                inputs.part(start, stop),
                 p,
-                period_s=period_s,
-                time_s=(windows.first + start) * period_s,
                 stepping=stepping,
                 columns=columns,
                 weights=weights,
-                after=u[stop] if stop < len(u) else None,
             )
             fine = bad < 0 and bool(np.isfinite(Y).all())
             yield SimulatedWindow(Y, JY, memory.x.copy(), memory.S[:n].copy(), fine)
@@ -337,7 +340,7 @@ class SteppedProgram:
         self._read_start(x, S, p, none)
         inside = replace(memory.copy(), x=x)
         rates = self.around.rate_matrix(inside, u, p, period_s=period_s, time_s=time_s) @ S
-        self.run(trial, u[None, :], p, period_s=period_s, time_s=time_s, columns=none)
+        self.run(trial, SampledInputs(u[None, :], period_s, time_s), p, columns=none)
         # An equivalent rate: the simulator has no derivative in time, only the map of an
         # exchange.
         matrix = (trial.S[:nx, :nx] - np.eye(nx)) / period_s
@@ -353,7 +356,9 @@ class SteppedProgram:
         matrix = self.rate_matrix(memory, u, p, period_s=period_s, time_s=time_s)
         if isinstance(self.simulator, Carrier):
             return matrix
-        around = self.around.driver(memory.copy(), u[None, :], p, None, None, self.readings)
+        around = self.around.driver(
+            memory.copy(), SampledInputs(u[None, :], period_s), p, None, self.readings
+        )
         inside, n = around.arrays.x, self.simulated
         self._read_start(inside, around.arrays.S, p, None)
         x, (parameters, none) = (

@@ -142,15 +142,7 @@ def fit_held(fitted: Fit, places: Iterable[int]) -> Fit:
     if not reduced.residuals:
         return reduced
     # No steps, but all parameters free: the covariance then covers those that were held as well.
-    whole = fit(
-        problem,
-        p=reduced.p,
-        starts=reduced.starts,
-        weights=reduced.weights,
-        stepping=reduced.stepping,
-        continuity=reduced.continuity,
-        iterations=0,
-    )
+    whole = fit(problem, reduced.end, iterations=0)
     return replace(whole, converged=reduced.converged, why=reduced.why)
 
 
@@ -187,11 +179,7 @@ def _without(refit: Refit, term: Effect, iterations: int) -> Refit:
         p[place] = refit.fit.p[before.keys[key]]
     fitted = fit(
         problem,
-        p=p,
-        starts=refit.fit.starts,
-        weights=refit.fit.weights,
-        stepping=refit.fit.stepping,
-        continuity=refit.fit.continuity,
+        replace(refit.fit.end, p=p),
         iterations=iterations,
     )
     return Refit.of(evidence, assembly, fitted)

@@ -33,7 +33,7 @@ from pamid.estimation.multiple_shooting import (
     WindowSums,
     reduced,
 )
-from pamid.estimation.problem import Problem
+from pamid.estimation.problem import FitStart, Problem
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Window
 
@@ -213,22 +213,17 @@ class ChordShooting(MultipleShooting):
 def begin_chords(
     problem: Problem,
     frozen: FrozenJacobian,
-    *,
-    p: Array,
-    starts: tuple[Array, ...],
-    weights: Weights,
-    continuity: tuple[Array, ...],
-    stepping: Stepping,
+    start: FitStart,
 ) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
     """The least squares of a fit by chord steps, and the point where it begins.
 
     Parameters
     ----------
     problem : of a model with the parameters of `frozen` and more, over the same tracks
-    p : all parameters (SI)
-    starts : states at the start of every window, per track (windows, states)
-    weights, continuity, stepping : as of `pamid.estimation.multiple_shooting.fit`
+    start : with parameters, states, weights and stepping
     """
+    p, starts, weights, stepping = start.p, start.starts, start.weights, start.stepping
+    assert p is not None and starts is not None and weights is not None and stepping is not None
     moves = []
     for entered in starts:
         # The spread over the windows is the only scale of a state that needs no knowledge of its
@@ -239,7 +234,7 @@ def begin_chords(
         moves.append(MOVE * np.where(size > 0.0, size, 1.0))
     shared = frozen.of_shared(problem)
     shooting = ChordShooting(
-        problem, p, weights, continuity, stepping, (), TOLERANCE, True, shared, tuple(moves)
+        problem, p, weights, start.continuity, stepping, (), TOLERANCE, True, shared, tuple(moves)
     )
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)

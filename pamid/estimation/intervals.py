@@ -112,12 +112,9 @@ class _BootstrapWork(Work[int, Array]):
         )
         done = fit(
             drawn,
-            p=f.p,
             # A draw is a small change of the data, so that it starts from the fit and needs few
             # steps.
-            starts=f.starts,
-            weights=f.weights,
-            stepping=f.stepping,
+            replace(f.end, continuity=()),
             iterations=8,
             tolerance=1e-2,
         )

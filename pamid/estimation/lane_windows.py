@@ -65,12 +65,10 @@ def run_lanes(
     fresh = np.zeros((len(program.states), lanes))
     Y, ends, _ = program.run_windows(
         program.memory(fresh, stepping=stepping, period_s=track.period_s),
-        track.u,
+        track.inputs,
         p,
         np.array([*(w.start for w in windows), windows[-1].stop]),
         entered,
-        period_s=track.period_s,
-        time_s=track.first * track.period_s,
         stepping=stepping,
         dependent=dependent,
     )

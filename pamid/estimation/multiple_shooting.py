@@ -35,7 +35,7 @@ from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquare
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
-from pamid.estimation.problem import Fit, Problem, Scale, careful_stepping
+from pamid.estimation.problem import FIRST_START, Fit, FitStart, Problem, Scale, careful_stepping
 from pamid.estimation.weights import Weights
 from pamid.simulation.initial_state import CARRIED_INFORMATION, WindowStart
 from pamid.simulation.windows import Runner
@@ -401,23 +401,20 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
 
 def begin(
     problem: Problem,
+    start: FitStart = FIRST_START,
     *,
-    p: Array | None = None,
-    starts: tuple[Array, ...] | None = None,
-    weights: Weights | None = None,
     tolerance: float = TOLERANCE,
-    stepping: Stepping | None = None,
-    continuity: tuple[Array, ...] = (),
-    known: tuple[KnownSlopes | None, ...] = (),
     probe: bool = False,
 ) -> tuple[MultipleShooting, Iteration[ShootingPoint]]:
     """Return the least-squares problem of a fit and its starting point; arguments as of `fit`."""
-    p = problem.start() if p is None else p.copy()
-    stepping = stepping or careful_stepping(problem, p)
-    weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
+    p = problem.start() if start.p is None else start.p.copy()
+    stepping = start.stepping or careful_stepping(problem, p)
+    weights = start.weights or Weights(problem.noise, np.ones_like(problem.noise))
+    starts, continuity, known = start.starts, start.continuity, start.known
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
-    starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
+    if starts is None:
+        starts = initial_states(problem, p, weights, stepping)
     unweighted = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
     runners = tuple(
         Runner(problem.assembly, track, stepping, problem.free).keeping(known[i] if known else None)
@@ -447,15 +444,10 @@ def begin(
 
 def fit(
     problem: Problem,
+    start: FitStart = FIRST_START,
     *,
-    p: Array | None = None,
-    starts: tuple[Array, ...] | None = None,
-    weights: Weights | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
-    stepping: Stepping | None = None,
-    continuity: tuple[Array, ...] = (),
-    known: tuple[KnownSlopes | None, ...] = (),
     exact: bool = True,
     progress: Progress | None = None,
     probe: bool = False,
@@ -468,20 +460,10 @@ def fit(
     ----------
     problem
         Model, tracks, priors and free parameters.
-    p
-        Starting parameters (SI; default: `Problem.start`). The priors do not depend on them.
-    starts
-        States at the start of every window, per track (default: estimated).
-    weights
-        Weights of the residuals (default: the sensor noise).
+    start
+        Where the fit begins.
     iterations, tolerance
         Maximum number of steps; gain of the cost below which the fit has converged.
-    stepping
-        Integration steps per sample (default: chosen for the recordings).
-    continuity
-        Weights of the jumps between windows, per track (default: from the first point).
-    known
-        Initial slopes of a stepped rig along the same tracks, reused while they hold.
     exact
         Whether the fit ends with newly computed slopes. If False, or for a probe, the slopes are
         returned for reuse in a later fit.
@@ -493,13 +475,8 @@ def fit(
     """
     shooting, begun = begin(
         problem,
-        p=p,
-        starts=starts,
-        weights=weights,
+        start,
         tolerance=tolerance,
-        stepping=stepping,
-        continuity=continuity,
-        known=known,
         probe=probe,
     )
     if not begun.point.normal.fine:

@@ -69,6 +69,28 @@ class Problem:
         return cut(len(track), max(SHORTEST, round(seconds / track.period_s)))
 
 
+@dataclass(frozen=True, eq=False)
+class FitStart:
+    """Where a fit begins.
+
+    p: parameters (SI; default: `Problem.start`; the priors do not depend on them); starts: states
+    at the start of every window, per track (default: estimated); weights: of the residuals
+    (default: the sensor noise); stepping: integration steps per sample (default: chosen for the
+    recordings); continuity: weights of the jumps between windows, per track (default: from the
+    first point); known: slopes of a stepped rig along the same tracks, reused while they hold.
+    """
+
+    p: Array | None = None
+    starts: tuple[Array, ...] | None = None
+    weights: Weights | None = None
+    stepping: Stepping | None = None
+    continuity: tuple[Array, ...] = ()
+    known: tuple[KnownSlopes | None, ...] = ()
+
+
+FIRST_START = FitStart()
+
+
 @dataclass(frozen=True)
 class Fit:
     """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see
@@ -91,6 +113,11 @@ class Fit:
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
     # per track: slopes of a simulator, for a fit that goes on from here
     known: tuple[KnownSlopes | None, ...] = field(repr=False, compare=False, default=())
+
+    @property
+    def end(self) -> FitStart:
+        """Where the fit has ended, as the start of another."""
+        return FitStart(self.p, self.starts, self.weights, self.stepping, self.continuity)
 
     @cached_property
     def left(self) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.damped_gauss_newton import iterate
 from pamid.estimation.multiple_shooting import begin, fit
-from pamid.estimation.problem import Fit
+from pamid.estimation.problem import Fit, FitStart
 from pamid.estimation.robust_fit import fit_in_stages, fit_robustly
 from pamid.estimation.weights import residual_weights
 
@@ -52,11 +52,7 @@ def escape_local_minimum(
         return fitted
     shooting, begun = begin(
         fitted.problem,
-        p=fitted.p if p is None else p,
-        starts=starts,
-        weights=fitted.weights,
-        stepping=fitted.stepping,
-        continuity=fitted.continuity,
+        replace(fitted.end, p=fitted.p if p is None else p, starts=starts),
         probe=True,
     )
     if not begun.point.normal.fine:
@@ -75,10 +71,7 @@ def _reweighted(fitted: Fit, noise: Array) -> Fit:
         weights = residual_weights(fitted.residuals, noise, fitted.problem.window)
         refit = fit(
             fitted.problem,
-            p=fitted.p,
-            starts=fitted.starts,
-            weights=weights,
-            stepping=fitted.stepping,
+            replace(fitted.end, weights=weights, continuity=()),
         )
         if not refit.residuals:
             break
@@ -123,10 +116,7 @@ def is_failed(fitted: Fit) -> bool:
         return True
     _, begun = begin(
         fitted.problem,
-        p=fitted.problem.start(),
-        weights=fitted.weights,
-        stepping=fitted.stepping,
-        continuity=fitted.continuity,
+        replace(fitted.end, p=fitted.problem.start(), starts=None),
         probe=True,
     )
     return begun.point.normal.fine and begun.point.cost < fitted.cost
@@ -146,7 +136,7 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
             # From the prior itself, so that no range of starting values has to be invented.
             s = random.standard_normal(len(problem.free))
             p[list(problem.free)] = scale.outside(np.clip(s, scale.low, scale.high))
-        tried = fit(problem, p=p, weights=weights, iterations=DRAW_STEPS, stepping=None)
+        tried = fit(problem, FitStart(p=p, weights=weights), iterations=DRAW_STEPS)
         if tried.residuals and tried.cost < least:
             best, least = tried, tried.cost
     return fitted if best is fitted else _reweighted(best, noise)

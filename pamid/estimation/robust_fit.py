@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import Progress, fit
-from pamid.estimation.problem import Fit, Problem
+from pamid.estimation.problem import Fit, FitStart, Problem
 from pamid.estimation.weights import Weights, residual_weights
 
 Array = NDArray[np.float64]
@@ -33,7 +33,9 @@ def fit_robustly(
     """
     noise = problem.noise
     alone = Weights(noise, np.ones_like(noise))
-    fitted = fit(problem, p=p, iterations=1, weights=alone, stepping=stepping, exact=False)
+    fitted = fit(
+        problem, FitStart(p=p, weights=alone, stepping=stepping), iterations=1, exact=False
+    )
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)
         if fitted.residuals
@@ -42,13 +44,10 @@ def fit_robustly(
     )
     fitted = fit(
         problem,
-        p=p,
-        weights=weights,
+        FitStart(p=p, weights=weights, stepping=fitted.stepping, known=fitted.known),
         progress=progress,
         tolerance=1e-2,
-        known=fitted.known,
         iterations=FIRST_STEPS,
-        stepping=fitted.stepping,
         exact=False,
     )
     for rounds_left in range(ROUNDS - 2, -1, -1):
@@ -59,11 +58,7 @@ def fit_robustly(
         weights = residual_weights(fitted.residuals, noise, problem.window)
         fitted = fit(
             problem,
-            p=fitted.p,
-            starts=fitted.starts,
-            weights=weights,
-            stepping=fitted.stepping,
-            known=fitted.known,
+            replace(fitted.end, weights=weights, continuity=(), known=fitted.known),
             exact=rounds_left == 0,
             progress=progress,
             tolerance=1e-3,

@@ -15,7 +15,7 @@ import numpy as np
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.observed_sizes import observed_sizes
-from pamid.estimation.problem import SHORTEST, Problem, free_parameters
+from pamid.estimation.problem import SHORTEST, FitStart, Problem, free_parameters
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.simulation.data_split import DataSplit
 
@@ -52,11 +52,11 @@ def first_step_helps(problem: Problem) -> bool:
     """Whether the undamped step from the data sheet lowers the cost; False if the model
     diverges."""
     noise_weights = Weights(problem.noise, np.ones_like(problem.noise))
-    first = fit(problem, weights=noise_weights, iterations=1, exact=False)
+    first = fit(problem, FitStart(weights=noise_weights), iterations=1, exact=False)
     if not first.residuals:
         return False
     weights = residual_weights(first.residuals, problem.noise, problem.window)
-    shooting, start = begin(problem, weights=weights, known=first.known, probe=True)
+    shooting, start = begin(problem, FitStart(weights=weights, known=first.known), probe=True)
     if not start.point.normal.fine:
         return False
     end_point = shooting.moved(start.point, shooting.step(start.point, 0.0), last=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
     PERIODS,
@@ -258,7 +259,9 @@ class Assembly:
         begun = self.start(p)
         begun[: len(x)] = x
         memory = self.program.memory(begun, period_s=self.rig.period_s)
-        outputs: Array = self.program.run(memory, u[None, :], p, period_s=self.rig.period_s)[0]
+        outputs: Array = self.program.run(memory, SampledInputs(u[None, :], self.rig.period_s), p)[
+            0
+        ]
         return outputs[0]
 
     def program_with(self, extra: dict[str, Expr]) -> Executable:

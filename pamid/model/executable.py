@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError
 from pamid.engine.lane_program import build_lane_program
 from pamid.engine.program import Program, Stepping, build_program
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.serial_lanes import SerialLanes
 from pamid.engine.stepped import SteppedProgram
 from pamid.model.rig import Rig
@@ -47,24 +48,19 @@ class Lanes(Protocol):
     def run(
         self,
         memory: Any,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
-        after: Array | None = None,
     ) -> tuple[Array, NDArray[np.int64]]: ...
     def run_windows(
         self,
         memory: Any,
-        u: Array,
+        inputs: SampledInputs,
         p: Array,
         edges: NDArray[np.int64],
         entered: Array,
         *,
-        period_s: float,
-        time_s: float = 0.0,
         stepping: Stepping | None = None,
         dependent: int | None = None,
     ) -> tuple[Array, Array, NDArray[np.int64]]: ...

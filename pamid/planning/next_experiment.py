@@ -28,7 +28,7 @@ from pamid.diagnosis.comparison import families_of
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
-from pamid.estimation.problem import Problem
+from pamid.estimation.problem import FitStart, Problem
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.excitation.experiments import (
     MOST_EXPERIMENT_SAMPLES,
@@ -362,23 +362,25 @@ class _RivalModel:
         left = self.left
         done = fit(
             problem,
-            p=f.p,
-            stepping=self.stepping,
+            FitStart(
+                p=f.p,
+                weights=residual_weights(left, self.noise, problem.window),
+                stepping=self.stepping,
+            ),
             iterations=ADJUSTING_STEPS,
             tolerance=ADJUSTING_TOLERANCE,
-            weights=residual_weights(left, self.noise, problem.window),
             exact=False,
         )
         if done.residuals:
             left = done.residuals
             done = fit(
                 problem,
-                p=done.p,
-                starts=done.starts,
-                continuity=done.continuity,
-                stepping=self.stepping,
-                known=done.known,
-                weights=residual_weights(left, self.noise, problem.window),
+                replace(
+                    done.end,
+                    weights=residual_weights(left, self.noise, problem.window),
+                    stepping=self.stepping,
+                    known=done.known,
+                ),
                 iterations=ADJUSTING_STEPS,
                 tolerance=ADJUSTING_TOLERANCE,
             )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.model.executable import Executable, Lanes
@@ -60,6 +61,7 @@ def _chosen_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x:
     memory = program.memory(x, stepping=careful, period_s=period_s)
     fastest = 0.0
     block = max(1, min(len(u), LOOKED_AT) // 40)
+    inputs = SampledInputs(u, period_s)
     for i in range(0, min(len(u), LOOKED_AT), block):
         matrix = (
             program.exchange_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s)
@@ -68,18 +70,7 @@ def _chosen_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x:
         )
         if matrix is not None and np.isfinite(matrix).all():
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)))
-        if (
-            program.run(
-                memory,
-                u[i : i + block],
-                p,
-                period_s=period_s,
-                time_s=i * period_s,
-                stepping=careful,
-                after=u[i + block] if i + block < len(u) else None,
-            )[2]
-            >= 0
-        ):
+        if program.run(memory, inputs.part(i, i + block), p, stepping=careful)[2] >= 0:
             break
     return _stepping_for(fastest, period_s, program)
 
@@ -98,6 +89,7 @@ def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array
     memory = lanes.memory(x, stepping=careful, period_s=period_s)
     fastest, running = np.zeros(x.shape[1]), np.ones(x.shape[1], bool)
     block = max(1, min(len(u), LOOKED_AT) // 40)
+    inputs = SampledInputs(u, period_s)
     for i in range(0, min(len(u), LOOKED_AT), block):
         if i:
             time = i * period_s
@@ -105,15 +97,7 @@ def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array
             for lane in np.flatnonzero(running & np.isfinite(matrices).all(axis=(1, 2))):
                 radius = np.abs(np.linalg.eigvals(matrices[lane])).max(initial=0.0)
                 fastest[lane] = max(fastest[lane], float(radius))
-        _, bad = lanes.run(
-            memory,
-            u[i : i + block],
-            p,
-            period_s=period_s,
-            time_s=i * period_s,
-            stepping=careful,
-            after=u[i + block] if i + block < len(u) else None,
-        )
+        _, bad = lanes.run(memory, inputs.part(i, i + block), p, stepping=careful)
         running &= bad < 0
     return [_stepping_for(f, period_s, lanes) for f in fastest.tolist()]
 
@@ -148,7 +132,7 @@ def free_run(
     step = stepping or choose_stepping(assembly, u, p, period_s, x)
     program = assembly.program_with(dict(further)) if further else assembly.program
     memory = program.memory(x, stepping=step, period_s=period_s)
-    outputs, _, bad = program.run(memory, u, p, period_s=period_s, stepping=step)
+    outputs, _, bad = program.run(memory, SampledInputs(u, period_s), p, stepping=step)
     names = program.outputs
     return FreeRun(outputs, bad, memory, names, outputs[:, len(names) - len(further or ()) :])
 
@@ -206,7 +190,7 @@ def noiseless_recordings(
         chosen = [k for k, s in enumerate(steppings) if s == stepping]
         memory = lanes.memory(x[:, chosen], stepping=stepping, period_s=period)
         Y, bad = lanes.run(
-            memory, u[:, :, chosen], p[:, chosen], period_s=period, stepping=stepping
+            memory, SampledInputs(u[:, :, chosen], period), p[:, chosen], stepping=stepping
         )
         for lane, k in enumerate(chosen):
             if bad[lane] < 0:

@@ -204,12 +204,7 @@ def run_windows(
     values = Runner(assembly, track, stepping).parameters(p)
     memory = program.memory(assembly.start(values), stepping=stepping, period_s=track.period_s)
     runs = program.run_windows(
-        memory,
-        track.u,
-        values,
-        window_starts(track, windows, starts),
-        period_s=track.period_s,
-        stepping=stepping,
+        memory, track.inputs, values, window_starts(track, windows, starts), stepping=stepping
     )
     return np.nan_to_num(np.concatenate([run.Y for run in runs]))
 

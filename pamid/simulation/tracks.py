@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, column_size, size_to_si, split_column
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level, sensor_noise
@@ -48,6 +49,10 @@ class Track:
 
     def __len__(self) -> int:
         return len(self.u)
+
+    @property
+    def inputs(self) -> SampledInputs:
+        return SampledInputs(self.u, self.period_s, self.first * self.period_s)
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:

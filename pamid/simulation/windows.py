@@ -112,19 +112,16 @@ class Runner:
     ) -> tuple[Array, Array, bool]:
         """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all
         stay finite?"""
-        t, behind, program = self.track, window.stop, self.assembly.program
+        program = self.assembly.program
         if self.known is not None:
             program = program.with_slopes(self.known.part(window.start, window.stop))
         Y, J, bad = program.run(
             memory,
-            t.u[window.start : window.stop],
+            self.track.inputs.part(window.start, window.stop),
             p,
-            period_s=t.period_s,
-            time_s=(t.first + window.start) * t.period_s,
             stepping=self.stepping,
             columns=self.columns if sensitivities else None,
             weights=weights,
-            after=t.u[behind] if behind < len(t.u) else None,
         )
         return (
             Y,
@@ -148,10 +145,9 @@ class Runner:
             program = program.with_slopes(self.known)
         return program.run_windows(
             memory,
-            t.u,
+            t.inputs,
             p,
             window_starts(t, windows, starts, len(self.free)),
-            period_s=t.period_s,
             stepping=self.stepping,
             columns=self.columns if sensitivities else None,
             weights=weights,
@@ -164,4 +160,4 @@ def window_starts(
     """Windows of a track with the states at their starts (windows x states); column: of the first
     of these among the sensitivities."""
     edges = np.array([(w.start, w.stop) for w in windows], np.int64).reshape(-1, 2)
-    return WindowStarts(edges, starts, column, track.first)
+    return WindowStarts(edges, starts, column)

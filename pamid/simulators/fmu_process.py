@@ -84,16 +84,16 @@ class FmuProcess(Carrier):
     # ---- whole runs ------------------------------------------------------------------------------
 
     def run_there(
-        self, program: SteppedProgram, memory: Memory, *course: Any
+        self, program: SteppedProgram, memory: Memory, course: Course
     ) -> tuple[Array, Array, int]:
         """See `pamid.engine.stepped.FarRunner`."""
-        request = run_request(memory, Course(*course))
+        request = run_request(memory, course)
         saved = memory.saved and [
             memory.saved[0].number,
             *(sorted((c, state.number) for c, state in memory.saved[1].items())),
         ]
         about = {"what": "run", "program": self._number(program), "saved": saved}
-        patience = 1.0 + len(course[0]) / PATIENT_SAMPLES
+        patience = 1.0 + len(course.inputs) / PATIENT_SAMPLES
         parcel = self._exchange(Parcel({**request.about, **about}, request.numbers), patience)
         self.compiled, header = True, parcel.about
         result = take_answer(memory, parcel)

@@ -66,14 +66,11 @@ class FmuRuns:
         program: SteppedProgram = self.host.programs[about["program"]]
         result = program.run(
             memory,
-            course.u,
+            course.inputs,
             course.p,
-            period_s=course.period_s,
-            time_s=course.time_s,
             stepping=course.stepping,
             columns=course.columns,
             weights=course.weights,
-            after=course.after,
         )
         answer = run_answer(memory, result)
         header: dict[str, Any] = {**answer.about, "kept": [], "columns": []}

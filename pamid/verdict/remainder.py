@@ -279,13 +279,7 @@ def _signals(program: Executable, runner: Runner, x: Array, p: Array, over: Wind
     track = runner.track
     memory = program.memory(x, stepping=runner.stepping, period_s=track.period_s)
     return program.run(
-        memory,
-        track.u[over.start : over.stop],
-        p,
-        period_s=track.period_s,
-        stepping=runner.stepping,
-        time_s=(track.first + over.start) * track.period_s,
-        after=track.u[over.stop] if over.stop < len(track.u) else None,
+        memory, track.inputs.part(over.start, over.stop), p, stepping=runner.stepping
     )[0].mean(axis=0)
 
 

@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.checks.conformance import effect_findings
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.effect import KINDS, problems
@@ -104,7 +105,7 @@ def run(form: type[FreeFormEffect], at: Array, speed: Array, period_s: float) ->
     p = np.array([known[b.key.rpartition(":")[2]] for b in assembly.parameters])
     memory = assembly.program.memory(assembly.start(p), period_s=period_s)
     u = np.column_stack([at, speed])
-    seen, _, bad = assembly.program.run(memory, u, p, period_s=period_s)
+    seen, _, bad = assembly.program.run(memory, SampledInputs(u, period_s), p)
     assert bad == -1
     return seen[:, 0]
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from pamid.diagnosis.budget import Budget, budget_of
 from pamid.diagnosis.pipeline import diagnose
 from pamid.estimation.grey_box import GreyBox, fit_model, refitted_from
 from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import Fit
+from pamid.estimation.problem import FitStart
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.model.registry import effects
 from pamid.simulation.data_split import DataSplit
@@ -33,9 +30,10 @@ def trapped(model: GreyBox) -> GreyBox:
     """The model as if its fit had ended at half of the mass."""
     wrong, problem, noise = model.fit.p.copy(), model.fit.problem, model.evidence.noise
     wrong[model.assembly.keys["mass_kg"]] /= 2.0
-    stay: Callable[..., Fit] = partial(fit, problem, p=wrong, iterations=0)
-    residuals = stay(weights=Weights(noise, np.ones_like(noise))).residuals
-    fitted = stay(weights=residual_weights(residuals, noise, problem.window))
+    start = FitStart(wrong, weights=Weights(noise, np.ones_like(noise)))
+    residuals = fit(problem, start, iterations=0).residuals
+    weights = residual_weights(residuals, noise, problem.window)
+    fitted = fit(problem, replace(start, weights=weights), iterations=0)
     replays = tuple(
         replay_track(model.assembly, wrong, r.full_track, fitted.stepping, noise)
         for r in model.held_out

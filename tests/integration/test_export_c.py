@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from exported import STRICT, built, case
 
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.export.c_source import c_files, model_name
 from pamid.export.step import _input, step_of
 
@@ -95,11 +97,13 @@ def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
     u, memory = np.tile([0.3, 0.0], (201, 1)), None
     run = {"period_s": model.period_s, "stepping": model.stepping}
     memory = lower.program.memory(lower.start, **run)
-    lower.program.run(memory, u[:200], lower.values, **run)
+    begun = SampledInputs(u[:200], model.period_s)
+    lower.program.run(memory, begun, lower.values, stepping=model.stepping)
+    then = replace(begun, time_s=0.6)
     aside = memory.copy()
     heavy = lower.knowing({"inertia_kg_m2": 0.5})
-    first = lower.program.run(memory, u[:200], heavy.values, time_s=0.6, **run)[0][[0, -1], 0]
-    second = lower.program.run(aside, u[:200], lower.values, time_s=0.6, **run)[0][-1, 0]
+    first = lower.program.run(memory, then, heavy.values, stepping=model.stepping)[0][[0, -1], 0]
+    second = lower.program.run(aside, then, lower.values, stepping=model.stepping)[0][-1, 0]
     assert np.allclose(np.array(done, float), np.degrees([*first, second]), rtol=1e-11, atol=0.0)
     assert abs(first[1] - second) > 1e-3
 

@@ -21,6 +21,7 @@ import pamid
 from pamid.base.errors import PamidError
 from pamid.correction.identified_model import Identified
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.excitation.aprbs import aprbs
 from pamid.export.fmu import make_fmu
 from pamid.export.step import step_of
@@ -63,10 +64,8 @@ def _run(a: Assembly, parts: int = 1) -> tuple[Array, Array]:
     for at in np.array_split(np.arange(SAMPLES), parts):
         y, by, bad = a.program.run(
             memory,
-            U[at],
+            SampledInputs(U[at], PERIOD, at[0] * PERIOD),
             p,
-            period_s=PERIOD,
-            time_s=at[0] * PERIOD,
             columns=np.arange(len(p), dtype=np.int64),
         )
         assert bad < 0

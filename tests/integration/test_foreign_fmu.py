@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import pamid
 from pamid.base.errors import PamidError
 from pamid.engine.program import WindowStarts
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
@@ -60,10 +61,8 @@ def _run(rig: FmuRig, parts: int = 1, u: Array = U) -> tuple[Array, Array]:
     for at in np.array_split(np.arange(len(u)), parts):
         y, by, bad = a.program.run(
             memory,
-            u[at],
+            SampledInputs(u[at], PERIOD, at[0] * PERIOD),
             p,
-            period_s=PERIOD,
-            time_s=at[0] * PERIOD,
             columns=np.arange(len(p), dtype=np.int64),
         )
         assert bad < 0
@@ -140,7 +139,7 @@ def test_slopes_of_an_exchange_are_those_of_the_equations(
         memory = program.memory(np.array([0.01, -0.2]), n, period_s=PERIOD)
         np.fill_diagonal(memory.S[:n], 1.0)
         none = np.full(len(p), -1, np.int64)
-        program.run(memory, np.array([[3.0]]), p, period_s=PERIOD, columns=none)
+        program.run(memory, SampledInputs(np.array([[3.0]]), PERIOD), p, columns=none)
         A = np.array([[0.0, 1.0, 0.0], [-40.0, -1.5, 0.5], [0.0, 0.0, 0.0]])
         step = expm(PERIOD * A)
         assert np.abs(memory.x - step[:2] @ (0.01, -0.2, 3.0)).max() <= 1e-9
@@ -152,9 +151,9 @@ def test_windows_in_a_row_send_a_program_once(both: dict[tuple[int, str], FmuFil
     a = Assembly(rig)
     p, u, n = a.values(), np.ones((20, 1)), len(rig.states)
     edges = np.array([(0, 10), (10, 20)], np.int64)
-    windows = WindowStarts(edges, np.tile(a.start(p), (2, 1)), 0, 0)
+    windows = WindowStarts(edges, np.tile(a.start(p), (2, 1)), 0)
     memory = a.program.memory(a.start(p), n, period_s=PERIOD)
-    ends = [w.end for w in a.program.run_windows(memory, u, p, windows, period_s=PERIOD)]
+    ends = [w.end for w in a.program.run_windows(memory, SampledInputs(u, PERIOD), p, windows)]
     assert np.array_equal(ends[0], ends[1])  # from the same start, with the same input
     assert dict(rig._process.programs) == {a.program: 1}
 
@@ -271,11 +270,11 @@ def test_what_goes_wrong_inside_is_a_sentence(
     process = rig._process
     if fault == "HANG":  # compiled before patience ends
         memory = a.program.memory(a.start(p), 0, period_s=PERIOD)
-        a.program.run(memory, U[:1], p, period_s=PERIOD)
+        a.program.run(memory, SampledInputs(U[:1], PERIOD), p)
         monkeypatch.setattr(fmu_process, "PATIENCE_S", 2.0)
     memory = a.program.memory(a.start(p), 0, period_s=PERIOD)
     with pytest.raises(PamidError, match=f"slider.fmu: the FMU failed: .*{words}"):
-        a.program.run(memory, U, p, period_s=PERIOD)
+        a.program.run(memory, SampledInputs(U, PERIOD), p)
     if fault in ("CRASH", "HANG"):
         assert process.child.poll() is not None  # the process is gone
 

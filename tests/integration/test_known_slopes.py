@@ -18,7 +18,7 @@ from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.engine.simulator import StepScales
 from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, FitStart, Problem, free_parameters
 from pamid.estimation.smoother import SlicedTrack, slices_of, start_trajectory
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
@@ -166,7 +166,7 @@ def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
     for most in (known_slopes.MOST_NUMBERS, 0):
         monkeypatch.setattr(known_slopes, "MOST_NUMBERS", most)
         copies.clear()
-        ended.append(fit(problem, stepping=Stepping(1)))
+        ended.append(fit(problem, FitStart(stepping=Stepping(1))))
         cost.append(sum(copies))
     one, other = ended
     assert one.converged and other.converged

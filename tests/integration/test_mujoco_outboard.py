@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects
@@ -61,7 +62,7 @@ def in_pamid(folder: Path, name: str = "", **values: float) -> Array:
         if name and b.owner == name:
             p[k] = values[b.name]
     memory = a.program.memory(a.start(p), stepping=Stepping(4), period_s=PERIOD)
-    y, _, bad = a.program.run(memory, SENT[:, None], p, period_s=PERIOD, stepping=Stepping(4))
+    y, _, bad = a.program.run(memory, SampledInputs(SENT[:, None], PERIOD), p, stepping=Stepping(4))
     assert bad < 0
     return y[:, 0]
 
@@ -174,7 +175,7 @@ def test_what_is_behind_a_spring_takes_the_other_joint_along(
     start = np.array([pose[n][k] for k in (0, 1) for n in joints] + list(twist))
     memory = a.program.memory(start, stepping=Stepping(1), period_s=(h := 1e-6))
     y, _, bad = a.program.run(
-        memory, np.array([torques, torques]), p, period_s=h, stepping=Stepping(1)
+        memory, SampledInputs(np.array([torques, torques]), h), p, stepping=Stepping(1)
     )
     assert bad < 0
     found = (y[1, 2:4] - y[0, 2:4]) / h
@@ -200,7 +201,7 @@ def test_sensitivities_in_a_twisted_arm(name: str, tmp_path: Path) -> None:
         memory = a.program.memory(a.start(p), width, stepping=Stepping(2), period_s=PERIOD)
         columns = np.arange(width) if width else None
         y, s, bad = a.program.run(
-            memory, u, p, period_s=PERIOD, stepping=Stepping(2), columns=columns
+            memory, SampledInputs(u, PERIOD), p, stepping=Stepping(2), columns=columns
         )
         assert bad < 0
         return y, s

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulators.compiled_rig import CompiledMechanism
@@ -55,7 +56,7 @@ def run(file: Path, u: Array, substeps: int = 1) -> tuple[Assembly, Array]:
     assert isinstance(a.rig, CompiledMechanism) and not a.rig.mechanism.hindrances
     p, step = a.values(), PERIOD / substeps
     memory = a.program.memory(a.start(p), period_s=step)
-    y, _, bad = a.program.run(memory, np.repeat(u, substeps, axis=0), p, period_s=step)
+    y, _, bad = a.program.run(memory, SampledInputs(np.repeat(u, substeps, axis=0), step), p)
     assert bad < 0
     return a, y[::substeps]
 
@@ -178,7 +179,7 @@ def test_a_touched_object_is_held_while_mujoco_steps(tmp_path: Path) -> None:
     a = Assembly(rig)
     p = a.values()
     memory = a.program.memory(a.start(p), period_s=0.005)
-    y, _, bad = a.program.run(memory, np.zeros((200, 1)), p, period_s=0.005)
+    y, _, bad = a.program.run(memory, SampledInputs(np.zeros((200, 1)), 0.005), p)
     assert bad < 0
     held = mujoco.MjModel.from_xml_string(text.replace("<freejoint/>", ""))
     data = mujoco.MjData(held)

@@ -13,6 +13,7 @@ from pamid_cli import frame
 
 import pamid
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.equations import rate_of
 from pamid.model.assembly import Assembly
 from pamid.recording.recording import read_recording
@@ -72,9 +73,9 @@ def test_rate_of_is_the_difference_of_samples(substeps: int) -> None:
     u = np.cumsum(np.random.default_rng(0).normal(size=(50, 1)), axis=0)
     step = Stepping(substeps)
     memory = assembly.program.memory(np.zeros(0), stepping=step, period_s=0.1)
-    first = assembly.program.run(memory, u[:20], np.zeros(0), period_s=0.1, stepping=step)[0]
+    first = assembly.program.run(memory, SampledInputs(u[:20], 0.1), np.zeros(0), stepping=step)[0]
     memory.join = True  # a window that is entered: what is recorded goes on as it is
-    then = assembly.program.run(memory, u[20:], np.zeros(0), period_s=0.1, stepping=step)[0]
+    then = assembly.program.run(memory, SampledInputs(u[20:], 0.1), np.zeros(0), stepping=step)[0]
     expected = np.diff(u[:, 0], prepend=u[0, 0]) / 0.1
     np.testing.assert_allclose(np.concatenate([first, then])[:, 0], expected, atol=1e-12)
 

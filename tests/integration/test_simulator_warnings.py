@@ -17,6 +17,7 @@ from pamid_cli import frame
 import pamid
 from pamid.base.json_file import read_json
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import SimulatorWarnings, add_warnings, counted_warnings
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
@@ -94,7 +95,7 @@ def built(path: Path, *, in_c: bool) -> Assembly:
 def run_of(a: Assembly) -> Array:
     memory = a.program.memory(a.start(a.values()), period_s=PERIOD_S)
     u = commands()[:300, None]
-    y, _, bad = a.program.run(memory, u, a.values(), period_s=PERIOD_S, stepping=Stepping(1))
+    y, _, bad = a.program.run(memory, SampledInputs(u, PERIOD_S), a.values(), stepping=Stepping(1))
     assert bad < 0
     return y
 

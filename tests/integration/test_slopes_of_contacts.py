@@ -11,6 +11,7 @@ import pytest
 
 import pamid
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Problem, free_parameters
@@ -63,9 +64,8 @@ def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly: A
     for k in range(len(COMMANDS)):
         *_, bad = assembly.program.run(
             memory,
-            COMMANDS[k : k + 1],
+            SampledInputs(COMMANDS[k : k + 1], PERIOD),
             p,
-            period_s=PERIOD,
             stepping=Stepping(1),
             columns=columns,
         )
@@ -80,7 +80,7 @@ def test_a_mass_is_found_on_the_floor(assembly: Assembly) -> None:
     settles rests on noise and a machine's last bits: 1.12 to 1.23 kg were seen."""
     program, truth = assembly.program, assembly.values({"sled_mass_kg": MASS})
     memory = program.memory(assembly.start(truth), period_s=PERIOD)
-    y, _, bad = program.run(memory, COMMANDS, truth, period_s=PERIOD, stepping=Stepping(1))
+    y, _, bad = program.run(memory, SampledInputs(COMMANDS, PERIOD), truth, stepping=Stepping(1))
     assert bad < 0
     y += 1e-4 * np.random.default_rng(0).standard_normal(y.shape)
     columns = {"time_s": PERIOD * np.arange(len(y))}

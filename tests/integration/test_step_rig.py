@@ -23,6 +23,7 @@ from pamid.checks.sheet_comparison import compared_with_sheet
 from pamid.checks.slips import slips_of_recording
 from pamid.correction.identified_model import load_identified
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.excitation.aprbs import aprbs
 from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
@@ -60,7 +61,7 @@ def _run(a: Assembly, substeps: int = 1) -> tuple[Array, Array]:
     memory = a.program.memory(a.start(p), k + n, stepping=step, period_s=PERIOD)
     memory.S[:n, k : k + n] = np.eye(n)
     y, by, bad = a.program.run(
-        memory, U, p, period_s=PERIOD, stepping=step, columns=np.arange(k, dtype=np.int64)
+        memory, SampledInputs(U, PERIOD), p, stepping=step, columns=np.arange(k, dtype=np.int64)
     )
     assert bad < 0
     return y, by[:, :, : k + n]
@@ -105,10 +106,10 @@ def test_a_start_far_from_rest_carries_on_from_window_to_window() -> None:
     a = _with(SteppedTwin(), "coulomb-friction@rail", "dead-time@ruler")
     p = a.values()
     whole = a.program.memory(a.start(p), period_s=PERIOD)
-    y = a.program.run(whole, U, p, period_s=PERIOD)[0]
+    y = a.program.run(whole, SampledInputs(U, PERIOD), p)[0]
     parts = a.program.memory(a.start(p), period_s=PERIOD)
     cuts = [
-        a.program.run(parts, U[i : i + 100], p, period_s=PERIOD, time_s=i * PERIOD)[0]
+        a.program.run(parts, SampledInputs(U[i : i + 100], PERIOD, i * PERIOD), p)[0]
         for i in range(0, len(U), 100)
     ]
     assert np.array_equal(y, np.concatenate(cuts))
@@ -129,7 +130,7 @@ def test_stiff_effects_are_exchanged_more_often() -> None:
     step = choose_stepping(a, U, p, PERIOD, a.start(p))
     assert step.substeps >= 8
     memory = a.program.memory(a.start(p), stepping=step, period_s=PERIOD)
-    y, _, bad = a.program.run(memory, U, p, period_s=PERIOD, stepping=step)
+    y, _, bad = a.program.run(memory, SampledInputs(U, PERIOD), p, stepping=step)
     assert bad < 0 and np.abs(y[:, 0]).max() < 0.1
 
 
@@ -323,7 +324,7 @@ def test_a_run_that_blows_up_says_when() -> None:
     a = _with(Fragile())
     p = a.values()
     memory = a.program.memory(a.start(p), period_s=PERIOD)
-    y, _, bad = a.program.run(memory, U, p, period_s=PERIOD)
+    y, _, bad = a.program.run(memory, SampledInputs(U, PERIOD), p)
     assert 0 < bad < len(U) - 1
     assert np.isfinite(y[: bad + 1]).all() and np.isnan(y[bad + 1 :]).all()
     with pytest.raises(PamidError, match="became unstable at"):
@@ -358,7 +359,7 @@ def test_a_step_is_told_its_inputs_where_it_begins() -> None:
         a = Assembly(stated(rig, {"force_n": way}))
         p = a.values()
         memory = a.program.memory(a.start(p), period_s=0.01)
-        runs.append(a.program.run(memory, u, p, period_s=0.01)[0])
+        runs.append(a.program.run(memory, SampledInputs(u, 0.01), p)[0])
     assert np.array_equal(*runs) and np.ptp(runs[0]) > 0.0
     columns = {"force_n": u[:, 0]} | dict(zip(a.program.outputs, runs[0].T, strict=True))
     recording = recording_of(0.01 * np.arange(len(u)), columns, {}, name="levels")

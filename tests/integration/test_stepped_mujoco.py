@@ -16,6 +16,7 @@ import pamid
 from pamid.base.errors import PamidError
 from pamid.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.stepped import SteppedProgram
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.observed_sizes import observed_sizes
@@ -89,7 +90,7 @@ def _by_itself(path: Path, torque: Any = None) -> tuple[Array, int]:
 
 def _run(a: Assembly, p: Array) -> Array:
     memory = a.program.memory(a.start(p), period_s=PERIOD)
-    y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD, stepping=Stepping(1))
+    y, _, bad = a.program.run(memory, SampledInputs(COMMANDS, PERIOD), p, stepping=Stepping(1))
     assert bad < 0
     order = [a.program.outputs.index(n) for n in NAMES]
     return y[:, order]
@@ -133,9 +134,8 @@ def test_its_library_is_called_as_its_python_package_is(
         memory.S[:n, k : k + n] = np.eye(n)
         y, by, bad = a.program.run(
             memory,
-            COMMANDS,
+            SampledInputs(COMMANDS, PERIOD),
             p,
-            period_s=PERIOD,
             stepping=Stepping(2),
             columns=np.arange(k, dtype=np.int64),
             weights=np.arange(1.0, 5.0),
@@ -171,7 +171,7 @@ def test_slopes_are_kept_in_its_library_as_in_python(
             memory.S[:n, k : k + n] = np.eye(n)
             keeping = replace(program, known=known)
             *found, bad = keeping.run(
-                memory, COMMANDS, p, period_s=PERIOD, stepping=step, columns=columns
+                memory, SampledInputs(COMMANDS, PERIOD), p, stepping=step, columns=columns
             )
             assert bad < 0
             runs.append(found)
@@ -306,7 +306,7 @@ def test_what_becomes_unstable_is_seen_and_not_begun_anew(
     p = a.values()
     p[a.keys["knee_damping"]] = -50.0
     memory = a.program.memory(a.start(p), period_s=PERIOD)
-    y, _, bad = a.program.run(memory, COMMANDS, p, period_s=PERIOD)
+    y, _, bad = a.program.run(memory, SampledInputs(COMMANDS, PERIOD), p)
     assert 0 <= bad < SAMPLES - 1
     assert np.isnan(y[bad + 1 :]).all()
     assert "unstable" not in "".join(capfd.readouterr())

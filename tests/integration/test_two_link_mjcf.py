@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import pamid
 from pamid.api.results import DiagnosisResult
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
@@ -46,7 +47,7 @@ def _accelerations(a: Assembly, states: Array) -> Array:
         x[: len(row)] = row
         memory = program.memory(x, period_s=PERIOD)
         p = a.values(KNOWN) if "attached" in a.keys else a.values()
-        y = program.run(memory, np.zeros((1, len(program.inputs))), p, period_s=PERIOD)[0]
+        y = program.run(memory, SampledInputs(np.zeros((1, len(program.inputs))), PERIOD), p)[0]
         found.append(y[0, -2:])
     return np.array(found)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Memory, Program, Stepping, build_program
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, expand_memory
 from pamid.symbolic.vocabulary import Expr
@@ -65,7 +66,7 @@ def run(
     step = stepping or Stepping()
     table = np.asarray(u, float).reshape(len(u), -1)
     y, _, bad = made.run(
-        begin(made, x, step), table, np.array(p, float), period_s=PERIOD_S, stepping=step
+        begin(made, x, step), SampledInputs(table, PERIOD_S), np.array(p, float), stepping=step
     )
     assert bad == -1
     return y
@@ -82,9 +83,8 @@ def sensitivities(
     table = np.asarray(u, float).reshape(len(u), -1)
     _, J, bad = made.run(
         memory,
-        table,
+        SampledInputs(table, PERIOD_S),
         np.array(p, float),
-        period_s=PERIOD_S,
         stepping=stepping,
         columns=np.arange(k, dtype=np.int64),
     )

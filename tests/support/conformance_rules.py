@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.excitation.experiments import usual_range
 from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Array, Assembly
@@ -140,7 +141,7 @@ def _closed_loop_commands(rig: Rig, rng: np.random.Generator, n: int) -> Array:
     p = closed.values()
     extra = {f"sent_{loop.command}": loop.command for loop in rig.loops}
     program = closed.program_with({k: symbol("cell", v) for k, v in extra.items()})
-    y, _, bad = program.run(program.memory(closed.start(p)), u, p, period_s=rig.period_s)
+    y, _, bad = program.run(program.memory(closed.start(p)), SampledInputs(u, rig.period_s), p)
     assert bad == -1
     sent = dict(zip(extra.values(), y[:, -len(extra) :].T, strict=True))
     plain = Assembly(rig).program.inputs
@@ -156,7 +157,9 @@ def one_sided(case: Case) -> bool:
     p = plain.values()
     period = plain.rig.period_s
     memory = program.memory(plain.start(p), stepping=STEPPING, period_s=period)
-    y, _, bad = program.run(memory, excitation(case.rig), p, period_s=period, stepping=STEPPING)
+    y, _, bad = program.run(
+        memory, SampledInputs(excitation(case.rig), period), p, stepping=STEPPING
+    )
     values = y[:, -len(through) :]
     assert bad == -1
     return bool(values.min() >= 0.0 or values.max() <= 0.0)
@@ -196,7 +199,7 @@ def run(
     if columns is not None:
         chosen = np.full(len(program.parameters), -1, np.int64)
         chosen[columns] = np.arange(len(columns))
-    return program.run(memory, u, p, period_s=period, stepping=stepping, columns=chosen)
+    return program.run(memory, SampledInputs(u, period), p, stepping=stepping, columns=chosen)
 
 
 @cache

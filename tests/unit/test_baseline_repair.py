@@ -20,6 +20,7 @@ from pamid.estimation.baseline_repair import (
 )
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import FitStart
 from pamid.model.background import Gain
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
@@ -49,7 +50,7 @@ def moved(model: GreyBox, **values: float) -> Refit:
     p = model.fit.p.copy()
     for key, value in values.items():
         p[model.assembly.index_of(key.replace("__", BACKGROUND))] = value
-    at = fit(model.fit.problem, p=p, weights=model.fit.weights, iterations=0)
+    at = fit(model.fit.problem, FitStart(p=p, weights=model.fit.weights), iterations=0)
     return Refit.of(model.evidence, model.assembly, at)
 
 
@@ -93,7 +94,7 @@ def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
     key = next(k for k in healthy.assembly.keys if k.startswith("background."))
     p = healthy.fit.p.copy()
     p[healthy.assembly.keys[key]] = healthy.assembly.parameters[healthy.assembly.keys[key]].high
-    at = fit(healthy.fit.problem, p=p, weights=healthy.fit.weights, iterations=0)
+    at = fit(healthy.fit.problem, FitStart(p=p, weights=healthy.fit.weights), iterations=0)
     bad = Refit.of(healthy.evidence, healthy.assembly, at)
     good = without_harmful_background(bad)
     assert not good.assembly.background_terms and not good.evidence.rig.background

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
 
@@ -18,7 +19,7 @@ def run(variant: str, **known: float) -> dict[str, np.ndarray]:
     p = a.values(known)
     memory = a.program.memory(a.start(p), period_s=0.003)
     u = np.zeros((1000, len(a.program.inputs)))
-    y, _, bad = a.program.run(memory, u, p, period_s=0.003, stepping=Stepping(4))
+    y, _, bad = a.program.run(memory, SampledInputs(u, 0.003), p, stepping=Stepping(4))
     assert bad == -1
     return dict(zip(a.rig.outputs, y.T, strict=True))
 

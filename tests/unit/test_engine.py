@@ -22,6 +22,7 @@ from compiled import (
 )
 
 from pamid.engine.program import Program, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -100,9 +101,8 @@ def test_sdirk2_follows_a_slow_input_through_a_rate_of_1e5() -> None:
     np.testing.assert_allclose(found[:, 1], slow, atol=2e-4)
     blown_up = made.run(
         begin(made, [5.0, 0.0], EXPLICIT),
-        u[:, None],
+        SampledInputs(u[:, None], PERIOD_S),
         np.zeros(0),
-        period_s=PERIOD_S,
         stepping=EXPLICIT,
     )[2]
     assert blown_up >= 0
@@ -120,7 +120,7 @@ def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width: float) -> None:
 def test_a_run_that_blows_up_names_its_sample() -> None:
     made = program({"x": X * X}, {"x": X})
     _, _, bad = made.run(
-        begin(made, [20.0], EXPLICIT), np.zeros((100, 1)), np.zeros(0), period_s=PERIOD_S
+        begin(made, [20.0], EXPLICIT), SampledInputs(np.zeros((100, 1)), PERIOD_S), np.zeros(0)
     )
     assert 4 <= bad <= 8  # x = 1/(0.05 - t) has its pole at sample 5
 
@@ -246,9 +246,8 @@ def test_sensitivities_of_the_joint_in_its_own_loop() -> None:
         memory = made.memory(a.start(values), len(free), stepping=Stepping(2), period_s=0.003)
         y, J, bad = made.run(
             memory,
-            u,
+            SampledInputs(u, 0.003),
             values,
-            period_s=0.003,
             stepping=Stepping(2),
             columns=chosen if sens else None,
         )
@@ -341,10 +340,8 @@ def test_two_calls_equal_one(cut: int, implicit: bool) -> None:
         parts = [
             made.run(
                 memory,
-                u[i:j],
+                SampledInputs(u[i:j], PERIOD_S, i * PERIOD_S),
                 p,
-                period_s=PERIOD_S,
-                time_s=i * PERIOD_S,
                 stepping=stepping,
                 columns=chosen,
             )
@@ -406,10 +403,12 @@ def test_a_memory_of_an_input_sees_the_step_with_which_a_window_begins(
     made = program({"x": remembered - X}, {"y": remembered}, ["b"], linear=linear)
     u, p = np.repeat([0.0, 5.0, 1.0, 4.0], 30)[:, None], np.array([2.0])
     whole, parts = begin(made, [0.0], EXPLICIT), begin(made, [0.0], EXPLICIT)
-    y, _, _ = made.run(whole, u, p, period_s=PERIOD_S)
+    y, _, _ = made.run(whole, SampledInputs(u, PERIOD_S), p)
     rows = []
     for first in range(0, len(u), 30):
         parts.join = first > 0
         after = u[first + 30] if first + 30 < len(u) else None
-        rows.append(made.run(parts, u[first : first + 30], p, period_s=PERIOD_S, after=after)[0])
+        rows.append(
+            made.run(parts, SampledInputs(u[first : first + 30], PERIOD_S, after=after), p)[0]
+        )
     np.testing.assert_allclose(np.concatenate(rows), y, rtol=1e-12, atol=1e-12)

@@ -19,7 +19,7 @@ from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit
-from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, FitStart, Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
@@ -84,13 +84,15 @@ def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
     for sign, i in zip(np.resize([1.0, -1.0], len(problem.free)), problem.free, strict=True):
         b = problem.assembly.parameters[i]
         moved[i] = np.clip(moved[i] * (1.0 + 0.1 * sign), b.low, b.high)
+    start = FitStart(done.p, weights=done.weights, stepping=done.stepping)
     settings: dict[str, Any] = {
-        "weights": done.weights,
-        "stepping": done.stepping,
         "iterations": 200,
         "tolerance": 1e-6,
     }
-    one, other = fit(problem, p=done.p, **settings), fit(problem, p=moved, **settings)
+    one, other = (
+        fit(problem, start, **settings),
+        fit(problem, replace(start, p=moved), **settings),
+    )
     assert one.converged and other.converged
     scale, free = done.problem.scale, list(problem.free)
     apart = np.abs(scale.inside(one.p[free]) - scale.inside(other.p[free])) / np.sqrt(
@@ -316,7 +318,7 @@ def test_no_convergence_is_a_value_with_a_reason(tmp_path: Path) -> None:
     assert not short.converged and short.why == "iterations used up" and np.isfinite(short.cost)
     p = problem.assembly.values()
     p[problem.assembly.index_of("stiffness_n_per_m")] = -1e7  # runs away within a window
-    lost = fit(problem, p=p, stepping=Stepping(1))
+    lost = fit(problem, FitStart(p=p, stepping=Stepping(1)))
     if lost.iterations == 0:
         assert not lost.converged and "unstable" in lost.why and lost.cost == np.inf
     # clipped into its bounds first: then it must end there

@@ -4,7 +4,7 @@ way to where exact steps lead."""
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -69,40 +69,15 @@ def test_a_candidate_is_integrated_as_finely_as_the_baseline(
     assert coarse.stepping.substeps < fine.stepping.substeps == 8
 
 
-def settings_of(f: Fit) -> dict[str, Any]:
-    """Window starts, weights and stepping of a fit, with which another begins."""
-    return {
-        "starts": f.starts,
-        "weights": f.weights,
-        "continuity": f.continuity,
-        "stepping": f.stepping,
-    }
-
-
 def chords(c: Candidate) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
-    f = c.fitted
-    return begin_chords(
-        c.problem,
-        c.frozen,
-        p=c.p,
-        **settings_of(f),
-    )
+    return begin_chords(c.problem, c.frozen, replace(c.fitted.end, p=c.p))
 
 
 def test_normal_equations_are_those_of_exact_derivatives(candidate: Candidate) -> None:
     """Of the fitted model itself, frozen where it is asked for: no column is out of date."""
     f = candidate.fitted
-    point = begin_chords(
-        f.problem,
-        candidate.frozen,
-        p=f.p,
-        **settings_of(f),
-    )[1].point
-    exact = begin(
-        f.problem,
-        p=f.p,
-        **settings_of(f),
-    )[1].point
+    point = begin_chords(f.problem, candidate.frozen, f.end)[1].point
+    exact = begin(f.problem, f.end)[1].point
     assert point.cost == pytest.approx(exact.cost, rel=1e-9)
     (D, off, B, gx), blocks = point.normal.blocks[0], exact.normal.blocks[0]
     for ours, theirs in zip(
@@ -118,11 +93,7 @@ def test_normal_equations_are_those_of_exact_derivatives(candidate: Candidate) -
 def test_own_columns_are_exact_where_shared_ones_are_frozen(candidate: Candidate) -> None:
     f, p = candidate.fitted, candidate.p
     shooting, begun = chords(candidate)
-    exact = begin(
-        candidate.problem,
-        p=p,
-        **settings_of(f),
-    )[1].point
+    exact = begin(candidate.problem, replace(f.end, p=p))[1].point
     shared, own = shooting.places
     assert len(own) == 2 and len(shared) == len(f.problem.free)
     for place in own:
@@ -134,12 +105,7 @@ def test_chord_steps_lead_where_exact_steps_lead(candidate: Candidate) -> None:
     f = candidate.fitted
     shooting, begun = chords(candidate)
     reached = iterate(shooting, begun, 12).point.cost
-    exact = fit(
-        candidate.problem,
-        p=candidate.p,
-        **settings_of(f),
-        iterations=12,
-    ).cost
+    exact = fit(candidate.problem, replace(f.end, p=candidate.p), iterations=12).cost
     gain = f.cost - exact
     assert gain > 10.0, "the cart rubs"
     assert f.cost - reached == pytest.approx(gain, rel=0.02)

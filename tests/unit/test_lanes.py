@@ -15,6 +15,7 @@ from pamid.engine.jit_cache import addresses
 from pamid.engine.lane_ir import lane_module_text
 from pamid.engine.lane_program import LaneProgram, build_lane_program
 from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.serial_lanes import SerialLanes
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
@@ -87,12 +88,13 @@ def test_lanes_are_single_runs(rig: str, names: tuple[str, ...], stepping: Stepp
     side_by_side = assembly.lane_program
     assert isinstance(side_by_side, LaneProgram)
     course = {"period_s": machine.period_s, "stepping": stepping}
+    inputs = SampledInputs(u, machine.period_s)
     memory = side_by_side.memory(x, **course)
-    Y, bad = side_by_side.run(memory, u, p, **course)
+    Y, bad = side_by_side.run(memory, inputs, p, stepping=stepping)
     assert Y.shape == (len(u), len(side_by_side.outputs), lanes)
     for lane in (0, 3, 10):
         single = assembly.program.memory(x[:, lane], **course)
-        y, _, lost = assembly.program.run(single, u, p[:, lane], **course)
+        y, _, lost = assembly.program.run(single, inputs, p[:, lane], stepping=stepping)
         assert bad[lane] == lost
         finite = len(u) if lost < 0 else lost
         assert _largest_error(Y[:finite, :, lane], y[:finite]) < TOLERANCE
@@ -159,10 +161,10 @@ def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
     lanes, single = _explosive()
     a = np.array([-1.0, 300.0, -2.0, 30.0, 0.0, -3.0, 1e4, -4.0, 40.0, -5.0])
     u, x = steps(1, 120)[:, None], np.ones((1, len(a)))
-    Y, bad = lanes.run(lanes.memory(x, period_s=PERIOD_S), u, a[None], period_s=PERIOD_S)
+    Y, bad = lanes.run(lanes.memory(x, period_s=PERIOD_S), SampledInputs(u, PERIOD_S), a[None])
     for k, value in enumerate(a):
         memory = single.memory(x[:, k], period_s=PERIOD_S)
-        y, _, lost = single.run(memory, u, np.array([value]), period_s=PERIOD_S)
+        y, _, lost = single.run(memory, SampledInputs(u, PERIOD_S), np.array([value]))
         assert (lost < 0) == (value <= 0.0)
         assert bad[k] == lost
         np.testing.assert_allclose(Y[:, :, k], y, rtol=1e-12)
@@ -192,11 +194,8 @@ def _single_windows(
         memory.join = True
         y, _, bad = single.run(
             memory,
-            u[start:stop],
+            SampledInputs(u, PERIOD_S, 1.0).part(start, stop),
             p,
-            period_s=PERIOD_S,
-            time_s=1.0 + start * PERIOD_S,
-            after=u[stop] if stop < len(u) else None,
         )
         assert bad < 0
         outputs.append(y)
@@ -216,7 +215,7 @@ def test_windows_carry_the_memory_of_their_lane() -> None:
     u, edges, p, entered = _windows_case()
     x = np.zeros((3, 11))
     memory = lanes.memory(x, period_s=PERIOD_S)
-    Y, ends, bad = lanes.run_windows(memory, u, p, edges, entered, period_s=PERIOD_S, time_s=1.0)
+    Y, ends, bad = lanes.run_windows(memory, SampledInputs(u, PERIOD_S, 1.0), p, edges, entered)
     assert (bad == -1).all() and Y.shape == (150, 3, 11) and ends.shape == (3, 3, 11)
     for lane in range(11):
         alone = single.memory(x[:, lane], period_s=PERIOD_S)
@@ -233,8 +232,8 @@ def test_lanes_that_depend_on_lane_0_take_over_its_memory(dependent: int) -> Non
     u, edges, p, entered = _windows_case()
     p[:, dependent:] = p[:, :1]
     memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
-    course = {"period_s": PERIOD_S, "time_s": 1.0}
-    Y, ends, bad = lanes.run_windows(memory, u, p, edges, entered, dependent=dependent, **course)
+    inputs = SampledInputs(u, PERIOD_S, 1.0)
+    Y, ends, bad = lanes.run_windows(memory, inputs, p, edges, entered, dependent=dependent)
     assert (bad == -1).all()
     base = single.memory(np.zeros(3), period_s=PERIOD_S)
     outputs, after = _single_windows(single, base.copy(), u, p[:, 0], edges, entered[:, :, 0])
@@ -246,11 +245,8 @@ def test_lanes_that_depend_on_lane_0_take_over_its_memory(dependent: int) -> Non
             memory_before.x[:2], memory_before.join = entered[w, :, lane], True
             y, _, _ = single.run(
                 memory_before,
-                u[start:stop],
+                SampledInputs(u, PERIOD_S, 1.0).part(start, stop),
                 p[:, 0],
-                period_s=PERIOD_S,
-                time_s=1.0 + start * PERIOD_S,
-                after=u[stop] if stop < len(u) else None,
             )
             np.testing.assert_allclose(Y[start:stop, :, lane], y, rtol=0, atol=1e-11)
             np.testing.assert_allclose(ends[w, :, lane], memory_before.x, rtol=0, atol=1e-11)
@@ -268,8 +264,11 @@ def test_lanes_of_a_simulator_are_its_runs() -> None:
     entered = 0.2 * random.standard_normal((2, n, 4))
     p[:, 3], entered[0, :, 3] = p[:, 0], entered[0, :, 0]  # the same up to the second window
     course = {"period_s": machine.period_s, "stepping": Stepping(1)}
+    inputs = SampledInputs(u, machine.period_s)
     memory = lanes.memory(np.zeros((n, 4)), **course)
-    Y, ends, bad = lanes.run_windows(memory, u, p, edges, entered, **course, dependent=3)
+    Y, ends, bad = lanes.run_windows(
+        memory, inputs, p, edges, entered, stepping=Stepping(1), dependent=3
+    )
     assert (bad == -1).all() and Y.shape == (50, len(lanes.outputs), 4)
     for lane in range(4):
         alone = assembly.program.memory(np.zeros(n), **course)
@@ -277,7 +276,7 @@ def test_lanes_of_a_simulator_are_its_runs() -> None:
             alone.x[:] = entered[w, :, lane]
             alone.join = True
             y, _, _ = assembly.program.run(
-                alone, u[start:stop], p[:, lane], time_s=start * machine.period_s, **course
+                alone, inputs.part(start, stop), p[:, lane], stepping=Stepping(1)
             )
             np.testing.assert_allclose(Y[start - 10 : stop - 10, :, lane], y, rtol=1e-12)
             np.testing.assert_allclose(ends[w, :, lane], alone.x, rtol=1e-12)
@@ -288,16 +287,14 @@ def test_windows_may_begin_within_a_track() -> None:
     u, edges, p, entered = _windows_case()
     memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
     late, ends, bad = lanes.run_windows(
-        memory.copy(), u, p, edges[1:], entered[1:], period_s=PERIOD_S, time_s=1.0
+        memory.copy(), SampledInputs(u, PERIOD_S, 1.0), p, edges[1:], entered[1:]
     )
     moved, same_ends, _ = lanes.run_windows(
         memory,
-        u[edges[1] :],
+        SampledInputs(u[edges[1] :], PERIOD_S, 1.0 + edges[1] * PERIOD_S),
         p,
         edges[1:] - edges[1],
         entered[1:],
-        period_s=PERIOD_S,
-        time_s=1.0 + edges[1] * PERIOD_S,
     )
     assert (bad == -1).all() and late.shape == (110, 3, 11)
     np.testing.assert_allclose(late, moved, rtol=0, atol=1e-12)

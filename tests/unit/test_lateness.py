@@ -12,6 +12,7 @@ import pytest
 from pamid.checks.recording_quality import examine
 from pamid.checks.rig_consistency import _fits_better_later
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -54,7 +55,7 @@ def test_a_reading_that_is_early_is_led_by_its_slope_where_the_rig_offers_none()
         given = {"clock-skew:start_s": -early * rig.period_s, "clock-skew:skew_ppm": 0.0}
         p = assembly.values(given)
         memory = assembly.program.memory(assembly.start(p), period_s=rig.period_s)
-        force.append(assembly.program.run(memory, u, p, period_s=rig.period_s)[0][100:, 0])
+        force.append(assembly.program.run(memory, SampledInputs(u, rig.period_s), p)[0][100:, 0])
     ahead, rise = force[1] - force[0], np.diff(force[0], append=np.nan)
     assert ahead[:-1] == pytest.approx(2.0 * rise[:-1], rel=0.05)
 

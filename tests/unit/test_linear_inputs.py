@@ -18,6 +18,7 @@ from pamid.checks.conformance import (
     sensitivity_error,
 )
 from pamid.engine.program import Program, Stepping, build_program
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.between_samples import as_recorded
@@ -46,9 +47,8 @@ def run(p: Program, value: float, start: float, stepping: Stepping, sens: bool =
     memory = begin(p, [start], stepping, 1)
     y, J, bad = p.run(
         memory,
-        U[:, None],
+        SampledInputs(U[:, None], H),
         np.array([value]),
-        period_s=H,
         stepping=stepping,
         columns=np.array([0]) if sens else None,
     )

@@ -11,6 +11,7 @@ import pytest
 from pamid_cli import frame
 
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
 from pamid.rigs.muscle import LAWS
@@ -31,7 +32,7 @@ def run(samples: int, u: np.ndarray, **known: float) -> np.ndarray:
     p = a.values(known)
     memory = a.program.memory(a.start(p), period_s=0.003)
     inputs = np.broadcast_to(u, (samples, 2)).copy()
-    y, _, bad = a.program.run(memory, inputs, p, period_s=0.003, stepping=Stepping(4))
+    y, _, bad = a.program.run(memory, SampledInputs(inputs, 0.003), p, stepping=Stepping(4))
     assert bad == -1
     return y
 
@@ -75,7 +76,7 @@ def test_rates_are_the_paper_s_equations() -> None:
         step = 1e-6
         memory = rates.program.memory(np.array([x[s.name] for s in rig.states]), period_s=step)
         u = np.broadcast_to([command, 7.0], (2, 2)).copy()
-        y, _, _ = rates.program.run(memory, u, rates.values(), period_s=step)
+        y, _, _ = rates.program.run(memory, SampledInputs(u, step), rates.values())
         assert y[0, 1] == pytest.approx(x["pressure"] - ATMOSPHERE, rel=1e-12)
         assert (y[1, 1] - y[0, 1]) / step == pytest.approx(expected, rel=1e-3)
         moved = y[1, 0] - y[0, 0]

@@ -12,6 +12,7 @@ from small_cart import RIG, cart_evidence, record_cart
 from pamid.diagnosis.candidate_model import candidate_from, refit, replayed
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
@@ -37,7 +38,7 @@ def test_slopes_are_those_of_the_value_behind_it() -> None:
             assembly.start(p), len(rig.parameters), stepping=stepping, period_s=0.01
         )
         y, s, bad = assembly.program.run(
-            memory, u, p, period_s=0.01, stepping=stepping, columns=columns
+            memory, SampledInputs(u, 0.01), p, stepping=stepping, columns=columns
         )
         assert bad == -1
         outputs.append(y[:, 0])

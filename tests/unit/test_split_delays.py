@@ -7,6 +7,7 @@ import pytest
 from compiled import parameter
 
 from pamid.engine.program import build_program
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.symbolic.expression import symbol, walk
 from pamid.symbolic.memory_cells import MOST_SPLIT, expand_memory
 from pamid.symbolic.vocabulary import Expr, delay, minimum, tangent, where
@@ -59,7 +60,7 @@ def test_a_step_sees_the_mean_of_what_is_made_of_a_command(count: int) -> None:
     period, u = 0.01, np.tile([[-1.0], [1.0], [1.0], [1.0]], (1, count))
     p = np.full(count, 0.5 * period)
     memory = program.memory(np.zeros(1), period_s=period)
-    Y, _, _ = program.run(memory, u, p, period_s=period)
+    Y, _, _ = program.run(memory, SampledInputs(u, period), p)
     # the first step sees -1 throughout, the second -1 and then +1
     flow = np.array([1.0, 0.5 * 1.0 + 0.5 * 2.0, 2.0])
     np.testing.assert_allclose(np.diff(Y[:, 0]), count * period * flow, rtol=1e-9)

@@ -9,6 +9,7 @@ import pytest
 from pendulums import SteppedTwin, WrittenPendulum
 
 from pamid.checks.short_fit import FitData, ShortFit, fit_data_of
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
@@ -22,7 +23,7 @@ def _data(rig: Rig) -> FitData:
     a = Assembly(rig)
     p = a.values()
     memory = a.program.memory(a.start(p), period_s=PERIOD)
-    y, _, _ = a.program.run(memory, u, p, period_s=PERIOD)
+    y, _, _ = a.program.run(memory, SampledInputs(u, PERIOD), p)
     columns = {"force_n": u[:, 0]} | dict(zip(a.program.outputs, y.T, strict=True))
     data = fit_data_of(recording_of(PERIOD * np.arange(len(u)), columns), rig)
     assert data is not None

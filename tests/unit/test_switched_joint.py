@@ -9,6 +9,7 @@ import pytest
 
 from pamid.api.options.names import entries
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, rigs
 from pamid.rigs.switched_joint import EDGE, SwitchedJoint
@@ -66,7 +67,7 @@ def test_listed_and_the_joint_where_nothing_is_late() -> None:
         u = np.zeros((400, len(a.traced.inputs)))
         u[:, 0] = 0.05 * np.sign(np.sin(np.arange(400) / 30.0))
         memory = a.program.memory(a.start(p), period_s=0.003)
-        found[name] = a.program.run(memory, u, p, period_s=0.003, stepping=Stepping(2))[0]
+        found[name] = a.program.run(memory, SampledInputs(u, 0.003), p, stepping=Stepping(2))[0]
     plain = found["one-dof"]
     scale = np.ptp(plain, axis=0)
     np.testing.assert_allclose(found["switched-joint"] / scale, plain / scale, rtol=0, atol=1e-9)

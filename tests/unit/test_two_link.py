@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.rigs.two_link import MUSCLES
@@ -78,7 +79,7 @@ def rates(a: Assembly, p: Array, x: Array, u: Array) -> Array:
     """dx/dt at a state: outputs of a program that has the state's rates among them."""
     program = a.program_with({f"rate.{s.name}": a.traced.rates[s.name] for s in a.rig.states})
     memory = program.memory(x, stepping=Stepping(), period_s=1e-9)
-    out, _, bad = program.run(memory, u[None, :], p, period_s=1e-9, stepping=Stepping())
+    out, _, bad = program.run(memory, SampledInputs(u[None, :], 1e-9), p, stepping=Stepping())
     assert bad < 0
     return out[0, -len(a.rig.states) :]
 
@@ -116,7 +117,7 @@ def test_a_gravity_swing_is_that_of_mujoco() -> None:
     period, n = 0.001, 5000
     program, step = a.program, Stepping(8)
     memory = program.memory(a.start(p), stepping=step, period_s=period)
-    y, _, _ = program.run(memory, np.zeros((n, 4)), p, period_s=period, stepping=step)
+    y, _, _ = program.run(memory, SampledInputs(np.zeros((n, 4)), period), p, stepping=step)
     worst = 0.0
     for k in range(n):
         worst = max(worst, float(np.abs(y[k] - data.qpos).max()))
@@ -133,7 +134,7 @@ def test_energy_is_kept_without_friction() -> None:
     program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states[:4]})
     period, step = 0.001, Stepping(8)
     memory = program.memory(a.start(p), stepping=step, period_s=period)
-    y, _, _ = program.run(memory, np.zeros((5000, 4)), p, period_s=period, stepping=step)
+    y, _, _ = program.run(memory, SampledInputs(np.zeros((5000, 4)), period), p, stepping=step)
     q1, q2, w1, w2 = y[:, -4:].T
     m1, c1, i1, l1, m2, c2, i2 = (float(p[a.keys[k]]) for k in list(OWN)[:7])
     v1 = c1 * w1
@@ -193,7 +194,7 @@ def test_a_chain_over_joint_1_pulls_there_what_it_winds() -> None:
         state = x.copy()
         state[0] = angle
         memory = program.memory(state, stepping=Stepping(), period_s=1e-9)
-        y = program.run(memory, u[None, :], p, period_s=1e-9, stepping=Stepping())[0][0]
+        y = program.run(memory, SampledInputs(u[None, :], 1e-9), p, stepping=Stepping())[0][0]
         outputs[name] = dict(zip(program.outputs, y, strict=True))
     slope = {
         i: (outputs["moved"][f"contraction_{i}"] - outputs["wrapped"][f"contraction_{i}"]) / 1e-5
