@@ -157,14 +157,14 @@ class FitData:
         # what was measured
         if begin is not None or not restarts:
             return best
+        reach = problem.minimum_by_stages if restart else problem.minimum
         read: FitPoint | None = None
-        for s in (np.zeros(len(problem.unset)), problem.unset.astype(float)):
-            if max(best.shares.values()) <= USUAL_ERROR or read and not s.any():
-                break
-            read = problem.at(s, read.x) if read else problem.readings(s)
-            reach = problem.minimum_by_stages if restart else problem.minimum
-            fit = FittedWindows(rig, reach(read, steps), problem)
-            best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
+        further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
+        for s in further[: 1 + problem.unset.any()]:
+            if max(best.shares.values()) > USUAL_ERROR:
+                read = problem.at(s, read.x) if read else problem.readings(s)
+                fit = FittedWindows(rig, reach(read, steps), problem)
+                best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:

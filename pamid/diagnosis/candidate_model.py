@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,16 +179,8 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
-class WindowBeginning(NamedTuple):
-    """Beginning of the windows of a fit: states per track (None: to be estimated), and how firmly
-    they are tied to the window before."""
-
-    starts: tuple[Array, ...] | None
-    continuity: tuple[Array, ...]
-
-
-def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
-    """States at the window starts, taken from another model's fit.
+def window_starts_from(base: Fit, assembly: Assembly) -> FitStart:
+    """Start at the end of another model's fit, with its states at the window starts.
 
     They are estimated anew where this model reads the size of a state and the other reads its sign.
     A fit would otherwise never leave the signs of the other's readings.
@@ -197,8 +188,8 @@ def window_starts_from(base: Fit, assembly: Assembly) -> WindowBeginning:
     known = base.problem.assembly
     # trying the signs compiles the model; most effects leave the readings as they are
     if not assembly.reads_as(known) and set(assembly.even_states) - set(known.even_states):
-        return WindowBeginning(None, ())
-    return WindowBeginning(base.starts, base.continuity)
+        return replace(base.end, starts=None, continuity=())
+    return base.end
 
 
 def known_along(fitted: Fit, stepping: Stepping | None = None) -> tuple[KnownSlopes | None, ...]:
@@ -253,14 +244,7 @@ def refit(
     def fitted_from(start: Array) -> Fit:
         return fit(
             problem,
-            FitStart(
-                p=start,
-                starts=begun.starts,
-                weights=base.weights,
-                stepping=stepping,
-                continuity=begun.continuity,
-                known=known,
-            ),
+            replace(begun, p=start, stepping=stepping, known=known),
             exact=False,
             iterations=REFIT_ITERATIONS,
             tolerance=REFIT_TOLERANCE,

@@ -217,11 +217,11 @@ def _diagnosis_from(
     located = locate(evidence, base, pool, alike=settings.port_alike)
     to_screen = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
     first_round = with_plainer_effects(search, comparison, run_round(search, base, to_screen))
-    lower = lower_baseline(search, comparison.ordered(first_round.models))
-    if lower is not None:
+    refitted = lower_baseline(search, comparison.ordered(first_round.models))
+    if refitted is not None:
         progress("the baseline had ended in a local minimum; beginning again")
-        again = budget_of(lower, seed=seed, progress=progress, settings=settings)
-        return _diagnosis_from(again, catalogue, seed, pool, progress)
+        lower = budget_of(refitted, seed=seed, progress=progress, settings=settings)
+        return _diagnosis_from(lower, catalogue, seed, pool, progress)
     guards = Guards(search)
     selection = select_effects(search, comparison, guards, located, first_round)
     reduced = selection.steps[0].reduced

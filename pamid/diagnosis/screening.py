@@ -497,14 +497,8 @@ class _Probe:
         stepping: Stepping | None,
     ) -> _Probed:
         """Take `steps` steps from p (SI) and these window starts."""
-        base_fit = self.reference.baseline.fit
-        start = replace(
-            base_fit.end,
-            p=p,
-            starts=starts,
-            stepping=stepping,
-            continuity=window_starts_from(base_fit, self.problem.assembly).continuity,
-        )
+        start = window_starts_from(self.reference.baseline.fit, self.problem.assembly)
+        start = replace(start, p=p, starts=starts, stepping=stepping)
         if self.frozen is None or starts is None:
             exact_fit = fit(
                 self.problem,

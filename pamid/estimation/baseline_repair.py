@@ -177,11 +177,7 @@ def _without(refit: Refit, term: Effect, iterations: int) -> Refit:
     p = assembly.values()
     for key, place in assembly.keys.items():
         p[place] = refit.fit.p[before.keys[key]]
-    fitted = fit(
-        problem,
-        replace(refit.fit.end, p=p),
-        iterations=iterations,
-    )
+    fitted = fit(problem, replace(refit.fit.end, p=p), iterations=iterations)
     return Refit.of(evidence, assembly, fitted)
 
 

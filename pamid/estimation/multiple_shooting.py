@@ -473,12 +473,7 @@ def fit(
         Whether only the cost and the parameters are needed. The last step then has no derivatives
         and no covariance.
     """
-    shooting, begun = begin(
-        problem,
-        start,
-        tolerance=tolerance,
-        probe=probe,
-    )
+    shooting, begun = begin(problem, start, tolerance=tolerance, probe=probe)
     if not begun.point.normal.fine:
         return Fit(
             problem,
