@@ -31,11 +31,11 @@ from pamid.engine.program import Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of

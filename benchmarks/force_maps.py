@@ -32,11 +32,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import Replay
-from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]

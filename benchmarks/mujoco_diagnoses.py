@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from mujoco_truth import Planted, arm, misjudged, model_text, record
 
-from pamid.excitation.aprbs import aprbs
+from pamid.simulation.excitation.aprbs import aprbs
 
 SECONDS, SEED = 60.0, 5
 CASES = {"one": (1, 0), "stepped": (1, 0), "seven": (7, 3)}  # joints, and the one that rubs

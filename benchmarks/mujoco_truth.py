@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.excitation.aprbs import aprbs
+from pamid.simulation.excitation.aprbs import aprbs
 
 Array = NDArray[np.float64]
 KINDS = ("nothing", "frictionloss", "backlash", "delay", "armature", "payload")

@@ -17,13 +17,13 @@ import time
 from pathlib import Path
 
 from pamid.diagnosis.pipeline import diagnose
-from pamid.excitation.aprbs import aprbs
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.verdict_figures import diagnosis_file
 
 MISTUNED = {
     "scale": 1.10,

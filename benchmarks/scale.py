@@ -27,8 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 CART = Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py"

@@ -14,6 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import gap_budget
 from pamid.diagnosis.screening import ScreeningBaseline, by_gain
@@ -21,7 +22,6 @@ from pamid.diagnosis.search import Search, screened_candidates
 from pamid.diagnosis.settings import DEFAULT, settings_from
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.model.attachment import additions_of, attachments
-from pamid.parallel.jobs import WorkerPool
 from pamid.trial.case_machine import CaseMachine, RecordedCase
 from pamid.trial.cases import OPEN, draw_cases
 

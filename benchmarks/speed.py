@@ -31,8 +31,8 @@ from pathlib import Path
 import numpy as np
 from published import vectors
 
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 ROOT = Path(__file__).resolve().parents[1]

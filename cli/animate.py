@@ -55,10 +55,10 @@ class Arguments:
 @frame.command("animate", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
     from pamid.base.run_folder import FIGURES_FOLDER, Run
+    from pamid.base.schemas.command_files import WrittenAnimation
     from pamid.report.animation import ANIMATION_HZ, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
-    from pamid.schemas.command_files import WrittenAnimation
 
     a, folder = arguments, Path(arguments.run)
     target = Path(a.output) if a.output else None

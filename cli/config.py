@@ -13,7 +13,7 @@ from . import frame, settings_files
 from .table import COMMANDS
 
 if TYPE_CHECKING:
-    from pamid.schemas.command_files import OptionSetting
+    from pamid.base.schemas.command_files import OptionSetting
 
 HELP_ORDER = 170
 EXAMPLE = """
@@ -45,7 +45,7 @@ class Arguments:
 
 @frame.command("config", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
-    from pamid.schemas.command_files import AllSettings
+    from pamid.base.schemas.command_files import AllSettings
 
     path, commands = settings_files.settings_file(), arguments.commands
     if path is not None:
@@ -71,7 +71,7 @@ def command(arguments: Arguments) -> frame.Result:
 
 
 def _values(name: str) -> dict[str, OptionSetting]:
-    from pamid.schemas.command_files import OptionSetting
+    from pamid.base.schemas.command_files import OptionSetting
 
     context = frame.blank_context(name)
     return {

@@ -18,8 +18,8 @@ from .figures import require_png, write_figure
 from .terminal import progress_line
 
 if TYPE_CHECKING:
+    from pamid.base.schemas.diagnosis_file import DiagnosisFile
     from pamid.report.load import RunData
-    from pamid.schemas.diagnosis_file import DiagnosisFile
 
 HELP_ORDER = 80
 _MOST_RANKED = 8
@@ -122,8 +122,8 @@ def _tables(diagnosis: DiagnosisFile) -> list[str]:
     """Share of the gap by port; the candidates in the order of the ranking, by what each removes by
     itself, and by how many standard errors it is behind the first."""
     from pamid.base.share_words import percent_text, percents_text
+    from pamid.diagnosis.verdict.verdict_words import chance_figure, shortened
     from pamid.report.channel_errors import aligned
-    from pamid.verdict.verdict_words import chance_figure, shortened
 
     gap = diagnosis.verdict != "no-structural-gap"
     shares = [

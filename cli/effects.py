@@ -47,11 +47,11 @@ class Arguments:
 
 @frame.command("effects", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
+    from pamid.base.schemas.catalogue_files import EffectCatalogue
     from pamid.base.symptoms import SYMPTOMS
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
-    from pamid.schemas.catalogue_files import EffectCatalogue
 
     name, symptom = arguments.name, arguments.symptom
     if symptom not in (None, *SYMPTOMS):

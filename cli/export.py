@@ -80,9 +80,9 @@ class Arguments:
 
 @frame.command("export", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
-    from pamid.correction.identified_model import load_identified
+    from pamid.base.schemas.command_files import WrittenExport
     from pamid.export.exporting import export_model
-    from pamid.schemas.command_files import WrittenExport
+    from pamid.networks.correction.identified_model import load_identified
 
     a = arguments
     with staged_progress("export") as progress:

@@ -45,8 +45,8 @@ def command(arguments: FitArguments) -> frame.Result:
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:
     """Parameters, identifiable combinations and held-out errors as a table."""
-    from pamid.correction.residual_data import equal_periods
     from pamid.estimation.identifiable_combinations import tied_text
+    from pamid.networks.correction.residual_data import equal_periods
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in fit["parameters"].items():

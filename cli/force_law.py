@@ -68,9 +68,9 @@ class Arguments:
 
 @frame.command("force-law", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
+    from pamid.api.force_law_run import write_law
     from pamid.base.run_folder import Run
-    from pamid.correction.force_law_run import write_law
-    from pamid.correction.force_map import judge, read_map
+    from pamid.networks.correction.force_map import judge, read_map
 
     a, map_file, output = arguments, Path(arguments.map_file), Path(arguments.output)
     points = read_map(map_file)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from pamid.base.progress import ProgressLine
-    from pamid.schemas.model import Model
+    from pamid.base.schemas.model import Model
 
 Arguments = TypeVar("Arguments", bound="DataclassInstance")
 PACKAGES = "pamid.packages"  # of a context: the values of --package
@@ -52,8 +52,8 @@ _EPILOG = (
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a command: `json` for scripts (a model of pamid.schemas, or its written form), and
-    `text` for people. The exit code is 0, or 4 to 7 for a written result with shortcomings."""
+    """Result of a command: `json` for scripts (a model of pamid.base.schemas, or its written form),
+    and `text` for people. The exit code is 0, or 4 to 7 for a written result with shortcomings."""
 
     json: Model | dict[str, Any] = field(default_factory=dict)
     text: str = ""

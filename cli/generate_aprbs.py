@@ -27,7 +27,7 @@ pamid generate-aprbs --signal multisine --loop open --amplitude 0.5 --band 0.1 5
 @frame.command("generate-aprbs", ExcitationArguments, example=EXAMPLE)
 def command(arguments: ExcitationArguments) -> frame.Result:
     from pamid.api.planned_excitation import planned_excitation, with_rig_defaults
-    from pamid.excitation.writers import format_of
+    from pamid.simulation.excitation.writers import format_of
 
     experiment, signal = arguments.experiment, arguments.signal
     if experiment != "aprbs" and frame.was_given("signal"):
@@ -66,7 +66,7 @@ def _write(
     planned: PlannedExcitation,
     arguments: ExcitationArguments,
 ) -> frame.Result:
-    from pamid.excitation.writers import FORMATS, write_excitation
+    from pamid.simulation.excitation.writers import FORMATS, write_excitation
 
     period, samples = arguments.period_s, planned.about["samples"]
     follow = FORMATS[form].heed

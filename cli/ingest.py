@@ -134,8 +134,8 @@ def command(arguments: Arguments) -> frame.Result:
 
 
 def _guess(log: Path, a: Arguments) -> frame.Result:
+    from pamid.base.schemas.command_files import GuessedMappingFile
     from pamid.ingest.ingesting import guess_mapping
-    from pamid.schemas.command_files import GuessedMappingFile
 
     output = None if a.output is None else Path(a.output)
     guess = guess_mapping(log, **a.shared(), angles=a.angles, only=a.only or "", output=output)

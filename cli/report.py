@@ -94,10 +94,10 @@ def command(arguments: Arguments) -> frame.Result:
 
 def _page(run: Path, arguments: Arguments) -> frame.Result:
     """Page of a run."""
+    from pamid.base.schemas.command_files import WrittenReport
     from pamid.report.channel_errors import mae_text
     from pamid.report.recording_errors import recording_errors_text
     from pamid.report.writing import write_report
-    from pamid.schemas.command_files import WrittenReport
 
     page, pdf = arguments.page_and_pdf(run / "report.html")
     output = None if arguments.output is None else page
@@ -124,10 +124,10 @@ def _page(run: Path, arguments: Arguments) -> frame.Result:
 
 def _comparison(runs: list[Path], arguments: Arguments) -> frame.Result:
     """Page that compares several runs."""
+    from pamid.base.schemas.runs_file import WrittenComparison
     from pamid.report.comparison_page import changes_of, compared_runs, comparison_sentence
     from pamid.report.run_summaries import summary_of
     from pamid.report.writing import write_comparison
-    from pamid.schemas.runs_file import WrittenComparison
 
     comparison = compared_runs(runs)
     page, pdf = arguments.page_and_pdf(Path("comparison.html"))

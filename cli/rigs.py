@@ -41,9 +41,9 @@ class Arguments:
 
 @frame.command("rigs", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
+    from pamid.base.schemas.catalogue_files import RigCatalogue
     from pamid.model import catalogue
     from pamid.model import registry as library
-    from pamid.schemas.catalogue_files import RigCatalogue
 
     name, figure = arguments.name or arguments.named, arguments.figure
     if figure is not None and name is None:

@@ -12,7 +12,7 @@ from pamid.base.errors import quoted
 from . import frame
 
 if TYPE_CHECKING:
-    from pamid.schemas.runs_file import RunSummary
+    from pamid.base.schemas.runs_file import RunSummary
 
 HELP_ORDER = 115
 EXAMPLE = """
@@ -33,8 +33,8 @@ class Arguments:
 
 @frame.command("runs", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
+    from pamid.base.schemas.runs_file import RunList
     from pamid.report.run_summaries import runs_below
-    from pamid.schemas.runs_file import RunList
 
     folder = Path(arguments.folder)
     runs = runs_below(folder)

@@ -40,7 +40,7 @@ def command(arguments: Arguments) -> frame.Result:
             {"schema": "pamid.schemas/1", "schemas": titles},
             "\n".join(f"{key:{width}s}  {title}" for key, title in titles.items()),
         )
-    from pamid.schemas import stem_of
+    from pamid.base.schemas import stem_of
 
     numbered = name.removeprefix("pamid.")
     stem = numbered if numbered in known else stem_of(name)
@@ -54,6 +54,6 @@ def command(arguments: Arguments) -> frame.Result:
 
 def schemas() -> dict[str, dict[str, Any]]:
     """Current schemas by name without `pamid.` and number; earlier ones with their number."""
-    from pamid.schemas import all_schemas, earlier_schemas
+    from pamid.base.schemas import all_schemas, earlier_schemas
 
     return dict(sorted((all_schemas() | earlier_schemas()).items()))

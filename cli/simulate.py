@@ -21,7 +21,7 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @frame.command("simulate", SimulationArguments, example=EXAMPLE)
 def command(arguments: SimulationArguments) -> frame.Result:
     from pamid.api.simulating import simulate
-    from pamid.schemas.command_files import SimulatedFile
+    from pamid.base.schemas.command_files import SimulatedFile
 
     with staged_progress("simulate"):
         simulated = simulate.of(arguments)

@@ -29,8 +29,8 @@ from .terminal import failed_text, progress_line
 
 if TYPE_CHECKING:
     from pamid.api.trial_cases import CaseSelection
+    from pamid.base.parallel.jobs import WorkerPool
     from pamid.base.run_folder import Run
-    from pamid.parallel.jobs import WorkerPool
 
 HELP_ORDER = 100
 EXAMPLE = """
@@ -308,7 +308,7 @@ def _share(trial: _Trial, share: tuple[int, int], pool: WorkerPool) -> frame.Res
     """Compute every COUNT-th case from the I-th on; the command without --index writes labels and
     scores."""
     from pamid.api.trial_cases import run_cases
-    from pamid.schemas.trial_case_files import TrialShare
+    from pamid.base.schemas.trial_case_files import TrialShare
     from pamid.trial.scoring import failed_jobs
 
     trial.joined()

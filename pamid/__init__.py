@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
-    from pamid.correction.trained_force_law import force_law_of
-    from pamid.excitation.aprbs import aprbs, coverage
     from pamid.ingest.guessed_mapping import GuessedMapping
     from pamid.ingest.ingesting import IngestResult, guess_mapping, ingest
     from pamid.model.assembly import Assembly
@@ -48,8 +46,10 @@ if TYPE_CHECKING:
     from pamid.model.parameter import Parameter
     from pamid.model.rig import Loop, Port, Rig
     from pamid.model.step_rig import StepRig
+    from pamid.networks.correction.trained_force_law import force_law_of
     from pamid.recording.recording import Recording, read_recording, write_recording
     from pamid.report.writing import Report
+    from pamid.simulation.excitation.aprbs import aprbs, coverage
     from pamid.simulators.model_packages import model_packages
 
     def report(
@@ -89,12 +89,12 @@ _HOME = {
     "SplitGain": "pamid.model.background",
     "State": "pamid.model.effect",
     "StepRig": "pamid.model.step_rig",
-    "aprbs": "pamid.excitation.aprbs",
+    "aprbs": "pamid.simulation.excitation.aprbs",
     "check": "pamid.api.checking",
-    "coverage": "pamid.excitation.aprbs",
+    "coverage": "pamid.simulation.excitation.aprbs",
     "diagnose": "pamid.api.diagnosing",
     "fit": "pamid.api.fitting",
-    "force_law_of": "pamid.correction.trained_force_law",
+    "force_law_of": "pamid.networks.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
     "model_packages": "pamid.simulators.model_packages",
     "new_rig": "pamid.api.new_rigs",

@@ -4,5 +4,5 @@ sqrt, where`.
 Part of the face, as `pamid` itself: nothing inside the package imports it.
 """
 
-from pamid.symbolic.vocabulary import *  # noqa: F403
-from pamid.symbolic.vocabulary import __all__ as __all__
+from pamid.engine.symbolic.vocabulary import *  # noqa: F403
+from pamid.engine.symbolic.vocabulary import __all__ as __all__

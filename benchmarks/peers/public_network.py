@@ -19,8 +19,8 @@ from public_ours import MODELS, columns_of, record_for_pamid
 from public_sets import PublicSet, Record, asked, judge, read_set, tell
 
 import pamid
-from pamid.correction.output_network import NetworkChoice, train_correction
-from pamid.correction.residual_data import ResidualData, Segment, derived
+from pamid.networks.correction.output_network import NetworkChoice, train_correction
+from pamid.networks.correction.residual_data import ResidualData, Segment, derived
 from pamid.networks.training_problem import TrainingOptions
 
 HIDDEN, STARTS, STEPS = 10, 4, 300

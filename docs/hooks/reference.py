@@ -17,14 +17,14 @@ from pamid_cli.table import COMMANDS, load_command
 import pamid
 from pamid import equations
 from pamid.api.options.record import about_fields
+from pamid.base.schemas import all_schemas, earlier_schemas
+from pamid.base.schemas.catalogue_files import EffectStory, ParameterRow
 from pamid.base.symptoms import SYMPTOMS
 from pamid.diagnosis.settings import described
+from pamid.engine.symbolic.vocabulary import FUNCTIONS
 from pamid.model import catalogue
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rig_named, rigs
-from pamid.schemas import all_schemas, earlier_schemas
-from pamid.schemas.catalogue_files import EffectStory, ParameterRow
-from pamid.symbolic.vocabulary import FUNCTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 EFFECTS, RIGS, COMMAND_PAGES = "reference/effects/", "reference/rigs/", "reference/commands/"

@@ -20,9 +20,9 @@ from conformance_rules import STEPPING, Case, assembled, cases, excitation, rig_
 from matplotlib.figure import Figure
 
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import Expr
 from pamid.model.assembly import Array
 from pamid.model.trace import Passage
-from pamid.symbolic.expression import Expr
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "build" / "signatures"

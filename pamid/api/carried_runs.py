@@ -15,11 +15,11 @@ from pamid.api.results import FitResult, result_of
 from pamid.api.workers import RunHome, closing, worker_pool
 from pamid.base.errors import UsageError
 from pamid.base.files import PathLike, write_together
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, progress_steps
 from pamid.base.run_folder import Run
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, code_files, name_of, resolved_rig
-from pamid.parallel.jobs import WorkerPool
 
 
 def open_run(

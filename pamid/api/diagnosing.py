@@ -11,14 +11,14 @@ from pamid.api.options.estimating import DiagnosisArguments
 from pamid.api.options.record import verb
 from pamid.api.results import DiagnosisResult, result_of
 from pamid.base.errors import FileError, UsageError, nearest
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress
 from pamid.base.run_folder import Run
 from pamid.diagnosis.settings import DEFAULT, settings_from
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.memory_needed import memory_warning
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_with
-from pamid.parallel.jobs import WorkerPool
-from pamid.verdict.diagnosis_run import diagnose_into
 
 
 @verb(DiagnosisArguments)

@@ -14,6 +14,7 @@ from pamid.api.workers import OpenedRun
 from pamid.base.errors import UsageError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress
 from pamid.base.run_folder import FIT_FILE, FREE_RUN_FILE, RESIDUAL_FILE, Run
 from pamid.engine.simulator_warnings import counted_warnings
@@ -22,7 +23,6 @@ from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.estimation.whole_runs import OVER_RECORDINGS, free_run_csv, free_runs
 from pamid.estimation.window_length import with_linear_windows
-from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.virtual_rig import attach_specs
 
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pamid.api.authoring.column_match import best_match
+from pamid.api.authoring.rig_source import RigSource, class_name
 from pamid.api.given import recording_given
 from pamid.api.options.preparing import NewRigArguments
 from pamid.api.options.record import verb
-from pamid.authoring.column_match import best_match
-from pamid.authoring.rig_source import RigSource, class_name
 from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, write_atomically
+from pamid.base.schemas.new_rig_file import NewRigFile, OtherMatch, TakenColumn
 from pamid.base.units import NONE, split_column
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import catalogue_rig, effects, rigs
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps
-from pamid.schemas.new_rig_file import NewRigFile, OtherMatch, TakenColumn
 
 _BY = {
     "name": "by its name",

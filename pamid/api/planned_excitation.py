@@ -12,19 +12,8 @@ from numpy.typing import NDArray
 from pamid.api.exciting import pulse_excitation, release_excitation, within_limits
 from pamid.api.options.exciting import SEEDED, ExcitationArguments
 from pamid.base.errors import FileError, PamidError, UsageError, nearest
+from pamid.base.schemas.excitation_file import SignalCoverage
 from pamid.base.units import NONE, split_column
-from pamid.excitation.aprbs import Coverage, coverage
-from pamid.excitation.experiments import (
-    at_rest,
-    bounds_of,
-    excitable,
-    external_columns,
-    held_level,
-    rest_level,
-    usual_centre,
-    usual_half,
-)
-from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
@@ -34,7 +23,18 @@ from pamid.rigs.muscle_experiments import (
     RELEASE_S,
     held_pressure,
 )
-from pamid.schemas.excitation_file import SignalCoverage
+from pamid.simulation.excitation.aprbs import Coverage, coverage
+from pamid.simulation.excitation.experiments import (
+    at_rest,
+    bounds_of,
+    excitable,
+    external_columns,
+    held_level,
+    rest_level,
+    usual_centre,
+    usual_half,
+)
+from pamid.simulation.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 from pamid.simulators.safe_excitation import SafeExcitation
 
 DUTY = 0.3  # default largest duty of a staircase, whose purpose is small commands

@@ -12,10 +12,10 @@ from pamid.api.simulating import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import progress_steps
+from pamid.base.schemas.power_file import PowerFile, ShownEffect
+from pamid.diagnosis.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power
 from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
-from pamid.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power
 from pamid.recording.recording import SIGNIFICANT_DIGITS
-from pamid.schemas.power_file import PowerFile, ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 

@@ -19,14 +19,7 @@ from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.run_files import read_diagnosis
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
-from pamid.base.units import split_column
-from pamid.model.effect import Effect
-from pamid.model.rig import Rig
-from pamid.recording.recording import Recording
-from pamid.report.answers import answers_of
-from pamid.report.channel_errors import ChannelErrors, errors_of
-from pamid.report.load import load_run
-from pamid.schemas.diagnosis_file import (
+from pamid.base.schemas.diagnosis_file import (
     Candidate,
     GapShare,
     NextExperiment,
@@ -34,8 +27,15 @@ from pamid.schemas.diagnosis_file import (
     Remainder,
     Unknown,
 )
-from pamid.schemas.estimates import Estimate
-from pamid.schemas.fit_file import FitFile, RecordingUsed
+from pamid.base.schemas.estimates import Estimate
+from pamid.base.schemas.fit_file import FitFile, RecordingUsed
+from pamid.base.units import split_column
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
+from pamid.report.answers import answers_of
+from pamid.report.channel_errors import ChannelErrors, errors_of
+from pamid.report.load import load_run
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure

@@ -13,12 +13,12 @@ from pamid.api.given import (
 )
 from pamid.api.options.record import verb
 from pamid.api.options.simulating import ScoreArguments
+from pamid.api.run_score import score_run
 from pamid.api.workers import OpenedRun
 from pamid.base.errors import UsageError
-from pamid.correction.run_score import score_run
+from pamid.base.schemas.score_file import ScoreFile
 from pamid.model.registry import catalogue_rig, in_catalogue, resolved_rig
 from pamid.report.recording_errors import recording_errors_text
-from pamid.schemas.score_file import ScoreFile
 
 
 class ScoreResult(ScoreFile):

@@ -56,7 +56,7 @@ def simulate(arguments: SimulationArguments) -> Recording:
                 "With --model, name only the effect files of the run.",
             )
     # networks and what they need take a second to load, and few runs have a network
-    from pamid.correction.identified_model import load_identified, record_identified
+    from pamid.networks.correction.identified_model import load_identified, record_identified
 
     run = OpenedRun.of(a.model)
     tell("equations")

@@ -15,25 +15,25 @@ from pamid.base.errors import DataError, PamidError, UsageError
 from pamid.base.json_file import read_json
 from pamid.base.progress import Progress, progress_steps
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
-from pamid.correction.output_network import (
+from pamid.model.registry import resolved_rig
+from pamid.networks.correction.output_network import (
     CHECKPOINT_FILE,
     NetworkChoice,
     train_correction,
     write_correction,
 )
-from pamid.correction.port_network import (
+from pamid.networks.correction.port_network import (
     entry_of,
     origin_of,
     train_at_port,
     write_port_correction,
 )
-from pamid.correction.residual_data import (
+from pamid.networks.correction.residual_data import (
     CAUSES,
     MODEL_COLUMNS,
     ResidualData,
     read_residual_data,
 )
-from pamid.model.registry import resolved_rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.training_problem import (
     PAPER_DAMPING,

@@ -23,17 +23,17 @@ from pamid.api.scoring import score
 from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
-from pamid.estimation.grey_box import fit_model
-from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.schemas.error_file import ErrorFile
-from pamid.schemas.model import read
-from pamid.schemas.trial_case_files import (
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool, fault_text
+from pamid.base.schemas.error_file import ErrorFile
+from pamid.base.schemas.model import read
+from pamid.base.schemas.trial_case_files import (
     CaseLabel,
     ChannelForecast,
     ShrinkageForecast,
     TrialCaseFile,
     TrialLabelsFile,
 )
+from pamid.estimation.grey_box import fit_model
 from pamid.simulation.scored_recording import REPLAYED
 from pamid.trial.case_machine import CaseMachine, RecordedCase
 from pamid.trial.cases import CLOSED, OPEN, Case, cases_sha256, draw_cases

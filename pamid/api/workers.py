@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, PathLike, is_inside, read_data, write_atomically
 from pamid.base.json_file import write_json
+from pamid.base.parallel.jobs import WorkerPool
+from pamid.base.parallel.result_store import Store
 from pamid.base.run_folder import JOBS, RUN_FILE, Run
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
-from pamid.parallel.jobs import WorkerPool
-from pamid.parallel.result_store import Store
 from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def worker_pool(
     if cluster is None:
         yield WorkerPool(jobs, store)
         return
-    from pamid.parallel.dask_backend import cluster as connected
+    from pamid.base.parallel.dask_backend import cluster as connected
 
     with connected(cluster) as executor:
         yield WorkerPool(jobs, store, executor)

@@ -1,1 +1,2 @@
-"""The ground: errors, safe files, units, small numbers; knows nothing of rigs."""
+"""The ground: errors, safe files, units, small numbers; knows nothing of rigs. `schemas` are the
+models of the JSON, `parallel` shares work."""

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
-from pamid.schemas.model import Mismatch, Model, read
+from pamid.base.schemas.model import Mismatch, Model, read
 
 M = TypeVar("M", bound=Model)
 REMEDY = "Run the command that wrote it again."

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
 from pamid.base.result_file import REMEDY, damaged, read_result
-from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
-from pamid.schemas.run_file import RunFile, Step
+from pamid.base.schemas.diagnosis_file import CAUSED, DiagnosisFile
+from pamid.base.schemas.run_file import RunFile, Step
 
 FloatArray = NDArray[np.float64]
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv, not signals

@@ -37,7 +37,7 @@ RESIDUAL_FILE, MISSING_FILE = "residual.csv", "missing.csv"
 NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
 ADDED_VARIABLES_FILE, FREE_RUN_FILE = "added-variables.json", "free-run.csv"
 FIGURES_FOLDER = "figures"
-# results of single jobs while a run goes on (pamid.parallel.result_store)
+# results of single jobs while a run goes on (pamid.base.parallel.result_store)
 JOBS, JOURNAL = "jobs", "journal.jsonl"
 _BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
@@ -85,7 +85,7 @@ class Run:
         _require_free(path, overwrite, resumable=resume is not None)
         _require_inside(path, JOBS)
         old = _written(path)
-        from pamid.schemas.run_file import RunFile  # not to be loaded by what only opens a run
+        from pamid.base.schemas.run_file import RunFile  # not to be loaded by what only opens a run
 
         begun = _begun(command, seed, inputs, options)
         record = RunFile(**begun, platform=platform.platform(), steps=(), files=()).as_json()
@@ -242,7 +242,7 @@ class Run:
         """Note a later command that works on this run (`train-residual`, `report`); `finish` closes
         it."""
         record = self.record
-        from pamid.schemas.run_file import Step
+        from pamid.base.schemas.run_file import Step
 
         step = Step(**_begun(command, seed, inputs, options))
         steps = [*record.get("steps", []), step.as_json()]

@@ -26,9 +26,7 @@ from pamid.checks.findings import CheckOutcome, fault, note, outcome, passed
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import counted_warnings
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import usual_range
-from pamid.excitation.waveforms import ramps
+from pamid.engine.symbolic.vocabulary import Number, absolute, sqrt
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
@@ -37,8 +35,10 @@ from pamid.model.parameter import Parameter
 from pamid.model.port_guide import driving_words
 from pamid.model.rig import Port, Rig
 from pamid.model.step_rig import StepRig
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.experiments import usual_range
+from pamid.simulation.excitation.waveforms import ramps
 from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
-from pamid.symbolic.vocabulary import Number, absolute, sqrt
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,10 @@
-"""Findings of a check: records of `pamid.schemas.check_file`, and how they are made."""
+"""Findings of a check: records of `pamid.base.schemas.check_file`, and how they are made."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pamid.schemas.check_file import Finding, Issue
+from pamid.base.schemas.check_file import Finding, Issue
 
 Windows = Sequence[tuple[float, float]]
 

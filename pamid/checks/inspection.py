@@ -14,6 +14,8 @@ from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.metrics import motion
 from pamid.base.progress import tell
+from pamid.base.schemas import check_file as result
+from pamid.base.schemas.rig_map import RigMap
 from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.checks.conformance import background_findings, effect_findings, rig_findings
@@ -45,8 +47,6 @@ from pamid.recording.recording import (
     match_column,
     read_recording,
 )
-from pamid.schemas import check_file as result
-from pamid.schemas.rig_map import RigMap
 from pamid.simulation.data_split import require_informative
 from pamid.simulation.idle_background import without_idle_terms
 from pamid.simulation.rig_data import data_of

@@ -30,17 +30,17 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.base.metrics import motion
+from pamid.base.schemas.check_file import BetweenSamples
 from pamid.base.units import NONE, size_from_si, split_column
 from pamid.checks.short_fit import FitData, FittedWindows, ShortFit, fit_data_of
 from pamid.engine.program import Program
+from pamid.engine.symbolic.expression import symbols
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
-from pamid.schemas.check_file import BetweenSamples
-from pamid.symbolic.expression import symbols
 
 Array = NDArray[np.float64]
 

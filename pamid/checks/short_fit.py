@@ -34,6 +34,7 @@ from pamid.base.metrics import motion
 from pamid.checks.sheet_comparison import OPENING_SAMPLES, shapes
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory, Program, Stepping
+from pamid.engine.symbolic.expression import symbol
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
@@ -43,7 +44,6 @@ from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 from pamid.simulation.windows import Runner, Window
-from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
 

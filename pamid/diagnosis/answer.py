@@ -23,13 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval
+from pamid.base.schemas.diagnosis_file import CAUSED, GapShare
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.selection import Selection
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
-from pamid.schemas.diagnosis_file import CAUSED, GapShare
 
 Array = NDArray[np.float64]
 

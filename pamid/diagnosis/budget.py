@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import ConvergenceError
 from pamid.base.metrics import seen_mean
+from pamid.base.parallel.jobs import Work, WorkerPool
 from pamid.base.progress import Progress, Settled
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, runs_of
@@ -17,7 +18,6 @@ from pamid.diagnosis.settings import Settings
 from pamid.estimation.baseline_repair import WORSE
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import WHOLE, Replay, noise_floors
 

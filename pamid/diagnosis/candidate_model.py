@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import (
     Fit,
@@ -29,7 +30,6 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track, run_windows
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import few_entries_factor, seen_mean
+from pamid.base.schemas.diagnosis_file import GapShare
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.estimation.intervals import NORMAL_95
-from pamid.schemas.diagnosis_file import GapShare
 
 Array = NDArray[np.float64]
 

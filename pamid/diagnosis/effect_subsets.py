@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_span
 from pamid.model.attachment import Addition
 from pamid.model.step_rig import StepRig
-from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]

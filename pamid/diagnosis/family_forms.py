@@ -16,10 +16,13 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.parallel.jobs import Failed
+from pamid.base.schemas.diagnosis_file import FormCurve, GapShare
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.search import RefitStart, RefitWork, Search
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.problem import Fit
@@ -28,10 +31,7 @@ from pamid.model.determined_signals import determined
 from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import free_form_effects
 from pamid.model.rig import Port, Rig
-from pamid.parallel.jobs import Failed
-from pamid.schemas.diagnosis_file import FormCurve, GapShare
 from pamid.simulation.replay import run_windows
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 FORM_TAIL = 0.5  # per cent of the samples beyond either end of a curve: outliers

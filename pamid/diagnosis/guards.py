@@ -27,13 +27,13 @@ from pamid.diagnosis.input_response import explained_channels
 from pamid.diagnosis.ranges import at_bounds, at_limits, vanished
 from pamid.diagnosis.search import Search
 from pamid.diagnosis.settings import Settings
+from pamid.engine.symbolic.expression import substitute, symbol, symbols
+from pamid.engine.symbolic.vocabulary import Expr, Number, expression
 from pamid.estimation.intervals import estimates
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Passage, trace
-from pamid.symbolic.expression import substitute, symbol, symbols
-from pamid.symbolic.vocabulary import Expr, Number, expression
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, silent
+from pamid.base.schemas.diagnosis_file import CAUSED, GapShare
 from pamid.diagnosis.answer import Answer, answer
 from pamid.diagnosis.budget import Budget, budget_of, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -29,8 +31,6 @@ from pamid.model.attachment import Addition, additions_of, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
 from pamid.model.rig import Port
-from pamid.parallel.jobs import WorkerPool
-from pamid.schemas.diagnosis_file import CAUSED, GapShare
 from pamid.simulation.data_split import DataSplit, half_of_windows
 
 Array = NDArray[np.float64]

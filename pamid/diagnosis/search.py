@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import (
@@ -45,7 +46,6 @@ from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
-from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.base.parallel.jobs import Failed
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.effect_subsets import ScreenedResponses, Subset, best_subsets, responses_of
@@ -36,7 +37,6 @@ from pamid.estimation.grey_box import model_with
 from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment
-from pamid.parallel.jobs import Failed
 
 Array = NDArray[np.float64]
 

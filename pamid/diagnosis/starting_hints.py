@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.engine.symbolic.expression import const, substitute
+from pamid.engine.symbolic.vocabulary import EquationError, Expr
 from pamid.model.effect import Hints
 from pamid.recording.noise import plateaus
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
-from pamid.symbolic.expression import const, substitute
-from pamid.symbolic.vocabulary import EquationError, Expr
 
 Array = NDArray[np.float64]
 

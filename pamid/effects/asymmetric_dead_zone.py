@@ -22,9 +22,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip
 
 ABOVE = Parameter(
     "above", 0.05, 0.0, 0.9, spread=0.15, size="value", null=0.0, tries=(0.2,)

@@ -24,10 +24,18 @@ import math
 from typing import Any
 
 from pamid.effects.two_mass import DAMPING
+from pamid.engine.symbolic.vocabulary import (
+    Expr,
+    Number,
+    absolute,
+    maximum,
+    minimum,
+    smooth_step,
+    where,
+)
 from pamid.model.effect import State
 from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, smooth_step, where
 
 TAKE_UP = 0.25  # of the half gap, over which the damping sets in
 

@@ -24,9 +24,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, delay, maximum, rate_of, where
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, delay, maximum, rate_of, where
 
 LONGEST_LATE = 80.0  # sampling periods
 

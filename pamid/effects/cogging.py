@@ -23,9 +23,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, cos, sin
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
 TRIED_LINES = 3
 # periods tried: an eighth of a period more in the largest position each time, up to fifty in it

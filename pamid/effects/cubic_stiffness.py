@@ -20,9 +20,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.linear_stiffness import REST
+from pamid.engine.symbolic.vocabulary import Expr, Number, minimum
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, minimum
 
 
 class CubicStiffness(Effect):

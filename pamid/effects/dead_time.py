@@ -23,9 +23,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, delay
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, delay
 
 # sampling periods: computing and buses keep pace with the log
 LONGEST_BUS_DELAY = 20.0

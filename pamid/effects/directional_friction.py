@@ -24,9 +24,9 @@ from dataclasses import replace
 from typing import Any
 
 from pamid.effects.coulomb_friction import PRESLIDING
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, minimum, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum, stop
 
 FORWARD = Parameter.level(0.03, 0.0, 1.0, name="forward", spread=0.1, tries=(0.1,)).with_source(
     "estimate: guides, gears and seals, 1-20 % of the drive's force"

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
 TRIED_STOPS = (0.6, 0.8, 0.9, 0.98)  # of the travel
 

@@ -21,9 +21,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, lag
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, lag
 
 
 class FirstOrderLag(Effect):

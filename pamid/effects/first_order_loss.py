@@ -20,9 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number
 
 AMBIENT = Parameter("ambient", 0.0, -1.0, 1.0, spread=0.3, size="stored").with_source(
     "estimate: where the loss ends; zero for a level above the outlet or a gauge pressure"

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import Effect, Hints
 from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
-from pamid.symbolic.vocabulary import Expr, Number
 
 TRIED = (0.8, 0.9, 0.98)  # of the largest force
 

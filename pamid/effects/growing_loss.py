@@ -23,9 +23,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.orifice_loss import LOSS, REFERENCE
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, exp, log
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, exp, log
 
 EMPTY = 1e-6  # of the reference: below it nothing is lost
 

@@ -23,9 +23,9 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from pamid.effects.maxwell_slip_hysteresis import MaxwellSlipHysteresis
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute
 from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute
 
 
 class HardeningHysteresis(Effect):

@@ -23,9 +23,9 @@ from dataclasses import replace
 from typing import Any
 
 from pamid.effects.orifice_loss import REFERENCE, OrificeLoss
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, sqrt
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum, sqrt
 
 
 class Leak(Effect):

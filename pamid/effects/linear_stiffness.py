@@ -20,9 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number
 
 REST = Parameter("rest", 0.0, -1.0, 1.0, spread=0.3, size="position").with_source(
     "estimate: near the origin of the coordinate"

@@ -22,10 +22,10 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.backlash import Backlash, contact_pull
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import State
 from pamid.model.outboard import OutboardEffect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number
 
 
 class LoadSideBacklash(OutboardEffect):

@@ -22,9 +22,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.stribeck_friction import FALLING, falling_level
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, bristle
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, bristle
 
 
 class LugreFriction(Effect):

@@ -25,9 +25,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, ClassVar
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, expression, maximum, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, expression, maximum, stop
 
 NOMINAL_PA = 6e5
 ELEMENTS = ((0.4, 0.1), (0.3, 0.4), (0.2, 1.0), (0.1, 2.5))  # (weight, stretch in reaches)

@@ -21,9 +21,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.end_stop import TRIED_STOPS, EndStop
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum
 
 OUT_OF_REACH = 2.0  # of the position's size: where no stop is met
 

@@ -23,9 +23,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.first_order_loss import AMBIENT
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, sqrt
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
 
 LOSS = Parameter("loss", 0.1, 0.0, 5.0, spread=0.5, size="value", null=0.0).with_source(
     "estimate: a tenth of the rate of the store"

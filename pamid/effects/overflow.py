@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum
 
 TRIED_LEVELS = (0.95, 0.8)  # of the largest level that the recordings reach
 

@@ -24,9 +24,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.overflow import Overflow, tried_levels
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum
 
 
 class OverflowIntoStore(Effect):

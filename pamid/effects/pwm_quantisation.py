@@ -26,9 +26,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect, Hints
-from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.vocabulary import (
     Expr,
     Number,
     absolute,
@@ -40,6 +38,8 @@ from pamid.symbolic.vocabulary import (
     sign,
     where,
 )
+from pamid.model.effect import Effect, Hints
+from pamid.model.parameter import Parameter
 
 USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
 # With a phase error of a quarter period, pulses of any height increase the error and the fit

@@ -27,9 +27,9 @@ from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, floor, held, maximum
 
 # quanta tried: a quarter of a step more in the largest value each time, up to a hundred in it
 SCANNED_STEPS = (0.05, 400)

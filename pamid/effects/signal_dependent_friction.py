@@ -24,9 +24,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, stop
 
 
 class SignalDependentFriction(Effect):

@@ -25,8 +25,8 @@ from typing import Any
 
 from pamid.effects.signal_dependent_friction import SignalDependentFriction
 from pamid.effects.yielding_friction import SPEED
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, tanh
 from pamid.model.effect import Effect
-from pamid.symbolic.vocabulary import Expr, Number, absolute, tanh
 
 
 class SignalDependentYield(Effect):

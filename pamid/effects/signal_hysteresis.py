@@ -23,9 +23,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.maxwell_slip_hysteresis import ELEMENTS
+from pamid.engine.symbolic.vocabulary import Expr, Number, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, stop
 
 
 class SignalHysteresis(Effect):

@@ -21,9 +21,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum
 
 TYPICAL_FLOW_M3_S = 3e-3  # ANR; both fill valves of the founding rig wide open
 

@@ -22,9 +22,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.maxwell_slip_hysteresis import NOMINAL_PA
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, stop
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, maximum, stop
 
 
 class ThreadFriction(Effect):

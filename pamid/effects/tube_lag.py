@@ -22,9 +22,9 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.first_order_lag import FirstOrderLag
+from pamid.engine.symbolic.vocabulary import Expr, Number, lag
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, lag
 
 
 class TubeLag(Effect):

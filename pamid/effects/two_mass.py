@@ -26,10 +26,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import State
 from pamid.model.outboard import LOAD_SHARE, OutboardEffect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number
 
 DAMPING = Parameter.positive("damping", 0.02, 0.003, 0.5, factor=2.5, tries=(0.1,)).with_source(
     "damping ratio of metal arms and couplings: 0.005-0.05"

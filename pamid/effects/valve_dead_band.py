@@ -21,8 +21,8 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.dead_zone import DeadZone
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
 
 class ValveDeadBand(DeadZone):

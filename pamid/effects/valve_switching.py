@@ -23,9 +23,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import (
+    Expr,
+    Number,
+    absolute,
+    maximum,
+    minimum,
+    sign,
+    smooth_step,
+)
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, sign, smooth_step
 
 JUMP_WIDTH = 0.02  # of duty, over which the jumps are spread: keeps the fit's derivatives finite
 SAMPLE_MS = 3.0  # of the rigs whose valves the sources tell of; other rigs are sampled otherwise

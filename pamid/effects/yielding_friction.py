@@ -23,9 +23,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, tanh
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, tanh
 
 SPEED = Parameter.width(
     "speed", 0.1, 0.005, 1.0, factor=3.0, size="velocity", tries=(0.4,)

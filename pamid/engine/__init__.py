@@ -1,2 +1,2 @@
 """Equations to compiled simulation and exact sensitivities; nothing else in pamid imports numba or
-LLVM."""
+LLVM. `symbolic` holds the expressions."""

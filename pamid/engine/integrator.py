@@ -8,11 +8,11 @@ the start of every sample it reads the outputs, and it moves the states by a ste
     SDIRK2  the L-stable, singly diagonally implicit method of order 2 of Alexander (1977), for
             stiff models (see `_sdirk2`)
 
-with every input held over the sample or linear in time over it (`pamid.symbolic.memory_cells`
-writes the latter with the ticks `part` and `along`, which are set for every stage). On request it
-carries exact forward sensitivities of that recursion, not of the differential equation. With z =
-(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp.
-They are the derivative of the computed values.
+with every input held over the sample or linear in time over it
+(`pamid.engine.symbolic.memory_cells` writes the latter with the ticks `part` and `along`, which are
+set for every stage). On request it carries exact forward sensitivities of that recursion, not of
+the differential equation. With z = (states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp
+follow S(k+1) = dF/dz S(k) + dF/dp. They are the derivative of the computed values.
 
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
@@ -147,7 +147,7 @@ class SweepScratch(NamedTuple):
 
     out                 values of a function, then its partials
     D                   its partials times S
-    ticks (8,)          as in `pamid.symbolic.memory_cells.TICKS`
+    ticks (8,)          as in `pamid.engine.symbolic.memory_cells.TICKS`
     x0, S0              state and sensitivities at the start of the step
     slope, slope_S      their weighted sums (RK4) or first slopes (SDIRK2)
     M, pivots           LU of Newton's matrix

@@ -19,7 +19,7 @@ from llvmlite import ir
 
 from pamid.engine.llvm_ir import IN_PARTS, ValueType, function_text, part_of
 from pamid.engine.simd import FAR_ANGLE, LANES, Vectors
-from pamid.symbolic.expression import Expr
+from pamid.engine.symbolic.expression import Expr
 
 _FUNCTIONS = {"llvm.exp.f64": "exp", "tanh": "tanh", "llvm.sin.f64": "sin", "llvm.cos.f64": "cos"}
 HYPOTHESES = ValueType(

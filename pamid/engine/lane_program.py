@@ -25,8 +25,8 @@ from pamid.engine.program import (
     with_rises,
 )
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.symbolic.expression import plain
-from pamid.symbolic.memory_cells import StateEquations
+from pamid.engine.symbolic.expression import plain
+from pamid.engine.symbolic.memory_cells import StateEquations
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
     from pamid.engine.lane_sweep import LaneArrays, LaneEquations, LaneScratch

@@ -13,9 +13,9 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import Expr, plain, substitute, symbol, walk
-from pamid.symbolic.operators import OPERATORS
+from pamid.engine.symbolic.derivative import gradients
+from pamid.engine.symbolic.expression import Expr, plain, substitute, symbol, walk
+from pamid.engine.symbolic.operators import OPERATORS
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
 _ARRAY = {space: i for i, space in enumerate(SPACES)} | {

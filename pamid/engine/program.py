@@ -21,9 +21,9 @@ from pamid.engine.llvm_ir import (
     with_partials,
 )
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.symbolic.expression import plain
-from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
-from pamid.symbolic.vocabulary import Expr, expression
+from pamid.engine.symbolic.expression import plain
+from pamid.engine.symbolic.memory_cells import TICKS, StateEquations, cell_update
+from pamid.engine.symbolic.vocabulary import Expr, expression
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
     from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays, Results
@@ -735,7 +735,7 @@ def cell_phases(
     Per phase: expressions, number of cells, first cell and delay line (-1: none). Last, the
     longest delay of each line (s).
     """
-    from pamid.symbolic.expression import substitute
+    from pamid.engine.symbolic.expression import substitute
 
     phases: list[list[Expr]] = []
     counts: list[int] = []

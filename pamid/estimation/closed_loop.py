@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.schemas.score_file import RecordingError
 from pamid.base.units import from_si, split_column, with_unit
+from pamid.engine.symbolic.expression import symbol
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Loop
-from pamid.schemas.score_file import RecordingError
 from pamid.simulation.data_split import Span
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import Data
 from pamid.simulation.scored_recording import IN_LOOP, recording_error
-from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.csv_table import table_bytes
+from pamid.base.schemas import fit_file as result
 from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_errors, loop_names
 from pamid.estimation.grey_box import GreyBox
@@ -20,7 +21,6 @@ from pamid.estimation.quantities import reported_values
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
-from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, replay_track
 

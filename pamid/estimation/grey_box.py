@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import ConvergenceError
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.units import NONE, column_size, split_column
 from pamid.estimation.baseline_repair import (
@@ -31,7 +32,6 @@ from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_in_stages, fit_
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, noise_floors, replay_track
 from pamid.simulation.tracks import Track

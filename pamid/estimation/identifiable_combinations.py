@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.schemas.estimates import Estimate
+from pamid.base.schemas.fit_file import Combination, Tie
 from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import (
@@ -33,8 +35,6 @@ from pamid.estimation.quantities import (
     reported_values,
 )
 from pamid.model.bound_parameter import Bound
-from pamid.schemas.estimates import Estimate
-from pamid.schemas.fit_file import Combination, Tie
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress, silent
+from pamid.base.schemas.estimates import Estimate
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.background import pull_of
 from pamid.model.bound_parameter import Bound
-from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.schemas.estimates import Estimate
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.estimation.multiple_shooting import initial_states
 from pamid.estimation.problem import Problem, careful_stepping
 from pamid.estimation.weights import Weights
@@ -28,7 +29,6 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import longest_time, port_probes, port_sizes, sizes_of
 from pamid.simulation.replay import run_windows
 from pamid.simulation.windows import Runner
-from pamid.symbolic.vocabulary import Expr, Number
 
 
 def observed_sizes(evidence: DataSplit) -> Sizes:

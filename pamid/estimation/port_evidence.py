@@ -24,9 +24,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pamid.base.errors import PamidError
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.estimation.smoother import ReplayedModel, Smoother
 from pamid.model.rig import Rig
-from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.simulation.data_split import DataSplit
 
 # of more ports than this only those with this share of the largest evidence, computed with the

@@ -24,10 +24,10 @@ from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.files import sha256_of
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, Run
+from pamid.base.schemas import fit_file as result
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import reported_values, straight_coordinates
-from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.known_slopes import KnownSlopes
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.estimation.problem import Fit, Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -36,7 +37,6 @@ from pamid.model.effect import Effect, State
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner, Window, cut
-from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from importlib.resources import files
 from itertools import accumulate
 from string import Template
 
+from pamid.engine.symbolic.operators import OPERATORS
 from pamid.export.statements import C, ModelFunctions, identifier, identifiers
 from pamid.export.step import SampleStep, Variable
-from pamid.symbolic.operators import OPERATORS
 
 
 def asset(name: str) -> str:

@@ -8,11 +8,11 @@ from pathlib import Path
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.files import make_folder, require_new, write_together
 from pamid.base.progress import tell
-from pamid.correction.identified_model import Identified
 from pamid.export.form import Written, known_forms
 from pamid.export.randomisation import randomisation_yaml
 from pamid.export.statements import identifier
 from pamid.export.step import step_of
+from pamid.networks.correction.identified_model import Identified
 
 
 def export_model(

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pamid.base.scanned import modules_of
-from pamid.correction.identified_model import Identified
 from pamid.export.plain_check import PlainCheck
+from pamid.networks.correction.identified_model import Identified
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.symbolic.expression import Expr, walk
-from pamid.symbolic.operators import OPERATORS, is_comparison
+from pamid.engine.symbolic.expression import Expr, walk
+from pamid.engine.symbolic.operators import OPERATORS, is_comparison
 
 Array = NDArray[np.float64]
 Symbol = tuple[str, str]

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.correction.identified_model import Identified
 from pamid.export.onnx_graph import Graph, graph_of, model_bytes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
+from pamid.networks.correction.identified_model import Identified
 
 Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)

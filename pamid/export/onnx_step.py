@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
+from pamid.engine.symbolic.expression import Expr, symbols, walk
+from pamid.engine.symbolic.operators import OPERATORS
 from pamid.export.onnx_graph import Graph, Symbol, Values
 from pamid.export.onnx_newton import Implicit
 from pamid.export.step import SampleStep, Update
+from pamid.networks.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
 from pamid.networks.trained_network import TrainedNetwork
-from pamid.symbolic.expression import Expr, symbols, walk
-from pamid.symbolic.operators import OPERATORS
 
 Array = NDArray[np.float64]
 

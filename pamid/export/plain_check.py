@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
+from pamid.base.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.fit_file import FitFile
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
-from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import residual_columns, scored_windows, spans_of
-from pamid.schemas.command_files import PlainChannel, PlainMujoco, PlainSettings
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.fit_file import FitFile
+from pamid.networks.correction.identified_model import Identified
+from pamid.networks.correction.residual_data import residual_columns, scored_windows, spans_of
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings

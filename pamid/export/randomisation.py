@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.estimates import Interval
+from pamid.base.schemas.fit_file import FitFile, Posterior
 from pamid.base.units import size_to_si, split_column
-from pamid.correction.identified_model import Identified
-from pamid.correction.residual_data import REFIT_REMEDY
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.quantities import declared
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.estimates import Interval
-from pamid.schemas.fit_file import FitFile, Posterior
+from pamid.networks.correction.identified_model import Identified
+from pamid.networks.correction.residual_data import REFIT_REMEDY
 from pamid.simulators.body_inertia import shapes_of
 from pamid.simulators.mechanism import Mechanism
 

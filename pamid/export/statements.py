@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from pamid.engine.symbolic.expression import Expr, symbols, walk
+from pamid.engine.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, Operator
 from pamid.export.step import SampleStep
-from pamid.symbolic.expression import Expr, symbols, walk
-from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, Operator
 
 Symbol = tuple[str, str]
 

@@ -21,14 +21,8 @@ from math import ceil, isclose, nan
 
 from pamid.base.errors import PamidError, UsageError
 from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
-from pamid.correction.identified_model import UNCORRECTED, Identified
 from pamid.engine.llvm_ir import extract_derived, with_partials
-from pamid.excitation.experiments import held_level
-from pamid.model.bound_parameter import Bound
-from pamid.model.rig import Rig
-from pamid.model.step_rig import StepRig
-from pamid.model.trace import Names
-from pamid.symbolic.expression import (
+from pamid.engine.symbolic.expression import (
     ONE,
     ZERO,
     Expr,
@@ -43,7 +37,13 @@ from pamid.symbolic.expression import (
     symbol,
     symbols,
 )
-from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
+from pamid.engine.symbolic.memory_cells import StateEquations, cell_update, tick
+from pamid.model.bound_parameter import Bound
+from pamid.model.rig import Rig
+from pamid.model.step_rig import StepRig
+from pamid.model.trace import Names
+from pamid.networks.correction.identified_model import UNCORRECTED, Identified
+from pamid.simulation.excitation.experiments import held_level
 
 # dummy state of a model without states, because no target language has vectors of length 0
 STILL = "still"

@@ -1,4 +1,4 @@
-"""Reading a log in a separate process (`pamid.parallel.limited_process`): on a damaged file a
+"""Reading a log in a separate process (`pamid.base.parallel.limited_process`): on a damaged file a
 foreign parser may crash or never end, and not only raise.
 
 Channels are returned as plain numbers (npz without objects) and JSON, which execute nothing.
@@ -16,8 +16,8 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.files import LOG, MIB
 from pamid.base.npz import load_arrays
+from pamid.base.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
 from pamid.ingest.channels import Channel, Log, RobotValue
-from pamid.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
 
 #: processor time of a reader, s, and the addition for each MB of the file
 READER_S = 50.0

@@ -24,10 +24,10 @@ from pamid.base.files import (
 )
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
+from pamid.base.schemas import ingest_file as result
 from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import ColumnPieces, Conversion
 from pamid.recording.recording import write_recording
-from pamid.schemas import ingest_file as result
 
 STAGE = "ingest-unfinished"  # temporary folder, so that all files replace their targets together
 # samples in a row at the highest or lowest value of a channel: it may be clipped there

@@ -15,6 +15,7 @@ from pamid.base.errors import FileError, UsageError, quoted
 from pamid.base.files import PathLike, require_new, write_atomically
 from pamid.base.printable_text import printable
 from pamid.base.progress import ShowProgress, progress_steps
+from pamid.base.schemas.ingest_file import IngestFile, RecordingMade
 from pamid.base.trust import is_code
 from pamid.ingest.conversion import Conversion, convert
 from pamid.ingest.conversion_record import (
@@ -31,7 +32,6 @@ from pamid.ingest.parts import log_per_part
 from pamid.model.registry import RigLike, catalogue_rig, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of
-from pamid.schemas.ingest_file import IngestFile, RecordingMade
 
 CURES = get_args(Repair)
 

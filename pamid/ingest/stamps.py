@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray, runs_of
+from pamid.base.schemas.ingest_file import ClockRepair
 from pamid.recording.recording import MIN_SAMPLES
-from pamid.schemas.ingest_file import ClockRepair
 
 IntArray = NDArray[np.int64]
 

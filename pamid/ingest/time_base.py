@@ -26,6 +26,7 @@ from typing import Literal
 import numpy as np
 
 from pamid.base.metrics import FloatArray
+from pamid.base.schemas.ingest_file import ClockRepair, ClockWitness
 from pamid.ingest.stamps import (
     LATE_WINDOW,
     IntArray,
@@ -37,7 +38,6 @@ from pamid.ingest.stamps import (
 )
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.noise import noise_level
-from pamid.schemas.ingest_file import ClockRepair, ClockWitness
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 LEAST_VISIBLE = 0.5  # resolutions of a signal: a smaller change does not show

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import walk
+from pamid.engine.symbolic.vocabulary import Expr, held
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
     PERIODS,
@@ -29,8 +31,6 @@ from pamid.model.executable import Executable, Lanes, lane_program_of, program_o
 from pamid.model.known_bounds import CURE, KnownObjection, objection
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
-from pamid.symbolic.expression import walk
-from pamid.symbolic.vocabulary import Expr, held
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip, cos, where
 from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, cos, where
 
 LEVEL = 0.3  # of the tolerance: deviation of a single place as a whole
 HALF_WARM = 0.3  # of the longest recording: default time constant of the warm-up

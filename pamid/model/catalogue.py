@@ -7,16 +7,16 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from pamid.base.schemas import catalogue_files as result
 from pamid.base.units import NONE
+from pamid.engine.symbolic.expression import plain, rebuild, symbol, text, walk
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
 from pamid.model.no_place import no_places
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
-from pamid.schemas import catalogue_files as result
-from pamid.symbolic.expression import plain, rebuild, symbol, text, walk
-from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
 SIGN = (

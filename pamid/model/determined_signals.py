@@ -18,13 +18,13 @@ from functools import cached_property
 from typing import Any
 
 from pamid.base.errors import FileError
+from pamid.engine.symbolic.expression import ONE, ZERO, symbol, symbols, walk
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.step_rig import SIMULATED, StepRig
 from pamid.model.trace import Passage, Traced, trace
-from pamid.symbolic.expression import ONE, ZERO, symbol, symbols, walk
-from pamid.symbolic.vocabulary import Expr
 
 NOT_MEASURED = "it changes nothing that was measured"
 ABSOLUTE = None  # shift of an expression that is not proportional to s

@@ -32,8 +32,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from pamid.base.errors import FileError, nearest
+from pamid.engine.symbolic.vocabulary import EquationError, Expr, Number, integral
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import EquationError, Expr, Number, integral
 
 KINDS = {
     "command": "what is sent to the actuator, held over a sample",

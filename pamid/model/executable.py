@@ -17,12 +17,12 @@ from pamid.engine.program import Program, Stepping, build_program
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.serial_lanes import SerialLanes
 from pamid.engine.stepped import SteppedProgram
+from pamid.engine.symbolic.expression import ZERO, substitute, symbol, walk
+from pamid.engine.symbolic.memory_cells import Cell, StateEquations, expand_memory
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.rig import Rig
 from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
 from pamid.model.trace import Traced
-from pamid.symbolic.expression import ZERO, substitute, symbol, walk
-from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

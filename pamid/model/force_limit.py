@@ -6,8 +6,8 @@ Source: operating manual of the maker's fluidic muscle with force compensator (f
 
 from __future__ import annotations
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, smooth_step
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, smooth_step
 
 OPENING = Parameter.share("opening", 2.0, 0.0, 5.0, spread=2.0).with_source(
     "estimate: 1-5 times the conductance of the vent valve"

@@ -27,9 +27,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip, expression
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, expression
 
 Array = NDArray[np.float64]
 

@@ -23,11 +23,11 @@ from itertools import combinations
 import numpy as np
 
 from pamid.base.errors import UsageError, nearest
+from pamid.engine.symbolic.expression import symbol, symbols
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Passage, Traced, trace
-from pamid.symbolic.expression import symbol, symbols
-from pamid.symbolic.vocabulary import Expr
 
 Unknown = tuple[str, str]  # (space, name) of a state or a cut
 MOST_SENSORS = 5

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
+from pamid.base.schemas.catalogue_files import NoPlaceRow
 from pamid.model.attachment import attachments, needed_port
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
-from pamid.schemas.catalogue_files import NoPlaceRow
 
 
 def no_place_words(row: NoPlaceRow) -> str:

@@ -21,9 +21,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import ZERO, Expr, expression
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import ZERO, Expr, expression
 
 LOAD_SHARE = Parameter.share("share", 0.6, 0.0, 0.95, spread=0.35, tries=(0.85,)).with_source(
     "load behind the joint: 0.5-0.92 of the inertia"

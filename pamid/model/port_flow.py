@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from pamid.base.schemas.rig_map import MappedPort, RigMap
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.isolability import Cut, unknowns_of
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, trace
-from pamid.schemas.rig_map import MappedPort, RigMap
-from pamid.symbolic.vocabulary import Expr
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:

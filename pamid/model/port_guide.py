@@ -10,14 +10,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from pamid.engine.symbolic.expression import const, substitute, symbol, symbols
+from pamid.engine.symbolic.vocabulary import EquationError, Expr
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.background import ORDINARY_ROUGHNESS, RoughMap
 from pamid.model.effect import Effect
 from pamid.model.rig import Port, Rig
 from pamid.model.trace import Passage
-from pamid.symbolic.expression import const, substitute, symbol, symbols
-from pamid.symbolic.vocabulary import EquationError, Expr
 
 WIDTH = 110
 

@@ -23,12 +23,12 @@ from pamid.base.errors import FileError, PamidError, UsageError, nearest, quoted
 from pamid.base.files import PathLike
 from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
+from pamid.engine.symbolic.vocabulary import FUNCTIONS
 from pamid.model.effect import Effect, require_sound
 from pamid.model.free_form import FreeFormEffect
 from pamid.model.model_file import model_kinds
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
-from pamid.symbolic.vocabulary import FUNCTIONS
 
 #: a name of the catalogue, the path of a rig file (it is run), or a rig
 RigLike: TypeAlias = PathLike | Rig | type[Rig]

@@ -50,12 +50,12 @@ from pamid.base.units import (
     unit,
     with_unit,
 )
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.log_names import LogName
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BEFORE, BETWEEN
 from pamid.recording.recording import Recording
-from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
@@ -202,7 +202,7 @@ class Rig:
     ramped: ClassVar[tuple[str, ...]] = ()
     # what is driven by itself -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
-    # `pamid.excitation.experiments.Experiment`s of the rig, offered before the general ones
+    # of `pamid.simulation.excitation.experiments`, offered before the general ones
     experiments: ClassVar[tuple[Any, ...]] = ()
     # [known] parameter that can be changed at the rig -> another value for it, its name's unit: an
     # experiment is repeated with the first of them

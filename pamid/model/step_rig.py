@@ -46,9 +46,9 @@ from pamid.base.errors import FileError, nearest
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import DIFFERENCE, LibraryStep
 from pamid.engine.stepped import FarRunner, slopes_of
+from pamid.engine.symbolic.expression import Expr, expression, symbol
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.rig import Rig
-from pamid.symbolic.expression import Expr, expression, symbol
-from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 

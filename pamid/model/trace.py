@@ -11,12 +11,9 @@ from typing import Any
 
 from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.units import size_to_si
-from pamid.model.effect import Effect, Signals
-from pamid.model.rig import Loop, Rig
-from pamid.recording.file_checks import BEFORE
-from pamid.symbolic.expression import substitute, symbol, symbols
-from pamid.symbolic.memory_cells import Cell, tick
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.expression import substitute, symbol, symbols
+from pamid.engine.symbolic.memory_cells import Cell, tick
+from pamid.engine.symbolic.vocabulary import (
     FUNCTIONS_HINT,
     EquationError,
     Expr,
@@ -24,6 +21,9 @@ from pamid.symbolic.vocabulary import (
     expression,
     rate_of,
 )
+from pamid.model.effect import Effect, Signals
+from pamid.model.rig import Loop, Rig
+from pamid.recording.file_checks import BEFORE
 
 #: (port, place) -> the effects that act there, with the owner of each effect's parameters, in order
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]

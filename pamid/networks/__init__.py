@@ -1,2 +1,2 @@
-"""Networks that describe the residual of a grey-box model, a file per network, and the core that
-trains them."""
+"""Networks that describe the residual of a grey-box model, a file per network, the core that
+trains them, and, in `correction`, their place in the model."""

@@ -37,12 +37,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_expit
 
 from pamid.base.errors import DataError, UsageError, nearest
+from pamid.engine.symbolic.memory_cells import Cell
+from pamid.engine.symbolic.vocabulary import ZERO, Expr, clip, exp
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import CHUNK, Network, Records, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.networks.training_problem import TrainingOptions, TrainingProblem
-from pamid.symbolic.memory_cells import Cell
-from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
 
 Array = NDArray[np.float64]
 

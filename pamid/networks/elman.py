@@ -36,12 +36,12 @@ from pamid.engine.recurrence_kernels import (
     run_sensitivities,
     run_states,
 )
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.memory_cells import Cell
+from pamid.engine.symbolic.vocabulary import Expr, tanh
 from pamid.networks.modal_start import find_modes
 from pamid.networks.network import CHUNK, Network, Records, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import Cell
-from pamid.symbolic.vocabulary import Expr, tanh
 
 Array = NDArray[np.float64]
 

@@ -27,11 +27,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.memory_cells import Cell
+from pamid.engine.symbolic.vocabulary import ZERO, Expr, tanh
 from pamid.networks.network import CHUNK, Network, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import Cell
-from pamid.symbolic.vocabulary import ZERO, Expr, tanh
 
 Array = NDArray[np.float64]
 

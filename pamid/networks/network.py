@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
+from pamid.engine.symbolic.memory_cells import Cell
+from pamid.engine.symbolic.vocabulary import Expr, expression
 from pamid.networks.onnx_nodes import OnnxNodes
 from pamid.networks.root_sums import RootSums
-from pamid.symbolic.memory_cells import Cell
-from pamid.symbolic.vocabulary import Expr, expression
 
 Array = NDArray[np.float64]
 

@@ -28,11 +28,11 @@ from pamid.base.json_file import json_bytes, read_json
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE
 from pamid.base.scanned import classes_of, modules_of
+from pamid.base.schemas.network_file import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training_problem import TrainingOptions
-from pamid.schemas.network_file import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import mae
+from pamid.base.schemas import paper_files as result
+from pamid.engine.symbolic.vocabulary import ZERO, Expr
 from pamid.recording.recording import Recording
 from pamid.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
 from pamid.report.paper_figure import JointSwing, coupling_picture
 from pamid.rigs.two_link import JOINTS, TwoLink
-from pamid.schemas import paper_files as result
-from pamid.symbolic.vocabulary import ZERO, Expr
 
 Array = NDArray[np.float64]
 

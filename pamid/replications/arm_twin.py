@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from pamid.base.csv_table import table_bytes
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
-from pamid.correction.force_map import COLUMNS, ForceMap, pulls
 from pamid.effects.coulomb_friction import CoulombFriction
-from pamid.excitation.experiments import nothing_sent
 from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
+from pamid.networks.correction.force_map import COLUMNS, ForceMap, pulls
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_twin import departed
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.rigs.two_link import JOINTS
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.excitation.experiments import nothing_sent
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]

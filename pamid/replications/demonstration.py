@@ -20,11 +20,11 @@ from pamid.api.training import train_residual
 from pamid.base.json_file import read_json, write_json
 from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import Run
-from pamid.excitation.aprbs import aprbs
+from pamid.base.schemas.demo_file import DemoOutput, Hit, WithheldFile
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import TIME, write_recording
 from pamid.report.writing import write_report
-from pamid.schemas.demo_file import DemoOutput, Hit, WithheldFile
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import split_spec
 from pamid.trial.own_faults import NAMELESS
 from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of

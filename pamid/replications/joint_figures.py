@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import mae, rms
-from pamid.correction.force_map import ForceMap, forces
+from pamid.networks.correction.force_map import ForceMap, forces
 from pamid.networks.scaling import scaling_of
 from pamid.recording.recording import Recording
 from pamid.replications.joint_twin import (

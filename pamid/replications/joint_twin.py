@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import mae
 from pamid.base.units import split_column, with_unit
-from pamid.correction.residual_data import derived
 from pamid.model.registry import catalogue_rig
+from pamid.networks.correction.residual_data import derived
 from pamid.recording.recording import Recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 

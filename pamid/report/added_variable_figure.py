@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pamid.base.schemas.added_variables_file import AddedVariable
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.report.captions import added_leaders, added_line, slope_text, usable_plots
 from pamid.report.formatting import capital, channel_label, channel_unit, effect_label, percent
 from pamid.report.load import RunData
@@ -28,8 +30,6 @@ from pamid.report.style import (
     page_svg,
     upright,
 )
-from pamid.schemas.added_variables_file import AddedVariable
-from pamid.schemas.diagnosis_file import DiagnosisFile
 
 _MARGIN = 1.08
 ADDED_NOTE = (

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import join_words, quoted
+from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unknown
+from pamid.base.schemas.estimates import Estimate
 from pamid.base.share_words import minutes_text, times_text
 from pamid.base.units import split_column
 from pamid.checks.sampling_slips import OF_THE_LOG
+from pamid.diagnosis.verdict import verdict_words
+from pamid.diagnosis.verdict.verdict_words import chance_figure
 from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
@@ -44,10 +48,6 @@ from pamid.report.formatting import (
 )
 from pamid.report.formula import formula_text
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unknown
-from pamid.schemas.estimates import Estimate
-from pamid.verdict import verdict_words
-from pamid.verdict.verdict_words import chance_figure
 
 PROBABILITY_MEANS = (
     "A probability is how often, among virtual machines with figures like these, an effect of that "

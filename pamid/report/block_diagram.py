@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from pamid.schemas.rig_map import RigMap
+from pamid.base.schemas.rig_map import RigMap
 
 #: kinds of ports in the order in which a signal passes, and what stands above their column
 STAGES = {

@@ -7,6 +7,19 @@ from __future__ import annotations
 import re
 
 from pamid.base.errors import join_words
+from pamid.base.schemas.added_variables_file import AddedVariable
+from pamid.base.schemas.diagnosis_file import (
+    Candidate,
+    Cause,
+    DiagnosisFile,
+    FamilyForm,
+    NextExperiment,
+    Regime,
+    Sensor,
+    Unknown,
+)
+from pamid.base.schemas.estimates import Estimate
+from pamid.diagnosis.verdict.verdict_words import Spelling, finding_label, findings_of, sentence
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, headline
 from pamid.report.formatting import (
@@ -18,19 +31,6 @@ from pamid.report.formatting import (
     with_unit_text,
 )
 from pamid.report.load import RunData
-from pamid.schemas.added_variables_file import AddedVariable
-from pamid.schemas.diagnosis_file import (
-    Candidate,
-    Cause,
-    DiagnosisFile,
-    FamilyForm,
-    NextExperiment,
-    Regime,
-    Sensor,
-    Unknown,
-)
-from pamid.schemas.estimates import Estimate
-from pamid.verdict.verdict_words import Spelling, finding_label, findings_of, sentence
 
 #: where the reason for an experiment goes on with its settings, or with what it was weighed by
 _WEIGHED = re.compile(r"; (?:with \w+ =|simulated on )")

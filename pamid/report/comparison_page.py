@@ -9,6 +9,8 @@ from pathlib import Path
 from markupsafe import Markup
 
 from pamid.base.errors import UsageError, join_words
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.estimates import Interval
 from pamid.report import formatting
 from pamid.report.answers import Card
 from pamid.report.captions import causes_label, verdict_sentence
@@ -28,8 +30,6 @@ from pamid.report.formatting import (
 from pamid.report.load import RunData, load_run
 from pamid.report.markup import joined, tag
 from pamid.report.page import Page, Section, code, note, strong, table, text
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.estimates import Interval
 
 MOST_COMPARED = 6
 _SHA_DIGITS = 12

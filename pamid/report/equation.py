@@ -14,7 +14,11 @@ from typing import Any
 from markupsafe import Markup
 
 from pamid.base.errors import PamidError
+from pamid.base.schemas.diagnosis_file import Unknown
+from pamid.base.schemas.estimates import Estimate
 from pamid.base.units import quantity_of, split_column
+from pamid.engine.symbolic import vocabulary as equations
+from pamid.engine.symbolic.expression import Expr, expression, substitute, symbol, text
 from pamid.model.attachment import attach
 from pamid.model.bound_parameter import bind, parameters_of
 from pamid.model.effect import Effect
@@ -26,10 +30,6 @@ from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import paragraphs, prose, tag
 from pamid.report.mathml import Typeset, math_html, name, number_html, operator
-from pamid.schemas.diagnosis_file import Unknown
-from pamid.schemas.estimates import Estimate
-from pamid.symbolic import vocabulary as equations
-from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
 #: kind of port -> the letter and the name of what passes through it
 LETTERS = {

@@ -8,6 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from markupsafe import Markup
 
 from pamid.base.errors import join_words
+from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile, Transfer, Where
+from pamid.base.schemas.estimates import Estimate
+from pamid.base.schemas.fit_file import Combination, FitFile, LoopError
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_places
@@ -46,9 +49,6 @@ from pamid.report.page import (
 from pamid.report.provenance import provenance
 from pamid.report.recording_errors import held_out_errors, recording_errors_table
 from pamid.report.style import Picture
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Transfer, Where
-from pamid.schemas.estimates import Estimate
-from pamid.schemas.fit_file import Combination, FitFile, LoopError
 from pamid.simulation.scored_recording import IN_LOOP
 
 STRAINED = 3.0

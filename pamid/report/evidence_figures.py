@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.run_files import FloatArray
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.fit_file import FitFile, Posterior
+from pamid.base.schemas.network_file import NetworkFile
 from pamid.base.units import quotient, split_column
 from pamid.report import formatting
 from pamid.report.captions import causes_label
@@ -38,9 +41,6 @@ from pamid.report.style import (
     line,
     write,
 )
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.fit_file import FitFile, Posterior
-from pamid.schemas.network_file import NetworkFile
 
 LEAST_SIGNAL_SHARE = 0.1  # share of an error that a signal explains, to be named
 _BINS = 160

@@ -13,8 +13,8 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE
-from pamid.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
 from pamid.report.style import Drawing, Picture, colour, finish, label, line, render
+from pamid.simulation.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
 
 Array = NDArray[np.float64]
 

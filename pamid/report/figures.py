@@ -20,7 +20,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from pamid.base.errors import join_words
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.run_files import FloatArray
+from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile, Where
 from pamid.base.units import split_column
+from pamid.diagnosis.verdict.verdict_words import chance_figure, free_families
 from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
@@ -70,8 +72,6 @@ from pamid.report.style import (
     upright,
     write,
 )
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Where
-from pamid.verdict.verdict_words import chance_figure, free_families
 
 MOST_CANDIDATES = 12
 MOST_CURVES = 4  # that a reader can tell apart by colour and line

@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 
 from pamid.base.errors import join_words
+from pamid.base.schemas.estimates import Estimate
 from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
-from pamid.schemas.estimates import Estimate
 
 #: names of people and letters that a hyphenated effect name has lost
 _PROPER = {

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.run_files import FloatArray
+from pamid.base.schemas.diagnosis_file import Regime
 from pamid.base.units import split_column
+from pamid.diagnosis.verdict.localise import SMOOTHED
 from pamid.recording.signal_filters import local_parabola
 from pamid.report import formatting
 from pamid.report.captions import regime_label
 from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.load import Residual, RunData
 from pamid.report.samples import Stretch, channels_of, inputs_of
-from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.correlation_time import correlation_samples
-from pamid.verdict.localise import SMOOTHED
 
 WORST = 5
 MOST_BANDS = 2000

@@ -23,13 +23,13 @@ from pamid.base.run_folder import (
     RUN_FILE,
     Run,
 )
+from pamid.base.schemas.added_variables_file import AddedVariablesFile
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.fit_file import FitFile
+from pamid.base.schemas.network_file import NetworkFile
+from pamid.base.schemas.run_file import Step
 from pamid.base.units import split_column
 from pamid.networks.network_folders import TRACE_FILE, channel_networks
-from pamid.schemas.added_variables_file import AddedVariablesFile
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.fit_file import FitFile
-from pamid.schemas.network_file import NetworkFile
-from pamid.schemas.run_file import Step
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
+from pamid.engine.symbolic.expression import Expr, const
+from pamid.engine.symbolic.vocabulary import sign, smooth_step, stop
 from pamid.report import formatting
 from pamid.report.markup import Part, tag
-from pamid.symbolic.expression import Expr, const
-from pamid.symbolic.vocabulary import sign, smooth_step, stop
 
 #: how a symbol (space, name) is shown
 Shown = Callable[[str, str], Markup]

@@ -18,6 +18,17 @@ from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
 from pamid.base.result_file import REMEDY, read_result
 from pamid.base.run_folder import FIGURES_FOLDER
+from pamid.base.schemas.diagnosis_file import Cause
+from pamid.base.schemas.paper_files import (
+    ArmCoupling,
+    ArmErrors,
+    ArmEstimate,
+    ArmPaperFile,
+    PaperFile,
+    PaperRow,
+    StageEstimate,
+)
+from pamid.base.schemas.run_file import Step
 from pamid.report import formatting
 from pamid.report.channel_errors import ChannelErrors
 from pamid.report.formatting import (
@@ -35,17 +46,6 @@ from pamid.report.page import Page, Section, image, note, table
 from pamid.report.provenance import provenance
 from pamid.report.run_page import answer_sections
 from pamid.report.style import Picture
-from pamid.schemas.diagnosis_file import Cause
-from pamid.schemas.paper_files import (
-    ArmCoupling,
-    ArmErrors,
-    ArmEstimate,
-    ArmPaperFile,
-    PaperFile,
-    PaperRow,
-    StageEstimate,
-)
-from pamid.schemas.run_file import Step
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
 _MOST_PIXELS = 40_000_000

@@ -8,8 +8,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from pamid.base.schemas.power_file import PowerFile
 from pamid.report.style import Drawing, colour, label
-from pamid.schemas.power_file import PowerFile
 
 EFFECT_ROW_IN, HEAD_IN = 0.2, 1.2
 PLAINEST = 100.0  # error over the noise floor at which the colours end

@@ -8,11 +8,11 @@ from pathlib import PurePath
 from markupsafe import Markup
 
 from pamid.base.errors import join_words
+from pamid.base.schemas.fit_file import FitFile
+from pamid.base.schemas.run_file import Step
 from pamid.base.units import duration_text
 from pamid.report.formatting import DASH, clean, count
 from pamid.report.page import Section, code, note, table
-from pamid.schemas.fit_file import FitFile
-from pamid.schemas.run_file import Step
 
 
 def provenance(

@@ -10,12 +10,12 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from pamid.base.schemas.score_file import RecordingError
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, aligned
 from pamid.report.formatting import channel_label, channel_unit, count, number
 from pamid.report.load import RunData
 from pamid.report.page import table
-from pamid.schemas.score_file import RecordingError
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 
 COMPARISON_NAMES = {REPLAYED: "replay", IN_LOOP: "closed loop"}

@@ -14,6 +14,9 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
 from pamid.base.errors import join_words
+from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile
+from pamid.base.schemas.rig_map import RigMap
+from pamid.diagnosis.verdict.verdict_words import chance_figure
 from pamid.model.effect import KINDS
 from pamid.report import formatting
 from pamid.report.block_diagram import (
@@ -47,9 +50,6 @@ from pamid.report.style import (
     page_svg,
     write,
 )
-from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
-from pamid.schemas.rig_map import RigMap
-from pamid.verdict.verdict_words import chance_figure
 
 DIAGRAM_WIDE, _DIAGRAM_NARROW = 920.0, 340.0
 TINT = 0.5  # opacity of a block that holds the whole gap

@@ -10,12 +10,12 @@ from typing import Any
 from pamid.base.errors import FileError, PamidError
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RUN_FILE
+from pamid.base.schemas.run_file import Step
+from pamid.base.schemas.runs_file import RunSummary
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
-from pamid.schemas.run_file import Step
-from pamid.schemas.runs_file import RunSummary
 
 DEEPEST = 4  # folders below the searched folder
 MOST_LISTED = 2000

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 from markupsafe import Markup
 
+from pamid.base.schemas.run_file import Step
 from pamid.report import formatting
 from pamid.report.formatting import channel_label, channel_unit, clean, count, effect_label
 from pamid.report.page import Page, Section, bullets, details, figures, note, strong, table, text
 from pamid.report.provenance import provenance
 from pamid.report.style import Picture
 from pamid.report.trial_results import Trial, bin_label, reached_text, signs
-from pamid.schemas.run_file import Step
 from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20

@@ -8,10 +8,10 @@ from typing import Any
 
 from pamid.base.json_file import read_json
 from pamid.base.result_file import damaged, read_result
+from pamid.base.schemas.trial_file import Figure, Rate, TrialFile
 from pamid.base.trust import is_code
 from pamid.model.registry import in_catalogue
 from pamid.report import formatting
-from pamid.schemas.trial_file import Figure, Rate, TrialFile
 from pamid.trial.figure_table import TITLES, FigureRow, cells, rows_of
 from pamid.trial.machine import machine_names
 

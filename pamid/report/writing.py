@@ -13,6 +13,7 @@ from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.progress import tell
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIGURES_FOLDER, RUN_FILE, Run
+from pamid.base.schemas.score_file import RecordingError
 from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
@@ -47,7 +48,6 @@ from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_page
 from pamid.report.trial_results import read_trial
-from pamid.schemas.score_file import RecordingError
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them

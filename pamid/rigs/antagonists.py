@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
 from pamid.model.background import SmoothGain, SplitGain
 from pamid.model.force_limit import LIMIT, OPENING, OPENING_SPAN, blown_off
 from pamid.model.parameter import Parameter
@@ -33,7 +34,6 @@ from pamid.rigs.pneumatics import (
     muscle_volume,
     muscle_volume_slope,
 )
-from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
 

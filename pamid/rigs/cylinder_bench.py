@@ -28,10 +28,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Number, rate_of
 from pamid.model.background import RoughMap
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number, rate_of
 
 
 class CylinderBench(Rig):

@@ -27,11 +27,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
-from pamid.symbolic.vocabulary import Expr, Number
 
 
 class DcMotor(Rig):

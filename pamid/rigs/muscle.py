@@ -17,8 +17,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from pamid.base.errors import FileError, nearest
+from pamid.engine.symbolic.vocabulary import Expr, clip, cos, exp, sin, where
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, clip, cos, exp, sin, where
 
 Law = Callable[[Expr, Expr], Expr]
 

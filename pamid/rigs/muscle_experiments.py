@@ -1,5 +1,5 @@
 """Experiments of joints that antagonistic muscles drive: what such a rig adds to the general menu
-of `pamid.excitation.experiments`, and the tests of its muscles and links."""
+of `pamid.simulation.excitation.experiments`, and the tests of its muscles and links."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError, nearest
-from pamid.excitation.experiments import (
+from pamid.model.rig import Rig
+from pamid.simulation.excitation.experiments import (
     Bench,
     Columns,
     Experiment,
@@ -18,7 +19,7 @@ from pamid.excitation.experiments import (
     data_sheet_value,
     nothing_sent,
 )
-from pamid.excitation.waveforms import (
+from pamid.simulation.excitation.waveforms import (
     GAP_S,
     LOOPS_S,
     PULSES_S,
@@ -27,7 +28,6 @@ from pamid.excitation.waveforms import (
     pulses,
     through,
 )
-from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 

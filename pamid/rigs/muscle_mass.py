@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, where
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Loop, Port, Rig
@@ -41,7 +42,6 @@ from pamid.rigs.antagonists import Muscle, Valves, pressure_rate, pull_of
 from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.rigs.pneumatics import ATMOSPHERE_PA, conductances, iso_flow
-from pamid.symbolic.vocabulary import Expr, Number, absolute, where
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, clip, expression, maximum, sqrt, where
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, clip, expression, maximum, sqrt, where
 
 ATMOSPHERE_PA = 101325.0
 # pressure ratio above which the ellipse is replaced by its chord: its slope is infinite at 1

@@ -21,11 +21,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, sqrt
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Expr, Number, maximum, sqrt
 
 GRAVITY = 9.81
 EMPTY_M = 1e-4  # below it the outflow turns laminar, and its slope stays finite

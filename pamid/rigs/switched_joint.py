@@ -34,10 +34,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, absolute, maximum, minimum, sign, smooth_step
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
 from pamid.rigs.one_dof import OneDof
-from pamid.symbolic.vocabulary import Expr, absolute, maximum, minimum, sign, smooth_step
 
 EDGE = 0.02  # of duty, over which an edge is spread: keeps the fit's derivatives finite
 

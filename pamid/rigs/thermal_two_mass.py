@@ -24,11 +24,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Expr, Number
 
 ROOM_K = 293.15
 STORE = {"stored": "K", "temperature": "K", "loss": "K/s"}

@@ -22,11 +22,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.background import RoughMap
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number
 
 GRAVITY = 9.81
 CARRIAGE = {"position": "m", "velocity": "m/s", "load": "N"}

@@ -1,1 +1,2 @@
-"""Models run over recordings: simulation, windows, replay, the parts of the data."""
+"""Models run over recordings: simulation, windows, replay, the parts of the data; `excitation`
+makes the signals."""

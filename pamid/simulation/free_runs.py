@@ -14,13 +14,13 @@ from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.model.executable import Executable, Lanes
 from pamid.recording.recording import Recording
 from pamid.simulation.rig_data import Data, data_of
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.engine.symbolic.expression import symbols
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.simulation.free_runs import free_run, known_values
 from pamid.simulation.rig_data import Data
-from pamid.symbolic.expression import symbols
-from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import mae, rms
-from pamid.schemas.score_file import RecordingError
+from pamid.base.schemas.score_file import RecordingError
 
 Array = NDArray[np.float64]
 

@@ -31,10 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pamid.engine.symbolic.vocabulary import ZERO, exp, expression
 from pamid.model.parameter import Parameter
 from pamid.simulators.mechanism import Body, Mechanism
 from pamid.simulators.spatial import Mat, Vec, constant, rotation, vec
-from pamid.symbolic.vocabulary import ZERO, exp, expression
 
 Array = NDArray[np.float64]
 

@@ -19,6 +19,18 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from pamid.base.units import with_unit
+from pamid.engine.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    Number,
+    absolute,
+    clip,
+    delay,
+    expression,
+    maximum,
+    minimum,
+    where,
+)
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.simulators.body_inertia import BodyShape, shapes_of, tool_body
@@ -41,18 +53,6 @@ from pamid.simulators.soft_constraints import (
     impedance,
 )
 from pamid.simulators.tree_dynamics import Tree
-from pamid.symbolic.vocabulary import (
-    ZERO,
-    Expr,
-    Number,
-    absolute,
-    clip,
-    delay,
-    expression,
-    maximum,
-    minimum,
-    where,
-)
 
 DELAY_ROOM = 5.0  # times the delay that the file states
 RETURN_RATE = 200.0  # 1/s, decay of a spring's deflection beyond its largest value

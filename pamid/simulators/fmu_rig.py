@@ -28,6 +28,7 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.stepped import FarRunner
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
@@ -37,7 +38,6 @@ from pamid.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
 from pamid.simulators.fmu_link import SeenFmu
 from pamid.simulators.fmu_process import FmuProcess
 from pamid.simulators.mujoco_parameters import stated_parameter
-from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError, UsageError
 from pamid.base.files import MIB
-from pamid.parallel.limited_process import ProcessLimits
+from pamid.base.parallel.limited_process import ProcessLimits
 
 VARIABLE = "PAMID_MODEL_LIMITS"
 COMPILE_S = 40.0  # processor time for MuJoCo's compilation of a model

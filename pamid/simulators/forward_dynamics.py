@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from pamid.engine.symbolic.vocabulary import ZERO, Expr, held, tangent
 from pamid.simulators.soft_constraints import (
     CoupledSystem,
     SoftCoupling,
@@ -21,7 +22,6 @@ from pamid.simulators.soft_constraints import (
     solve_joint_friction,
 )
 from pamid.simulators.tree_dynamics import Tree
-from pamid.symbolic.vocabulary import ZERO, Expr, held, tangent
 
 MODELS_ALIKE = 64  # trees and accelerations that are kept for models in which they are the same
 

@@ -11,8 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from pamid.engine.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    absolute,
+    clip,
+    exp,
+    maximum,
+    minimum,
+    sin,
+    where,
+)
 from pamid.simulators.mechanism import Actuator, WindingMotor
-from pamid.symbolic.vocabulary import ZERO, Expr, absolute, clip, exp, maximum, minimum, sin, where
 
 #: of a parameter: attribute and the number in the file -> the expression
 Value = Callable[[str, float], Expr]

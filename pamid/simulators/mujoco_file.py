@@ -21,7 +21,7 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.files import MIB, PathLike, open_data
-from pamid.parallel.limited_process import ProcessFailure, run_limited
+from pamid.base.parallel.limited_process import ProcessFailure, run_limited
 from pamid.simulators.foreign_limits import RAISED, foreign_limits, require_few
 from pamid.simulators.free_joints import FreeJoints, settle_free_joints
 from pamid.simulators.model_packages import ModelPackages, known_packages

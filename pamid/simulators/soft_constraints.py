@@ -26,8 +26,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from pamid.simulators.tree_dynamics import Factors, Tree
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.vocabulary import (
     ZERO,
     Expr,
     absolute,
@@ -38,6 +37,7 @@ from pamid.symbolic.vocabulary import (
     maximum,
     where,
 )
+from pamid.simulators.tree_dynamics import Factors, Tree
 
 SWEEPS, SOLVES = 4, 2  # of several joints; a single joint needs no iteration
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.symbolic.vocabulary import ZERO, Expr, Number, expression
+from pamid.engine.symbolic.vocabulary import ZERO, Expr, Number, expression
 
 Array = NDArray[np.float64]
 Vec = NDArray[np.object_]  # (3,) of expressions

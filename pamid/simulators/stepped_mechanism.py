@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
 from pamid.engine.simulator_warnings import add_warnings
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.step_rig import StepRig
 from pamid.simulators.body_inertia import BodyShape
@@ -29,7 +30,6 @@ from pamid.simulators.compiled_rig import CompiledMechanism, MechanismEquations
 from pamid.simulators.mechanism import Mechanism, write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_findings import NOT_ENFORCED
-from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 

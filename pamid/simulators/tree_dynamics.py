@@ -14,6 +14,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    Number,
+    cos,
+    expression,
+    held,
+    sin,
+    tangent,
+)
 from pamid.simulators.body_inertia import full_inertia, inertia_per_mass
 from pamid.simulators.mechanism import Body, Mechanism, MechanismJoint, Mount
 from pamid.simulators.spatial import (
@@ -32,16 +42,6 @@ from pamid.simulators.spatial import (
     cross,
     rotation,
     times,
-)
-from pamid.symbolic.vocabulary import (
-    ZERO,
-    Expr,
-    Number,
-    cos,
-    expression,
-    held,
-    sin,
-    tangent,
 )
 
 Array = NDArray[np.float64]

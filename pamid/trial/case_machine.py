@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
 from pamid.base.files import make_folder
+from pamid.base.schemas.trial_case_files import ActingEffect
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.schemas.trial_case_files import ActingEffect
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.trial.cases import FURTHER_SHARES, OPEN, Case
 from pamid.trial.conditions import StarterConditions

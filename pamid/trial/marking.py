@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from pamid.schemas.diagnosis_file import CAUSED
+from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.trial.cases import OPEN
 
 LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named

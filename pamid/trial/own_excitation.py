@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
 from pamid.engine.program import Stepping
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import bounds_of
-from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.model.sampling import stated_period
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.experiments import bounds_of
+from pamid.simulation.excitation.waveforms import ramps
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, cos, expression, lag, maximum, sin, tanh
 from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, cos, expression, lag, maximum, sin, tanh
 from pamid.trial.starter_machine import MOST_WAVES
 
 Array = NDArray[np.float64]

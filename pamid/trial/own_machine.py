@@ -24,15 +24,16 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.base.files import sha256_of
+from pamid.base.parallel.result_store import digest
 from pamid.base.trust import is_code
 from pamid.base.units import split_column, to_si
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.registry import code_files, in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
-from pamid.parallel.result_store import digest
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
@@ -42,7 +43,6 @@ from pamid.simulation.free_runs import (
 )
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
-from pamid.symbolic.vocabulary import Expr
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machine import Record, machine_names

@@ -19,8 +19,8 @@ from pamid.base.metrics import (
     probability_bin,
     wilson_interval,
 )
-from pamid.schemas.estimates import FailedJob
-from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
+from pamid.base.schemas.estimates import FailedJob
+from pamid.base.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.cases import CLOSED, OPEN
 from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, OPEN_ANSWERS, Marked

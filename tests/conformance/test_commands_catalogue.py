@@ -46,7 +46,7 @@ References
 """
 
 from pamid.model.effect import Effect
-from pamid.symbolic.vocabulary import floor, sqrt
+from pamid.engine.symbolic.vocabulary import floor, sqrt
 from pamid.model.parameter import Parameter
 
 

@@ -108,7 +108,7 @@ KIND = Kind("numbers", (".num",), read_numbers, (b"%numbers",))
 
 OUTPUT = '''"""What `pamid say-hello` might print with --json."""
 
-from pamid.schemas.model import Model, Text
+from pamid.base.schemas.model import Model, Text
 
 
 class Greeting(Model, schema="pamid.greeting/1", title="pamid say-hello: a greeting"):
@@ -171,8 +171,9 @@ def test_a_network(copy: Path) -> None:
     said = " ".join(pamid(copy, "train-residual", "--help").split())
     assert "anfis, elman, line or narx" in said and "Powers of every input of line." in said
     code = (
-        "from pamid.correction.output_network import NetworkChoice as W;n = W('line', {'powers': "
-        "2, 'hidden': None}).network(3, 0.01);print(n.n_weights, n.words())"
+        "from pamid.networks.correction.output_network import NetworkChoice as W;"
+        "n = W('line', {'powers': 2, 'hidden': None}).network(3, 0.01);"
+        "print(n.n_weights, n.words())"
     )
     assert run(copy, "-c", code) == "7 line (inputs 3, powers 2)\n"
 
@@ -190,7 +191,8 @@ def test_a_form_of_export(copy: Path) -> None:
     said = " ".join(pamid(copy, "export", "--help").split())
     assert "|list|names|" in said and "; list, also names: a list of the states; " in said
     code = (
-        "from pathlib import Path; from pamid.correction.identified_model import Identified;"
+        "from pathlib import Path;"
+        "from pamid.networks.correction.identified_model import Identified;"
         "from pamid.engine.program import Stepping;"
         "from pamid.export.exporting import export_model;"
         "from pamid.model.assembly import Assembly; from pamid.model.registry import rig_named;"

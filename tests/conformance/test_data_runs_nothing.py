@@ -106,16 +106,16 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
         "pamid.api.fitting.fit_model",
         "pamid.api.diagnosing.diagnose_into",
-        "pamid.correction.port_network.fit_robustly",
+        "pamid.networks.correction.port_network.fit_robustly",
         "pamid.api.training.train_correction",
         "pamid.api.trial_cases.examine",
         "pamid.replications.papers.joint.reproduce",
         "pamid.replications.demonstration.run_demo",
-        "pamid.correction.force_map.judge",
+        "pamid.networks.correction.force_map.judge",
         "pamid.estimation.grey_box.fit_model",
-        "pamid.verdict.diagnosis_run.diagnose_into",
-        "pamid.correction.output_network.train_correction",
-        "pamid.correction.run_score.split_recordings",
+        "pamid.diagnosis.verdict.diagnosis_run.diagnose_into",
+        "pamid.networks.correction.output_network.train_correction",
+        "pamid.api.run_score.split_recordings",
     ):
         monkeypatch.setattr(place, end)
     monkeypatch.setattr("pamid.report.writing.render", blank)

@@ -19,13 +19,13 @@ from synthetic_run import diagnosis_json, fit_json, make_run
 from virtual_joint import record
 
 from pamid.base.errors import FileError
-from pamid.excitation.writers import FORMATS, SentSignals
 from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.networks.elman import Elman
 from pamid.recording.recording import toml_text
 from pamid.report.style import Picture
 from pamid.report.writing import write_report
+from pamid.simulation.excitation.writers import FORMATS, SentSignals
 
 ROOT = Path(__file__).resolve().parents[2]
 #: what runs or unpacks what it is given; as a name, or as the last part of module.name
@@ -55,8 +55,8 @@ DANGEROUS = {
 #: compiled patterns; MuJoCo's reading of a model, which makes numbers of it and runs nothing
 MEANT = {
     ("pamid/model/registry.py", "exec"),
-    ("pamid/parallel/dask_backend.py", "cloudpickle"),
-    ("pamid/parallel/result_store.py", "marshal"),
+    ("pamid/base/parallel/dask_backend.py", "cloudpickle"),
+    ("pamid/base/parallel/result_store.py", "marshal"),
     ("pamid/simulators/forward_dynamics.py", "system"),  # of equations
     ("pamid/simulators/free_joints.py", "compile"),
     ("pamid/simulators/mujoco_file.py", "compile"),
@@ -311,8 +311,8 @@ def test_no_text_of_a_run_becomes_source(
 
 def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
     """Under the right name, with the right entries, and yet an object: not unpacked."""
-    from pamid.parallel.packing import Question
-    from pamid.parallel.result_store import Store
+    from pamid.base.parallel.packing import Question
+    from pamid.base.parallel.result_store import Store
 
     class Loud:
         def __reduce__(self) -> tuple[Any, ...]:

@@ -12,8 +12,8 @@ import pytest
 from jsonschema import Draft202012Validator
 from pamid_cli.frame import run
 
-from pamid.schemas import all_schemas, earlier_schemas, stem_of
-from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas import all_schemas, earlier_schemas, stem_of
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "docs" / "hooks"))
 

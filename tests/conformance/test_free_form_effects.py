@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.checks.conformance import effect_findings
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.effect import KINDS, problems
@@ -19,7 +20,6 @@ from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import all_effects, free_form_effects, rig_named, rigs
 from pamid.model.rig import Port, Rig
 from pamid.simulation.virtual_rig import attach_specs
-from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 LOW, HIGH = -3.0, 3.0

@@ -41,8 +41,8 @@ CODE_LOADING = ("rig_named", "noted_rig", "noted_effects", "effects_with", "load
 MAY_LOAD = {
     "pamid/model/registry.py",
     "pamid/checks/inspection.py",
-    "pamid/correction/identified_model.py",
-    "pamid/correction/port_network.py",
+    "pamid/networks/correction/identified_model.py",
+    "pamid/networks/correction/port_network.py",
     "pamid/simulation/virtual_rig.py",
     "pamid/report/motion.py",
     "pamid/ingest/ingesting.py",

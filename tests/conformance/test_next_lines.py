@@ -20,22 +20,22 @@ from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
 import pamid.api.trial_cases as trial_work
-from pamid.authoring.column_match import examples
+from pamid.api.authoring.column_match import examples
 from pamid.base.errors import PamidError
+from pamid.base.schemas.diagnosis_file import NextExperiment
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.pipeline import Diagnosis
-from pamid.excitation.experiments import MENU, Experiment, menu
+from pamid.diagnosis.planning import next_experiment
+from pamid.diagnosis.planning.experiment_ways import NEXT_FILES
+from pamid.diagnosis.planning.next_experiment import Proposal, bench_of, sent_with
 from pamid.model.registry import rig_named
-from pamid.planning import next_experiment
-from pamid.planning.experiment_ways import NEXT_FILES
-from pamid.planning.next_experiment import Proposal, bench_of, sent_with
 from pamid.recording.recording import Recording, read_recording
 from pamid.report.answers import answers_of
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.rigs.muscle_experiments import EXPERIMENTS
-from pamid.schemas.diagnosis_file import NextExperiment
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.excitation.experiments import MENU, Experiment, menu
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = 77

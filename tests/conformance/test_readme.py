@@ -15,9 +15,9 @@ import pytest
 import tutorials
 from pamid_cli.table import COMMANDS, load_command
 
+from pamid.base.schemas.diagnosis_file import Verdict
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rigs
-from pamid.schemas.diagnosis_file import Verdict
 from pamid.simulation.virtual_rig import split_spec
 
 ROOT = Path(__file__).resolve().parents[2]

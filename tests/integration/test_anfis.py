@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import DataError
-from pamid.correction.trained_force_law import (
+from pamid.engine.symbolic.vocabulary import expression
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
+from pamid.networks.correction.trained_force_law import (
     ForceLaw,
     _on_grid,
     _steps,
     check_force_law,
     force_law_of,
 )
-from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
-from pamid.networks.anfis import Anfis
 from pamid.networks.network_training import train
 from pamid.networks.scaling import Scaling
 from pamid.networks.trained_network import (
@@ -31,7 +32,6 @@ from pamid.networks.trained_network import (
 from pamid.networks.training_problem import TrainingOptions
 from pamid.rigs.muscle import exponential
 from pamid.simulation.free_runs import free_run
-from pamid.symbolic.vocabulary import expression
 
 KINDS = pytest.mark.parametrize(
     "network",
@@ -185,7 +185,7 @@ def test_the_guard_looks_at_the_law_itself(muscle):
 RIG_FILE = """
 from pathlib import Path
 
-from pamid.correction.trained_force_law import force_law_of
+from pamid.networks.correction.trained_force_law import force_law_of
 from pamid.rigs.one_dof import OneDof
 
 

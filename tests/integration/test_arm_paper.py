@@ -15,8 +15,8 @@ import pytest
 from pamid_cli import frame
 
 from pamid.base.json_file import read_json
-from pamid.correction.force_map import read_map
 from pamid.model.registry import rig_named
+from pamid.networks.correction.force_map import read_map
 from pamid.replications.arm_twin import GRAVITY_TEST, PULSES, WITH_PAYLOAD, ArmTwin, sessions
 from pamid.replications.papers.arm import FITTED, MAP_FILE
 from pamid.replications.papers.arm import text as arm_text

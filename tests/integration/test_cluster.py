@@ -20,12 +20,12 @@ from small_cart import FEW, RIG, cart_evidence, others, record_cart
 
 from pamid.base.errors import FileError
 from pamid.base.json_file import read_json
+from pamid.base.parallel.dask_backend import Cluster, Patience, cluster
+from pamid.base.parallel.jobs import Failed, Work, WorkerPool
+from pamid.base.parallel.result_store import Store
 from pamid.base.run_folder import Run
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.model.registry import effects
-from pamid.parallel.dask_backend import Cluster, Patience, cluster
-from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.result_store import Store
-from pamid.verdict.diagnosis_run import diagnose_into
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 
@@ -42,7 +42,7 @@ def _patient() -> Iterator[None]:
     waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
     fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
     with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
-        patch.setattr("pamid.parallel.dask_backend.DEFAULT_PATIENCE", LONG)
+        patch.setattr("pamid.base.parallel.dask_backend.DEFAULT_PATIENCE", LONG)
         yield
 
 
@@ -175,7 +175,7 @@ def test_workers_have_to_be_alike(threads: Any, monkeypatch: pytest.MonkeyPatch)
     """Asked first for itself, this process has another code than afterwards, when its threads are
     asked."""
     said = iter(["another"])
-    monkeypatch.setattr("pamid.parallel.dask_backend.code_sha256", lambda: next(said, "this"))
+    monkeypatch.setattr("pamid.base.parallel.dask_backend.code_sha256", lambda: next(said, "this"))
     with pytest.raises(FileError, match="2 of 2 workers .* another version"), cluster(threads(2)):
         pass
     with cluster(threads(2)):

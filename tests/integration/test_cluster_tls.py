@@ -13,8 +13,8 @@ import pytest
 from pamid.api.options.estimating import FitArguments
 from pamid.api.options.record import about_fields
 from pamid.base.errors import FileError
-from pamid.parallel.dask_backend import Patience, cluster
-from pamid.parallel.jobs import Work, WorkerPool
+from pamid.base.parallel.dask_backend import Patience, cluster
+from pamid.base.parallel.jobs import Work, WorkerPool
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.writers import FORMATS, change_points, write_excitation
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.writers import FORMATS, change_points, write_excitation
 
 Array = NDArray[np.float64]
 

@@ -24,17 +24,21 @@ from identified_runs import (
 from pamid.base.errors import FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.units import as_column, split_column, to_si
-from pamid.correction.identified_model import Identified, load_identified, simulate_identified
 from pamid.engine.program import Stepping
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
+from pamid.networks.correction.identified_model import (
+    Identified,
+    load_identified,
+    simulate_identified,
+)
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
 from pamid.networks.trained_network import TrainedNetwork
 from pamid.recording.recording import Recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import attach_specs
 
 onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")

@@ -19,16 +19,16 @@ from pendulums import WrittenPendulum
 
 import pamid
 from pamid.base.errors import PamidError
-from pamid.correction.identified_model import Identified
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.excitation.aprbs import aprbs
 from pamid.export.fmu import make_fmu
 from pamid.export.step import step_of
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
+from pamid.networks.correction.identified_model import Identified
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulators.fmu_file import FmuFile, read_fmu
 from pamid.simulators.fmu_rig import FmuRig
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from pamid_cli.frame import run
 
 from pamid.base.metrics import rms
-from pamid.correction.force_map import ForceMap, judge, pulls
-from pamid.correction.trained_force_law import ForceLaw, check_force_law, grid_of_law
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
+from pamid.networks.correction.force_map import ForceMap, judge, pulls
+from pamid.networks.correction.trained_force_law import ForceLaw, check_force_law, grid_of_law
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 

@@ -23,7 +23,7 @@ from small_cart import RIG, record_cart
 from pamid.base.errors import FileError
 from pamid.base.files import read_lines
 from pamid.base.npz import load_arrays
-from pamid.parallel.result_store import Store
+from pamid.base.parallel.result_store import Store
 
 
 @pytest.fixture(autouse=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
 
 from pamid.api.given import evidence_of
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
@@ -20,18 +21,17 @@ from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.excitation.aprbs import aprbs
+from pamid.diagnosis.verdict.remainder import find_missing
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, exp, stop, tanh, where
 from pamid.model.attachment import attach
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects
-from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import DataSplit
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.symbolic.vocabulary import Expr, Number, absolute, exp, stop, tanh, where
-from pamid.verdict.remainder import find_missing
-from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 #: none of them of a family that is planted

@@ -50,7 +50,7 @@ class Piston(Rig):
 
 TANKS = '''"""Two tanks."""
 from pamid import Parameter, Port, Rig, State
-from pamid.symbolic.vocabulary import maximum, sqrt
+from pamid.engine.symbolic.vocabulary import maximum, sqrt
 
 class Tanks(Rig):
     """Two tanks in a row."""

@@ -256,7 +256,7 @@ def test_names_stay_short_where_many_are_alike() -> None:
 
 #: halts while the child compiles
 WHILE_COMPILING = """
-import pamid.parallel.limited_process as apart
+import pamid.base.parallel.limited_process as apart
 apart.tell = lambda text: happened("before", text)
 """
 #: waits for ever in native code, which a signal does not interrupt

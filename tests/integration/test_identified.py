@@ -20,19 +20,19 @@ from pamid.base.errors import FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json, write_json
 from pamid.base.units import from_si, split_column
-from pamid.correction.identified_model import (
+from pamid.diagnosis.verdict.diagnosis_run import models_json
+from pamid.estimation.grey_box import GreyBox
+from pamid.estimation.quantities import reported_values
+from pamid.model.registry import rig_named
+from pamid.networks.correction.identified_model import (
     Identified,
     load_identified,
     simulate_identified,
 )
-from pamid.correction.port_network import Corrected, entry_of
-from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.quantities import reported_values
-from pamid.model.registry import rig_named
+from pamid.networks.correction.port_network import Corrected, entry_of
 from pamid.networks.elman import Elman
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import free_run
-from pamid.verdict.diagnosis_run import models_json
 
 Made = tuple[Path, Recording, GreyBox]
 Copy = Callable[[], Path]

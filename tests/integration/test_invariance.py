@@ -19,13 +19,13 @@ from effect_bench import carts, inputs_of, tanks
 from one_cart import FRICTION, PLAIN, SAMPLES, Written, cart, part, recorded, turned_about
 
 from pamid.api.given import evidence_of
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.diagnosis.pipeline import diagnose
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
-from pamid.schemas.diagnosis_file import DiagnosisFile
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.verdict_figures import diagnosis_file
 
 #: one of every kind of size: of the value, of the position, of the velocity, of the time that the
 #: recordings remember, of the sampling period

@@ -19,10 +19,10 @@ from scripts import load_script
 
 from pamid.diagnosis import pipeline
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
+from pamid.diagnosis.verdict.added_variables import added_variables
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
-from pamid.verdict.added_variables import added_variables
 
 mujoco: Any = mechanisms.needs_mujoco()
 

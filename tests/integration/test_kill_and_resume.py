@@ -22,7 +22,7 @@ from small_cart import RIG, others, record_cart
 import pamid.api.trial_cases as work
 import pamid.base.run_folder
 from pamid.base.json_file import read_json
-from pamid.parallel.result_store import Store
+from pamid.base.parallel.result_store import Store
 
 FILES = [
     *("diagnosis.json", "fit.json", "residual.csv", "free-run.csv", "added-variables.json"),
@@ -142,7 +142,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
 ) -> None:
     """Every job is worked out once and no more; after a failure in the end only the damaged ones
     are repeated."""
-    import pamid.verdict.diagnosis_run as whole
+    import pamid.diagnosis.verdict.diagnosis_run as whole
 
     def broken(*_: Any) -> None:
         raise RuntimeError("in the end")

@@ -20,12 +20,12 @@ from pamid.engine.simulator import StepScales
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, FitStart, Problem, free_parameters
 from pamid.estimation.smoother import SlicedTrack, slices_of, start_trajectory
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.replay import replay_track
 from pamid.simulation.windows import Runner
 

@@ -12,6 +12,7 @@ from small_cart import PERIOD_S
 
 from pamid.base.run_folder import Run
 from pamid.checks.recording_quality import examine
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attachments
 from pamid.model.effect import State
@@ -21,7 +22,6 @@ from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import replay_track
-from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 MASS, DRAG, NOISE = 1.1, 2.3, 5e-4  # kg, N s/m, m

@@ -11,9 +11,9 @@ from small_cart import PERIOD_S, RIG, others
 from virtual_recordings import virtual_recording
 
 from pamid.base.json_file import read_json
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import FEWEST_SAMPLES
+from pamid.simulation.excitation.aprbs import aprbs
 
 
 def recorded(folder: Path, count: int) -> list[str]:

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from pamid.diagnosis.pipeline import diagnose
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.verdict.verdict_figures import diagnosis_file
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ROOT.parent / "shared" / "data"

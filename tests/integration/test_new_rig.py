@@ -17,16 +17,16 @@ from conformance_rules import run as run_rig
 from pamid_cli import frame
 
 import pamid
-from pamid.authoring.column_match import examples
+from pamid.api.authoring.column_match import examples
 from pamid.base.errors import FileError, UsageError
 from pamid.base.units import from_si, split_column
+from pamid.engine.symbolic.expression import symbols
 from pamid.model.assembly import Assembly
 from pamid.model.determined_signals import unobserved_states
 from pamid.model.effect import RIG_SECTIONS
 from pamid.model.registry import rig_named
 from pamid.model.trace import trace
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
-from pamid.symbolic.expression import symbols
 
 EXAMPLES = sorted(examples())
 

@@ -13,13 +13,13 @@ from pamid_cli.diagnose import diagnosis_text
 from scripts import load_script
 
 from pamid.base.run_folder import Run
-from pamid.excitation.aprbs import aprbs
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.load import load_run
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")

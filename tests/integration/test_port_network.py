@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from train_command import train
 
-import pamid.correction.port_network as port_network
+import pamid.networks.correction.port_network as port_network
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.run_folder import Run
-from pamid.correction.port_network import (
+from pamid.estimation.fit_files import fit_json, residual_csv
+from pamid.estimation.grey_box import GreyBox, fit_model
+from pamid.model.registry import rig_named
+from pamid.networks.correction.port_network import (
     Corrected,
     Entry,
     missing_at,
     named_values,
 )
-from pamid.estimation.fit_files import fit_json, residual_csv
-from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.replications.demonstration import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings

@@ -12,10 +12,10 @@ import pytest
 from pamid_cli.frame import run as run_command
 
 import pamid
+from pamid.base.schemas.power_file import ShownEffect
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.schemas.power_file import ShownEffect
 from pamid.simulation.data_split import Span, split_recordings
 
 PENDULUM = "servo-pendulum"  # its weight holds it: nothing drifts without end

@@ -16,11 +16,11 @@ from pamid_cli import frame
 import pamid
 from pamid.base.errors import PamidError
 from pamid.base.json_file import read_json, write_json
-from pamid.correction.identified_model import load_identified
-from pamid.excitation.aprbs import aprbs
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import rig_named
+from pamid.networks.correction.identified_model import load_identified
 from pamid.recording.recording import read_recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulators.compiled_rig import CompiledMechanism
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_mechanism import read_mechanism

@@ -24,6 +24,7 @@ from synthetic_run import (
 )
 
 from pamid.base.errors import FileError
+from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.report.page import page_script
@@ -31,7 +32,6 @@ from pamid.report.player import player_script
 from pamid.report.style import Drawing, Picture
 from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
-from pamid.schemas.diagnosis_file import CAUSED
 
 
 def blank(drawing: Drawing) -> Picture:

@@ -15,9 +15,9 @@ from pamid.estimation.intervals import estimates
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import TRAPPED, escape_local_minimum
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import attach_specs
 
 TRUE = {"mass_kg": 1.2, "coulomb-friction:force_n": 0.8}

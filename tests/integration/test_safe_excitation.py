@@ -15,8 +15,8 @@ from pamid_cli import frame
 
 from pamid.api.exciting import within_limits
 from pamid.base.errors import DataError, UsageError
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import read_recording
+from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco: Any = mechanisms.needs_mujoco()
 

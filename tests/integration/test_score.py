@@ -15,8 +15,8 @@ from pamid_cli import frame
 from virtual_joint import KNOWN, record
 
 from pamid.base.files import write_atomically
-from pamid.correction.identified_model import load_identified, record_identified
 from pamid.estimation.fit_files import residual_csv
+from pamid.networks.correction.identified_model import load_identified, record_identified
 from pamid.networks.elman import Elman
 from pamid.recording.recording import read_recording
 from pamid.report.load import load_run

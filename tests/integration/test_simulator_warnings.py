@@ -19,9 +19,9 @@ from pamid.base.json_file import read_json
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import SimulatorWarnings, add_warnings, counted_warnings
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 mujoco: Any = mechanisms.needs_mujoco()

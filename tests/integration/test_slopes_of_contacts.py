@@ -16,10 +16,10 @@ from pamid.estimation.grey_box import model_with
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 
 pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 

@@ -21,10 +21,8 @@ from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sen
 from pamid.checks.sampling_slips import compare_holds
 from pamid.checks.sheet_comparison import compared_with_sheet
 from pamid.checks.slips import slips_of_recording
-from pamid.correction.identified_model import load_identified
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.excitation.aprbs import aprbs
 from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
@@ -32,7 +30,9 @@ from pamid.model.between_samples import stated
 from pamid.model.isolability import isolability
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
+from pamid.networks.correction.identified_model import load_identified
 from pamid.recording.recording import recording_of
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import choose_stepping, port_sizes
 
 Array = NDArray[np.float64]

@@ -23,11 +23,11 @@ from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import fit_from_shorter_windows
 from pamid.estimation.robust_fit import fit_robustly
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import DataError, PamidError
+from pamid.base.parallel.jobs import ATTEMPTS, Failed, LocalJobs, Work, WorkerPool
+from pamid.base.parallel.packing import Question
+from pamid.base.parallel.result_store import Store, digest
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import ATTEMPTS, Failed, LocalJobs, Work, WorkerPool
-from pamid.parallel.packing import Question
-from pamid.parallel.result_store import Store, digest
 
 KEY = "ab" * 32
 RESULT = {
@@ -166,8 +166,9 @@ def test_a_digest_sees_every_part() -> None:
 
 def test_a_digest_is_the_same_in_every_process() -> None:
     code = (
-        "from pamid.model.registry import effects, rig_named; from pamid.parallel.result_store "
-        "import digest; import numpy as np;print(digest(rig_named('one-dof'), "
+        "from pamid.model.registry import effects, rig_named; "
+        "from pamid.base.parallel.result_store import digest; "
+        "import numpy as np;print(digest(rig_named('one-dof'), "
         "sorted(effects().items()), {'b', 'a', 'c'}, np.arange(3.0)))"
     )
     found = {
@@ -312,7 +313,7 @@ def test_another_version_of_the_code_trusts_nothing_of_the_former(
 ) -> None:
     store = Store(tmp_path / "jobs")
     WorkerPool(1, store).run(Rooting(), ITEMS)
-    monkeypatch.setattr("pamid.parallel.jobs.code_sha256", lambda: "another")
+    monkeypatch.setattr("pamid.base.parallel.jobs.code_sha256", lambda: "another")
     pool = WorkerPool(1, store)
     pool.run(Rooting(), ITEMS)
     assert pool.counts == {"worked": 5, "kept": 0, "failed": 0}

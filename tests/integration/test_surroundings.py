@@ -17,8 +17,8 @@ import pytest
 from pamid_cli import frame
 
 from pamid.base.json_file import read_json
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 
 CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 COMMAS = ("de_DE.UTF-8", "de_DE", "fr_FR.UTF-8", "nl_NL.UTF-8")

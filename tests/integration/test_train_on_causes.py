@@ -22,10 +22,14 @@ import pamid
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.units import from_si, split_column
-from pamid.correction.identified_model import Identified, load_identified, simulate_identified
-from pamid.correction.residual_data import derived, read_residual_data, residual_columns
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv, residual_table
 from pamid.estimation.grey_box import GreyBox
+from pamid.networks.correction.identified_model import (
+    Identified,
+    load_identified,
+    simulate_identified,
+)
+from pamid.networks.correction.residual_data import derived, read_residual_data, residual_columns
 from pamid.networks.elman import Elman
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording

@@ -16,13 +16,13 @@ from pamid.api.trial_cases import CaseWork
 from pamid.base.errors import DataError, UsageError
 from pamid.base.json_file import read_json
 from pamid.base.metrics import wilson_interval
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.run_folder import Run
+from pamid.base.schemas.diagnosis_file import CAUSED
+from pamid.base.schemas.trial_file import TrialFile
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
-from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
-from pamid.schemas.diagnosis_file import CAUSED
-from pamid.schemas.trial_file import TrialFile
 from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.figure_table import trial_text

@@ -15,12 +15,12 @@ from scipy.integrate import solve_ivp
 
 from pamid.api import trial_cases
 from pamid.base.errors import DataError, UsageError
-from pamid.excitation.aprbs import aprbs
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
-from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from small_cart import FEW, cart_evidence, record_cart
 
+from pamid.base.parallel.jobs import WorkerPool
+from pamid.base.parallel.result_store import Store
 from pamid.diagnosis import selection
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects
-from pamid.parallel.jobs import WorkerPool
-from pamid.parallel.result_store import Store
-from pamid.verdict.verdict_figures import diagnosis_file
 
 LATE_AND_RUBBING = ("coulomb-friction", "dead-time")
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import pamid
 from pamid.api.results import DiagnosisResult
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 

@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 from pamid_cli import frame
 
 from pamid.base.errors import FileError
-from pamid.correction.identified_model import load_identified, simulate_identified
+from pamid.base.schemas.fit_file import Posterior
+from pamid.diagnosis.verdict import diagnosis_run
 from pamid.engine.program import Stepping
 from pamid.export.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.schemas.fit_file import Posterior
+from pamid.networks.correction.identified_model import load_identified, simulate_identified
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_forms import IdentifiedEffect
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
 from pamid.simulators.stepped_mechanism import SteppedMechanism
 from pamid.simulators.write_back import write_back
-from pamid.verdict import diagnosis_run
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number
 
 BOTH = ("1", "2")
 

@@ -1,4 +1,5 @@
-"""Functions for the child process of `pamid.parallel.limited_process`, each with another end."""
+"""Functions for the child process of `pamid.base.parallel.limited_process`, each with another
+end."""
 
 from __future__ import annotations
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.excitation.experiments import usual_range
-from pamid.excitation.waveforms import ramps
+from pamid.engine.symbolic.expression import symbol
 from pamid.model.assembly import Array, Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Sizes
 from pamid.model.registry import effects, rig_named, rigs
 from pamid.model.rig import Rig
+from pamid.simulation.excitation.experiments import usual_range
+from pamid.simulation.excitation.waveforms import ramps
 from pamid.simulation.free_runs import port_sizes
-from pamid.symbolic.expression import symbol
 
 TEST_RIGS = sorted(Path(__file__).parents[1].joinpath("rigs").glob("*.py"))
 STEPPING = Stepping(2)

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from pamid.excitation.aprbs import aprbs
+from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
 
 
 def carts(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:

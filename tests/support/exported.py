@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import from_si, split_column, to_si
-from pamid.correction.identified_model import Identified, ModelNetwork, simulate_identified
 from pamid.engine.program import Stepping
 from pamid.export.c_source import c_files
 from pamid.export.fmu import Fmu, make_fmu
@@ -28,6 +27,7 @@ from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
+from pamid.networks.correction.identified_model import Identified, ModelNetwork, simulate_identified
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling
 from pamid.networks.trained_network import TrainedNetwork

@@ -215,7 +215,7 @@ def resumed(site: Site) -> list[Words]:
 
 def results(site: Site) -> list[Words]:
     """Results of single jobs and the journal, read by the library."""
-    from pamid.parallel.result_store import Store
+    from pamid.base.parallel.result_store import Store
 
     folder = site.copy("jobs")
     path = site.random.choice(sorted(folder.iterdir()))

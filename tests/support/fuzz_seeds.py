@@ -68,8 +68,8 @@ def make_seeds(place: Path) -> Path:
 
 def _checkpoint(place: Path) -> None:
     """Where a training of the run stood after its first step."""
-    from pamid.correction.output_network import NetworkChoice, train_correction
-    from pamid.correction.residual_data import read_residual_data
+    from pamid.networks.correction.output_network import NetworkChoice, train_correction
+    from pamid.networks.correction.residual_data import read_residual_data
 
     train_correction(
         read_residual_data(place / "explained"),
@@ -90,8 +90,8 @@ def _force_map(path: Path) -> None:
 
 
 def _excitation(place: Path) -> None:
-    from pamid.excitation.aprbs import aprbs
     from pamid.recording.recording import write_recording
+    from pamid.simulation.excitation.aprbs import aprbs
 
     reference = aprbs(0.3, 0.003, 20.0, seed=1, hold_s=(0.05, 0.1))
     write_recording(
@@ -101,8 +101,8 @@ def _excitation(place: Path) -> None:
 
 
 def _results(place: Path) -> None:
-    from pamid.parallel.packing import Question
-    from pamid.parallel.result_store import Store
+    from pamid.base.parallel.packing import Question
+    from pamid.base.parallel.result_store import Store
 
     result = {"x": np.arange(5.0), "y": [1, float("inf"), {"z": "text"}], "n": None}
     Store(place / "jobs").put("ab" * 32, "a job", Question().packed(result))

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.engine.symbolic.expression import Expr, plain, symbol, walk
+from pamid.engine.symbolic.operators import OPERATORS
 from pamid.simulators.compiled_rig import CompiledMechanism
 from pamid.simulators.mechanism import write_values
 from pamid.simulators.mujoco_file import open_mujoco
 from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.symbolic.expression import Expr, plain, symbol, walk
-from pamid.symbolic.operators import OPERATORS
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from pamid.base.csv_table import table_bytes
 from pamid.base.run_folder import Run
+from pamid.base.schemas import fit_file as result
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.schemas import fit_file as result
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
-from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from pamid.engine.symbolic.vocabulary import Number, sin
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.free_runs import virtual_recording
-from pamid.symbolic.vocabulary import Number, sin
 
 TRUTH = {"mass_kg": 0.8, "centre_m": 0.11, "inertia_kg_m2": 0.009, "viscous_n_m_s": 0.004}
 

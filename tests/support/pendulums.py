@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pamid.engine.symbolic.vocabulary import Number, cos, sin
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
-from pamid.symbolic.vocabulary import Number, cos, sin
 
 GRAVITY = 9.81
 #: what the machine is called and consists of is declared there, once

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import wilson_interval
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.model import read
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.model import read
+from pamid.diagnosis.verdict.verdict_words import sentence
 from pamid.trial.figure_table import JOINT_ROWS
-from pamid.verdict.verdict_words import sentence
 
 #: verdicts whose model with the causes is replayed, and those that describe what is missing
 WITH_CAUSE, DESCRIBED = ("explained", "partly-explained"), ("partly-explained", "unknown-effect")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 PERIOD_S = 0.003

@@ -12,17 +12,17 @@ from small_cart import FEW, cart_evidence, record_cart
 
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import ADDED_VARIABLES_FILE, Run
+from pamid.base.schemas.added_variables_file import AddedVariable, AddedVariablesFile
+from pamid.base.schemas.model import read
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
+from pamid.diagnosis.verdict.added_variables import added_variables
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.linear_rows import left_over, linear_rows
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects
-from pamid.schemas.added_variables_file import AddedVariable, AddedVariablesFile
-from pamid.schemas.model import read
-from pamid.verdict.added_variables import added_variables
-from pamid.verdict.diagnosis_run import diagnose_into
 
 CATALOGUE = {name: kind for name, kind in effects().items() if name in FEW}
 EVERYTHING = 10**9

@@ -9,11 +9,11 @@ import pytest
 from made_models import comparison
 from test_selection import BEFORE, EFFECTS, WINDOWS, Bench, Objecting
 
+from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.diagnosis.answer import Answer, answer, probability
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison, families_of
 from pamid.diagnosis.selection import Selection
-from pamid.schemas.diagnosis_file import CAUSED
 
 NAMES = tuple(EFFECTS)
 

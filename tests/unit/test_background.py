@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.assembly import Assembly
 from pamid.model.background import (
     BEYOND_SIZE,
@@ -19,7 +20,6 @@ from pamid.model.port_guide import mapped_ports, tolerance_words
 from pamid.model.registry import catalogue_rig, rigs
 from pamid.model.rig import Port, Rig, check_rig
 from pamid.simulation.free_runs import free_run
-from pamid.symbolic.vocabulary import Number
 
 
 def warming(warming_s: float | None, period_s: float) -> Assembly:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from small_cart import RIG, record_cart
 
+from pamid.base.parallel.packing import Question
 from pamid.estimation import baseline_repair
 from pamid.estimation.baseline_repair import (
     WORSE,
@@ -24,7 +25,6 @@ from pamid.estimation.problem import FitStart
 from pamid.model.background import Gain
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
-from pamid.parallel.packing import Question
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
 

@@ -8,6 +8,9 @@ import re
 import pytest
 from synthetic_run import diagnosis_json
 
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.model import read
+from pamid.base.schemas.rig_map import RigMap
 from pamid.model.port_flow import rig_map
 from pamid.model.registry import rig_named, rigs
 from pamid.report.block_diagram import (
@@ -20,9 +23,6 @@ from pamid.report.block_diagram import (
 )
 from pamid.report.rig_figure import anchor, block_texts, panels_html, rig_drawing, rig_svg
 from pamid.report.style import page_svg
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.model import read
-from pamid.schemas.rig_map import RigMap
 
 EACH_DIAGRAM = ("dc-motor", "two-masses", "damper-bench", "geared-motor", "cylinder-bench", "servo")
 

@@ -12,6 +12,8 @@ import pytest
 from posed_arms import FOUR_HINGES, arm_text
 
 from pamid.base.errors import FileError
+from pamid.engine.symbolic.derivative import gradients
+from pamid.engine.symbolic.expression import ZERO, plain, symbol
 from pamid.model.between_samples import as_fitted, released
 from pamid.simulators.body_inertia import BodyShape, full_inertia, shapes_of, with_full_inertia
 from pamid.simulators.compiled_rig import CompiledMechanism
@@ -19,8 +21,6 @@ from pamid.simulators.mechanism import Body
 from pamid.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulators.stepped_mechanism import SteppedMechanism
 from pamid.simulators.write_back import write_back
-from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import ZERO, plain, symbol
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -11,10 +11,10 @@ import pytest
 
 from pamid.checks import conformance
 from pamid.checks.conformance import SAME_SLOPE, finite_everywhere, sensitivity_error
+from pamid.engine.symbolic.vocabulary import Number, clip, sin, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number, clip, sin, sqrt
 
 
 class Toppling(Rig):

@@ -14,9 +14,9 @@ from pamid import Gain
 from pamid.base.errors import FileError
 from pamid.checks.conformance import rig_findings
 from pamid.checks.recording_quality import examine
+from pamid.diagnosis.verdict.notes import _signs as notes_of
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, match_column, recording_of
-from pamid.verdict.notes import _signs as notes_of
 
 RIG = '''
 from pamid import Parameter, Port, Rig, State

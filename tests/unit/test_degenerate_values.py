@@ -15,11 +15,11 @@ from small_cart import RIG, record_cart
 from cli.frame import run
 from pamid.base.errors import FileError
 from pamid.base.run_folder import Run
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.model.registry import effects, rig_named
 from pamid.networks.checkpoints import TrainingStep, load_checkpoint
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.verdict.diagnosis_run import diagnose_into
 
 Array = NDArray[np.float64]
 Call = dict[str, Any]

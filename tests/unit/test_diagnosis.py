@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from virtual_joint import record
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.run_folder import Run
 from pamid.diagnosis.settings import Settings
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.verdict.diagnosis_run import diagnose_into
-from pamid.verdict.verdict_figures import diagnosis_file
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"

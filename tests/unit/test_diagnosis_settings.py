@@ -16,14 +16,14 @@ from small_cart import RIG, cart_evidence, others, record_cart
 import pamid
 import pamid.diagnosis
 from pamid.base.errors import ConvergenceError, UsageError
+from pamid.base.parallel.jobs import Work
+from pamid.base.parallel.result_store import digest
 from pamid.diagnosis import budget
 from pamid.diagnosis.effect_subsets import ResponseWork
 from pamid.diagnosis.screening import ScreeningBaseline
 from pamid.diagnosis.search import _ScreeningWork
 from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.parallel.jobs import Work
-from pamid.parallel.result_store import digest
 from pamid.simulation.replay import WHOLE
 
 ROOM = Path(pamid.diagnosis.__file__).parent

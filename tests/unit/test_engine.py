@@ -23,17 +23,8 @@ from compiled import (
 
 from pamid.engine.program import Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.model.assembly import Assembly
-from pamid.model.attachment import attach
-from pamid.model.effect import State
-from pamid.model.parameter import Parameter
-from pamid.model.registry import effects, rig_named
-from pamid.model.rig import Port, Rig
-from pamid.simulation.free_runs import choose_stepping, free_run
-from pamid.simulation.tracks import Track
-from pamid.simulation.windows import Runner
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.vocabulary import (
     Expr,
     absolute,
     bristle,
@@ -49,6 +40,15 @@ from pamid.symbolic.vocabulary import (
     tanh,
     where,
 )
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Port, Rig
+from pamid.simulation.free_runs import choose_stepping, free_run
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner
 
 EXPLICIT, IMPLICIT = Stepping(1), Stepping(1, implicit=True)
 BOTH = pytest.mark.parametrize("implicit", [False, True], ids=["rk4", "sdirk2"])

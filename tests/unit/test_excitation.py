@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import UsageError
-from pamid.excitation.aprbs import aprbs, coverage
+from pamid.simulation.excitation.aprbs import aprbs, coverage
 
 PERIOD = 0.003
 

@@ -12,13 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from virtual_recordings import virtual_recording
 
-from pamid.estimation.grey_box import fit_model
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import Experiment, menu
-from pamid.excitation.waveforms import washed_out
-from pamid.model.registry import rig_named
-from pamid.planning import experiment_ways
-from pamid.planning.experiment_ways import (
+from pamid.diagnosis.planning import experiment_ways
+from pamid.diagnosis.planning.experiment_ways import (
     LEEWAY,
     Predictions,
     Way,
@@ -27,8 +22,13 @@ from pamid.planning.experiment_ways import (
     reaches,
     ways_to_run,
 )
-from pamid.planning.next_experiment import bench_of
+from pamid.diagnosis.planning.next_experiment import bench_of
+from pamid.estimation.grey_box import fit_model
+from pamid.model.registry import rig_named
 from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.experiments import Experiment, menu
+from pamid.simulation.excitation.waveforms import washed_out
 
 Array = NDArray[np.float64]
 

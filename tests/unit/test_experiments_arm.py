@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import MENU, Bench, menu
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.experiments import MENU, Bench, menu
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
+from pamid.base.schemas.estimates import Estimate
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
@@ -28,7 +29,6 @@ from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.schemas.estimates import Estimate
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.rig_data import data_of

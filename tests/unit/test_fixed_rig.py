@@ -9,11 +9,11 @@ import pytest
 from small_cart import FEW, RIG, record_cart
 
 from pamid.diagnosis.pipeline import diagnose
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.verdict.verdict_figures import diagnosis_file
 
 TRUE_MASS_KG = 1.2  # of `record_cart`
 

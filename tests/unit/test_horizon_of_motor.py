@@ -10,9 +10,9 @@ from pamid_cli import frame
 
 from pamid.api.given import evidence_of
 from pamid.base.metrics import seen_mean
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.settings import DEFAULT
-from pamid.parallel.jobs import WorkerPool
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.vocabulary import Number, cos, sin
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -22,7 +23,6 @@ from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
-from pamid.symbolic.vocabulary import Number, cos, sin
 
 Array = NDArray[np.float64]
 

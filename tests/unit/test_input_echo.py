@@ -14,12 +14,12 @@ from small_cart import PERIOD_S, RIG
 from cli.frame import run
 from pamid.checks.findings import QualityIssue
 from pamid.checks.recording_quality import before_a_fit
+from pamid.engine.symbolic.vocabulary import Number, tanh
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of, write_recording
-from pamid.symbolic.vocabulary import Number, tanh
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import pytest
 
 from pamid.api.checking import check
 from pamid.estimation.lagged_linear import lagged_share
-from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 
 PERIOD_S = 2.0
 BOILER = '''"""A boiler: a heater, and water that takes heat away."""

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import State
 from pamid.model.isolability import Isolability, Split, Structure, isolability
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.rigs.one_dof import OneDof
-from pamid.symbolic.vocabulary import Expr, Number
 
 # ---- the decomposition --------------------
 

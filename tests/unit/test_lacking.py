@@ -11,11 +11,11 @@ import pytest
 from virtual_recordings import virtual_recording
 
 from cli.frame import run
-from pamid.correction.residual_data import read_residual_data
 from pamid.estimation.fit_files import fit_json, residual_table
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
+from pamid.networks.correction.residual_data import read_residual_data
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 

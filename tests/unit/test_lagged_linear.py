@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.estimation.lagged_linear import inputs_move, lagged_response
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.tracks import Track
 
 Array = NDArray[np.float64]

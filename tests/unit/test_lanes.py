@@ -17,12 +17,23 @@ from pamid.engine.lane_program import LaneProgram, build_lane_program
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.serial_lanes import SerialLanes
+from pamid.engine.symbolic.expression import Expr
+from pamid.engine.symbolic.memory_cells import expand_memory
+from pamid.engine.symbolic.vocabulary import (
+    cos,
+    delay,
+    exp,
+    floor,
+    integral,
+    log,
+    play,
+    sin,
+    sqrt,
+    tanh,
+)
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.symbolic.expression import Expr
-from pamid.symbolic.memory_cells import expand_memory
-from pamid.symbolic.vocabulary import cos, delay, exp, floor, integral, log, play, sin, sqrt, tanh
 
 TOLERANCE = 1e-9  # of the largest output: lanes and single runs round differently
 SAMPLES = 300

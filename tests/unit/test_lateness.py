@@ -13,6 +13,7 @@ from pamid.checks.recording_quality import examine
 from pamid.checks.rig_consistency import _fits_better_later
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.vocabulary import Number, clip, sin
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -21,7 +22,6 @@ from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.free_runs import free_run
-from pamid.symbolic.vocabulary import Number, clip, sin
 
 
 @pytest.mark.parametrize("time", [1.0, 200.0, 1.0 / 200.0])

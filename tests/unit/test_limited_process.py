@@ -10,7 +10,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.base.files import MIB
-from pamid.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
+from pamid.base.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
 
 LIMITS = ProcessLimits(seconds=100.0, patience=600.0, memory=256 * MIB)
 limited = pytest.mark.skipif(sys.platform != "linux", reason="limits are those of Linux")

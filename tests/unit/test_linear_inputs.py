@@ -19,14 +19,14 @@ from pamid.checks.conformance import (
 )
 from pamid.engine.program import Program, Stepping, build_program
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.memory_cells import expand_memory
+from pamid.engine.symbolic.vocabulary import Expr, delay, lag, play
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import expand_memory
-from pamid.symbolic.vocabulary import Expr, delay, lag, play
 
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
 Array = NDArray[np.float64]

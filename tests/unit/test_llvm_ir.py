@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pamid.engine.jit_cache import addresses
 from pamid.engine.llvm_ir import IN_PARTS, LONG_MODULE, declarations, function_text, part_of
-from pamid.symbolic.expression import Expr, symbol
-from pamid.symbolic.vocabulary import exp, expression, sin, where
+from pamid.engine.symbolic.expression import Expr, symbol
+from pamid.engine.symbolic.vocabulary import exp, expression, sin, where
 
 Array = NDArray[np.float64]
 PLACES = {"a": 0, "b": 1}

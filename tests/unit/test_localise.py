@@ -12,18 +12,18 @@ import pytest
 from virtual_joint import SPECIMEN, record
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
-from pamid.engine.program import Stepping
-from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
-from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import replay_track
-from pamid.verdict.localise import (
+from pamid.diagnosis.verdict.localise import (
     REGIMES_MOST,
     _followed,
     measured_signals,
     port_signals,
     regimes,
 )
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.simulation.data_split import DataSplit, split_recordings
+from pamid.simulation.replay import replay_track
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 

@@ -11,12 +11,12 @@ from small_cart import PERIOD_S, RIG, cart_evidence, record_cart
 
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.verdict.notes import notes_of
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, recording_of, write_recording
 from pamid.simulation import data_split
 from pamid.simulation.data_split import STRETCHES, DataSplit, Span, split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict.notes import notes_of
 
 LONG_S = 40.0
 LEAST = 1.2  # correlation times of a stretch, so that a small recording is a long one

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.diagnosis.pipeline import candidates_to_screen
 from pamid.estimation.port_evidence import (
     MANY_PORTS,
@@ -16,7 +17,6 @@ from pamid.estimation.port_evidence import (
 from pamid.estimation.smoother import SmoothingResult
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import WorkerPool
 
 ARM = rig_named("two-link")
 EVERY = attachments(ARM, effects().values())

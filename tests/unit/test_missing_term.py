@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pamid.base.run_files import read_columns
-from pamid.verdict.remainder import MISSING_ROWS, Missing, missing_csv
+from pamid.diagnosis.verdict.remainder import MISSING_ROWS, Missing, missing_csv
 
 
 def missing(count: int) -> Missing:

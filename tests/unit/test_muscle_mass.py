@@ -12,11 +12,11 @@ from pamid_cli import frame
 
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import expression
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_mass import MuscleMass
-from pamid.symbolic.expression import expression
 
 ATMOSPHERE = 101325.0
 SHUT = 0.0

@@ -14,14 +14,8 @@ from numpy.typing import NDArray
 from cli import frame
 from pamid.base.run_folder import Run
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
-from pamid.estimation.grey_box import fit_model
-from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import (
-    Experiment,
-)
-from pamid.model.registry import effects, rig_named
-from pamid.planning.experiment_ways import NEXT_FILES, Predictions, Way
-from pamid.planning.next_experiment import (
+from pamid.diagnosis.planning.experiment_ways import NEXT_FILES, Predictions, Way
+from pamid.diagnosis.planning.next_experiment import (
     Proposal,
     WithheldExperiment,
     bench_of,
@@ -29,12 +23,18 @@ from pamid.planning.next_experiment import (
     pairs_to_separate,
     separations,
 )
+from pamid.diagnosis.verdict import diagnosis_run
+from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file, with_experiment
+from pamid.estimation.grey_box import fit_model
+from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import Span, split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
+from pamid.simulation.excitation.experiments import (
+    Experiment,
+)
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-from pamid.verdict import diagnosis_run
-from pamid.verdict.diagnosis_run import diagnose_into
-from pamid.verdict.verdict_figures import diagnosis_file, with_experiment
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from made_models import comparison, effect, model
 
+from pamid.base.schemas.diagnosis_file import Reach
 from pamid.diagnosis.settings import DEFAULT
-from pamid.model.registry import rig_named
-from pamid.recording.recording import recording_of
-from pamid.schemas.diagnosis_file import Reach
-from pamid.verdict.notes import (
+from pamid.diagnosis.verdict.notes import (
     _between,
     _instead,
     _row_order,
     _set_aside,
     unexplained,
 )
+from pamid.model.registry import rig_named
+from pamid.recording.recording import recording_of
 
 
 def told(late_periods: float, between: dict[str, str]) -> list[str]:

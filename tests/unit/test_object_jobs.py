@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from small_cart import cart_evidence, record_cart
 
+from pamid.base.parallel.jobs import Work, WorkerPool
+from pamid.base.parallel.packing import Packed, Question
+from pamid.base.parallel.result_store import Store, digest
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import _Baseline
 from pamid.diagnosis.search import RefitStart, RefitWork
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
-from pamid.parallel.jobs import Work, WorkerPool
-from pamid.parallel.packing import Packed, Question
-from pamid.parallel.result_store import Store, digest
 from pamid.simulation.data_split import DataSplit
 
 

@@ -15,11 +15,11 @@ import pytest
 from compiled import Array, program, run, sensitivities, state
 
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.derivative import gradients
+from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text
+from pamid.engine.symbolic.operators import OPERATORS, Operator
 from pamid.export.c_source import asset, helpers
 from pamid.export.statements import MATLAB, C, Symbol, Writer
-from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import ZERO, Expr, apply, const, substitute, text
-from pamid.symbolic.operators import OPERATORS, Operator
 
 A, B = state("a"), state("b")
 POINTS = ((0.7, 1.31), (1.9, 0.42), (0.23, 0.26))  # where every operator is smooth

@@ -12,6 +12,7 @@ from small_cart import PERIOD_S, record_cart
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, refit, replayed
 from pamid.diagnosis.guards import _acting_elsewhere, duplicated_terms
 from pamid.diagnosis.settings import DEFAULT
+from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.background import RoughMap
@@ -21,7 +22,6 @@ from pamid.model.registry import catalogue_rig, effects, rigs
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.symbolic.vocabulary import Expr, Number
 
 
 class DraggedCart(Rig):

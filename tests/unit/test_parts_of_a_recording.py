@@ -9,12 +9,12 @@ from small_cart import PERIOD_S, RIG
 from virtual_recordings import virtual_recording
 
 from pamid.diagnosis.pipeline import diagnose
+from pamid.diagnosis.verdict.notes import notes_of, remark
 from pamid.estimation.fit_files import residual_table
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.verdict.notes import notes_of, remark
 
 Array = NDArray[np.float64]
 TIME = PERIOD_S * np.arange(1000)

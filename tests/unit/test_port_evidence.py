@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.block_tridiagonal import eliminate
@@ -15,7 +16,6 @@ from pamid.estimation.grey_box import fit_model
 from pamid.estimation.port_evidence import PortEvidence, locate, shapley_value
 from pamid.estimation.smoother import Smoother, SmoothingProblem
 from pamid.model.registry import rig_named
-from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, split_recordings
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")

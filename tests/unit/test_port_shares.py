@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
+from pamid.base.schemas.diagnosis_file import GapShare
+from pamid.diagnosis.verdict.verdict_figures import _port_shares
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
-from pamid.schemas.diagnosis_file import GapShare
-from pamid.verdict.verdict_figures import _port_shares
 
 RIG = rig_named("two-masses")
 

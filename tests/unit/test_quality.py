@@ -17,10 +17,10 @@ from virtual_recordings import virtual_recording
 from cli.frame import run
 from pamid.checks.findings import QualityIssue
 from pamid.checks.recording_quality import examine
-from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.excitation.aprbs import aprbs
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import refit, window_starts_from
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.vocabulary import Number, absolute
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.multiple_shooting import initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -24,9 +24,9 @@ from pamid.model.registry import effects
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.replay import replay_track
-from pamid.symbolic.vocabulary import Number, absolute
 
 Array = NDArray[np.float64]
 

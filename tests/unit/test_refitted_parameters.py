@@ -9,10 +9,10 @@ from typing import Any
 from report_pages import flat, text_of
 from synthetic_run import make_run
 
+from pamid.base.schemas.estimates import Estimate
 from pamid.report.answers import refitted_texts
 from pamid.report.evidence import parameter_table, parameters_of
 from pamid.report.load import load_run
-from pamid.schemas.estimates import Estimate
 
 
 def estimate(value: float, *, prior: float = 0.5, half: float = 0.01, **more: Any) -> Estimate:

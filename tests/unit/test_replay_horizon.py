@@ -13,6 +13,7 @@ import pytest
 from pamid.diagnosis.budget import Budget, _over_horizon
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
@@ -22,7 +23,6 @@ from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.replay import WHOLE, Replay, noise_floor, replay_track, warm_up
-from pamid.symbolic.vocabulary import Number
 
 PERIOD_S, SAMPLES, NOISE_M = 0.05, 4000, 1e-3
 TIMESCALE_S = 1.0

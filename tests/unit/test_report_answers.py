@@ -13,10 +13,10 @@ from synthetic_run import diagnosis_json, fit_json, make_run, run_json
 
 from pamid import DiagnosisResult, open_run
 from pamid.base.errors import FileError
+from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.report.writing import drawings_of
-from pamid.schemas.diagnosis_file import CAUSED
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")
 

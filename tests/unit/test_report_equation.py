@@ -10,15 +10,8 @@ import pytest
 from markupsafe import Markup
 from synthetic_run import diagnosis_json, make_run
 
-from pamid.model.attachment import attachments
-from pamid.model.registry import effects, rig_named
-from pamid.report.equation import acting, cause_equations
-from pamid.report.formatting import SPACE
-from pamid.report.formula import FormulaError, formula_html
-from pamid.report.load import RunData, load_run
-from pamid.report.mathml import Typeset, name
-from pamid.symbolic.expression import Expr, symbol, symbols
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.expression import Expr, symbol, symbols
+from pamid.engine.symbolic.vocabulary import (
     absolute,
     bristle,
     clip,
@@ -29,6 +22,13 @@ from pamid.symbolic.vocabulary import (
     stop,
     where,
 )
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.report.equation import acting, cause_equations
+from pamid.report.formatting import SPACE
+from pamid.report.formula import FormulaError, formula_html
+from pamid.report.load import RunData, load_run
+from pamid.report.mathml import Typeset, name
 
 X, A = symbol("signal", "x"), symbol("parameter", "a")
 LABELS = [

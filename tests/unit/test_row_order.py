@@ -12,13 +12,13 @@ from virtual_recordings import virtual_recording
 
 import pamid
 from pamid.checks.sampling_slips import OF_THE_LOG, RowOrder, misplaced_readings
+from pamid.diagnosis.verdict.notes import _row_order
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import convert
 from pamid.ingest.mapping import mapping_of
 from pamid.model.between_samples import as_recorded, stated
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.verdict.notes import _row_order
 
 PERIOD_S = 0.002
 SAMPLES = 3000

@@ -8,9 +8,9 @@ import pytest
 from pamid_cli.frame import run
 from pamid_cli.table import COMMANDS
 
-from pamid.schemas import all_schemas, stem_of
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.model import Model
+from pamid.base.schemas import all_schemas, stem_of
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.model import Model
 
 
 def kinds(of: type[Model]) -> list[type[Model]]:
@@ -22,7 +22,7 @@ def test_no_two_models_bear_one_name() -> None:
     named = [
         kind.model_fields["schema_"]
         for kind in kinds(Model)  # results of the Python API are the models that they print
-        if "schema_" in kind.model_fields and kind.__module__.startswith("pamid.schemas.")
+        if "schema_" in kind.model_fields and kind.__module__.startswith("pamid.base.schemas.")
     ]
     names = [field.default for field in named]
     assert sorted(names) == sorted(one["$id"] for one in found.values())

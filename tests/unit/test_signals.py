@@ -13,13 +13,13 @@ import pytest
 
 from cli import frame
 from pamid.base.errors import UsageError
-from pamid.excitation.waveforms import (
+from pamid.recording.recording import read_recording
+from pamid.simulation.excitation.waveforms import (
     SIGNAL_SETTINGS,
     draw,
     nested_loops,
     plan_for,
 )
-from pamid.recording.recording import read_recording
 
 #: sha256 of what these calls wrote before there was another signal than the APRBS
 BEFORE = {

@@ -8,9 +8,9 @@ from compiled import parameter
 
 from pamid.engine.program import build_program
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.symbolic.expression import symbol, walk
-from pamid.symbolic.memory_cells import MOST_SPLIT, expand_memory
-from pamid.symbolic.vocabulary import Expr, delay, minimum, tangent, where
+from pamid.engine.symbolic.expression import symbol, walk
+from pamid.engine.symbolic.memory_cells import MOST_SPLIT, expand_memory
+from pamid.engine.symbolic.vocabulary import Expr, delay, minimum, tangent, where
 
 x, speed = symbol("state", "x"), symbol("state", "speed")
 

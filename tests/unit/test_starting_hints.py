@@ -14,13 +14,13 @@ from virtual_joint import record
 from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.screening import ScreeningBaseline, screen
 from pamid.diagnosis.starting_hints import _scale, gather_hints, spectrum_peaks
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.vocabulary import log
 from pamid.estimation.grey_box import fit_model
 from pamid.model.attachment import Addition, attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.symbolic.expression import symbol
-from pamid.symbolic.vocabulary import log
 
 
 @pytest.fixture(scope="module")

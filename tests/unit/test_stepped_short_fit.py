@@ -10,10 +10,10 @@ from pendulums import SteppedTwin, WrittenPendulum
 
 from pamid.checks.short_fit import FitData, ShortFit, fit_data_of
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.recording import recording_of
+from pamid.simulation.excitation.aprbs import aprbs
 
 PERIOD = WrittenPendulum.period_s
 

@@ -10,10 +10,10 @@ import pytest
 from pamid.api.options.names import entries
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import expression
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, rigs
 from pamid.rigs.switched_joint import EDGE, SwitchedJoint
-from pamid.symbolic.expression import expression
 
 T_ON, T_OFF, PERIOD = 2e-3, 1e-3, 30e-3
 P = SimpleNamespace(

@@ -50,6 +50,6 @@ def test_worker_processes_load_what_they_need() -> None:
     """Every worker process of a trial imports the diagnosis."""
     heavy = ("scipy.linalg", "scipy.signal", "scipy.sparse", "pandas", "matplotlib", "torch")
     loaded = f"print([m for m in {heavy} if m in sys.modules])"
-    code = f"import sys, pamid.verdict.diagnosis_run; {loaded}"
+    code = f"import sys, pamid.diagnosis.verdict.diagnosis_run; {loaded}"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"

@@ -11,9 +11,9 @@ import pytest
 from virtual_joint import record
 
 from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.verdict.verdict_figures import differences, transfer
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
-from pamid.verdict.verdict_figures import differences, transfer
 
 SENSORS = ("reference_deg", "command", "angle_deg")
 

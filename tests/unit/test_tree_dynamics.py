@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from pamid.engine.llvm_ir import with_partials
+from pamid.engine.symbolic.derivative import gradients
+from pamid.engine.symbolic.expression import ZERO, plain, symbol, walk
+from pamid.engine.symbolic.vocabulary import Expr, held, sin, tangent
 from pamid.model.assembly import Assembly
-from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import ZERO, plain, symbol, walk
-from pamid.symbolic.vocabulary import Expr, held, sin, tangent
 
 mechanisms.needs_mujoco()
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from middle_draws import MIDDLE
 
-from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial import arm_faults, arm_kernel, faults, joint_kernel, kernel
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Fault, Planted
 from pamid.trial.kernel import static_pull
@@ -138,7 +138,7 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
         known = {
             "pamid.base.errors",
             "pamid.engine.numba_cache",
-            "pamid.excitation.aprbs",
+            "pamid.simulation.excitation.aprbs",
             *(f"pamid.trial.{k}" for k in ("conditions", "faults", "joint_kernel", "kernel")),
             *(f"pamid.trial.{k}" for k in ("arm_faults", "arm_kernel", "logger", "machine")),
             "pamid.trial.machines.one_dof",

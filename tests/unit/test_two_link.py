@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import symbol
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.rigs.two_link import MUSCLES
-from pamid.symbolic.expression import symbol
 
 mujoco = pytest.importorskip(
     "mujoco", reason="MuJoCo, the judge of the mechanics, is not installed"

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 from synthetic_run import diagnosis_json
 
-from pamid.schemas.diagnosis_file import DiagnosisFile
-from pamid.schemas.model import read
-from pamid.verdict.verdict_words import sentence, shortened
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.schemas.model import read
+from pamid.diagnosis.verdict.verdict_words import sentence, shortened
 
 
 def changed(verdict: str, **changes: Any) -> DiagnosisFile:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pamid.engine.program import Stepping
-from pamid.symbolic.expression import ONE, const, power, substitute, text, walk
-from pamid.symbolic.vocabulary import (
+from pamid.engine.symbolic.expression import ONE, const, power, substitute, text, walk
+from pamid.engine.symbolic.vocabulary import (
     ZERO,
     EquationError,
     Expr,
@@ -348,8 +348,8 @@ def test_nulls_are_exact(name: str, substeps: int) -> None:
 
 
 def test_an_algebraic_loop_is_named() -> None:
-    from pamid.symbolic.expression import symbol
-    from pamid.symbolic.memory_cells import Cell, expand_memory
+    from pamid.engine.symbolic.expression import symbol
+    from pamid.engine.symbolic.memory_cells import Cell, expand_memory
 
     one, other = symbol("cell", "one"), symbol("cell", "other")
     with pytest.raises(EquationError, match="algebraic loop through one, other"):

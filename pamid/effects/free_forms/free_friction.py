@@ -21,9 +21,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.engine.symbolic.vocabulary import Expr, Number, expression, maximum, minimum, sign, stop
 from pamid.model.free_form import FreeFormEffect, coefficient, half_width, ramps, rises
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, expression, maximum, minimum, sign, stop
 
 SPEEDS = (0.1, 0.35, 0.65, 1.0)
 

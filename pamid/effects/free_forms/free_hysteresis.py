@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pamid.engine.symbolic.vocabulary import Expr, stop
 from pamid.model.free_form import (
     CURVE_POINTS,
     ORDINALS,
@@ -32,7 +33,6 @@ from pamid.model.free_form import (
     coefficient,
     half_width,
 )
-from pamid.symbolic.vocabulary import Expr, stop
 
 SLIPS = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # halves of the range
 ELEMENT_NAMES = tuple(f"{place}_element" for place in ORDINALS[: len(SLIPS)])

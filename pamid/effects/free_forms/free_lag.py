@@ -24,9 +24,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pamid.engine.symbolic.vocabulary import Expr, lag
 from pamid.model.free_form import CURVE_POINTS, FormShapes, FreeFormEffect, coefficient
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, lag
 
 PACES = (0.01, 0.05, 0.2)  # time constants, correlation times
 SHOWN = 4.0  # of the longest time constant, in a step response

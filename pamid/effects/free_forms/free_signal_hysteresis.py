@@ -22,8 +22,8 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.free_forms.free_hysteresis import ELEMENT_NAMES, bank, loop
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.free_form import FormShapes, FreeFormEffect, coefficient, half_width
-from pamid.symbolic.vocabulary import Expr
 
 
 class FreeSignalHysteresis(FreeFormEffect):

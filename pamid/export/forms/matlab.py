@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamid.correction.identified_model import Identified
 from pamid.export.form import Form, Written
 from pamid.export.m_source import m_file
 from pamid.export.statements import identifier
 from pamid.export.step import SampleStep
+from pamid.networks.correction.identified_model import Identified
 
 
 def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:

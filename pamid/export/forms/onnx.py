@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamid.correction.identified_model import Identified
 from pamid.export.form import Form, Written
 from pamid.export.onnx_model import onnx_bytes
 from pamid.export.step import SampleStep
+from pamid.networks.correction.identified_model import Identified
 
 
 def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.api.force_law_run import write_law
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, Run
-from pamid.correction.force_law_run import write_law
-from pamid.correction.force_map import judge, read_map
-from pamid.correction.trained_force_law import force_law_of
+from pamid.base.schemas import paper_files as result
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import EarlierPosterior, read_posterior
@@ -28,6 +27,8 @@ from pamid.estimation.quantities import declared
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.registry import catalogue_rig, effects
+from pamid.networks.correction.force_map import judge, read_map
+from pamid.networks.correction.trained_force_law import force_law_of
 from pamid.recording.recording import Recording
 from pamid.replications.arm_coupling import Uncoupled, coupling_json, coupling_png
 from pamid.replications.arm_twin import (
@@ -49,7 +50,6 @@ from pamid.replications.reproducing import number_cell
 from pamid.report.paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
-from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.replay import Replay

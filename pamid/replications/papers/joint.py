@@ -22,15 +22,21 @@ from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import DIAGNOSIS_FILE, NETWORK_FILE, WEIGHTS_FILE, Run
-from pamid.correction.output_network import CHECKPOINT_FILE, STARTUP_S, Correction, train_correction
-from pamid.correction.residual_data import ResidualData, Segment, derived
+from pamid.base.schemas import paper_files as result
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
+from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.estimation.closed_loop import loop_run
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
+from pamid.networks.correction.output_network import (
+    CHECKPOINT_FILE,
+    STARTUP_S,
+    Correction,
+    train_correction,
+)
+from pamid.networks.correction.residual_data import ResidualData, Segment, derived
 from pamid.networks.network_folders import TRACE_FILE
 from pamid.networks.trained_network import save_network, trace_csv
 from pamid.networks.training_problem import TrainingOptions
@@ -59,10 +65,9 @@ from pamid.replications.joint_twin import (
 )
 from pamid.replications.reproducing import number_cell
 from pamid.report.paper_figure import steps_picture
-from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import split_recordings
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.rig_data import data_of
-from pamid.verdict.verdict_figures import diagnosis_file
 
 Array = NDArray[np.float64]
 

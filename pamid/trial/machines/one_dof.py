@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
-from pamid.excitation.aprbs import aprbs
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.conditions import ALL, NO_FORCES, Draws
 from pamid.trial.faults import (
     FAULTS,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
-from pamid.excitation.aprbs import aprbs
+from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,

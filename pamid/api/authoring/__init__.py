@@ -1,0 +1,1 @@
+"""Text of a new rig file, which its user continues to edit."""

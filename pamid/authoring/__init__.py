@@ -1,1 +1,0 @@
-"""Generated files that users continue to edit."""
