@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pamid.api.checking import CheckResult, check
     from pamid.api.diagnosing import diagnose
     from pamid.api.exciting import pulse_excitation, release_excitation
+    from pamid.api.exporting import ExportResult, export
     from pamid.api.fitting import fit
     from pamid.api.new_rigs import NewRig, new_rig
     from pamid.api.planning import PowerResult, power
@@ -67,6 +68,7 @@ _HOME = {
     "CheckResult": "pamid.api.checking",
     "DiagnosisResult": "pamid.api.results",
     "Effect": "pamid.model.effect",
+    "ExportResult": "pamid.api.exporting",
     "FitResult": "pamid.api.results",
     "Gain": "pamid.model.background",
     "GuessedMapping": "pamid.ingest.guessed_mapping",
@@ -93,6 +95,7 @@ _HOME = {
     "check": "pamid.api.checking",
     "coverage": "pamid.simulation.excitation.aprbs",
     "diagnose": "pamid.api.diagnosing",
+    "export": "pamid.api.exporting",
     "fit": "pamid.api.fitting",
     "force_law_of": "pamid.networks.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
@@ -113,6 +116,7 @@ __all__ = [
     "CheckResult",
     "DiagnosisResult",
     "Effect",
+    "ExportResult",
     "FitResult",
     "Gain",
     "GuessedMapping",
@@ -140,6 +144,7 @@ __all__ = [
     "check",
     "coverage",
     "diagnose",
+    "export",
     "fit",
     "force_law_of",
     "guess_mapping",

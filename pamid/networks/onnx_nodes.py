@@ -1,5 +1,5 @@
 """Building blocks of a network's ONNX graph: nodes of operators, called by their ONNX names,
-between named tensors. `pamid.export.onnx_graph.Graph` is such a graph."""
+between named tensors. `pamid.exports.onnx_graph.Graph` is such a graph."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Line(Network):
 '''
 FORM = '''"""`pamid export --to list`: a list of the states."""
 
-from pamid.export.form import Form, Written
+from pamid.exports.form import Form, Written
 
 ALSO = ("names",)
 
@@ -194,7 +194,7 @@ def test_a_form_of_export(copy: Path) -> None:
         "from pathlib import Path;"
         "from pamid.networks.correction.identified_model import Identified;"
         "from pamid.engine.program import Stepping;"
-        "from pamid.export.exporting import export_model;"
+        "from pamid.exports.exporting import export_model;"
         "from pamid.model.assembly import Assembly; from pamid.model.registry import rig_named;"
         "rig = Assembly(rig_named('one-dof'), ());"
         "model = Identified('one-dof', rig, rig.values(), 0.003, Stepping(1));"

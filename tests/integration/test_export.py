@@ -46,7 +46,7 @@ def test_the_command(
     for package in PACKAGES.get(form, ()):
         pytest.importorskip(package, reason="pip install 'pamid[verify]'")
     monkeypatch.setattr(
-        "pamid.networks.correction.identified_model.load_identified",
+        "pamid.api.exporting.load_identified",
         lambda *_, **__: case("two effects", 1).model,
     )
     monkeypatch.chdir(tmp_path)

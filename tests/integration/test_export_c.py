@@ -14,8 +14,8 @@ import pytest
 from exported import STRICT, built, case
 
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.export.c_source import c_files, model_name
-from pamid.export.step import _input, step_of
+from pamid.exports.c_source import c_files, model_name
+from pamid.exports.step import _input, step_of
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from exported import PERIOD_S, Case, Slave, case, fmu_of, simulated
 
-from pamid.export.c_source import model_name
-from pamid.export.fmu import standard_headers
-from pamid.export.step import step_of
+from pamid.exports.c_source import model_name
+from pamid.exports.fmu import standard_headers
+from pamid.exports.step import step_of
 
 pytest.importorskip("fmpy", reason="pip install 'pamid[verify]'")
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")

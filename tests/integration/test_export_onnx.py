@@ -44,9 +44,9 @@ from pamid.simulation.virtual_rig import attach_specs
 onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
 pytest.importorskip("onnxruntime", reason="pip install 'pamid[verify]'")
 
-from pamid.export.exporting import export_model  # noqa: E402
-from pamid.export.onnx_graph import Graph  # noqa: E402
-from pamid.export.onnx_model import onnx_bytes, run_and_cell  # noqa: E402
+from pamid.exports.exporting import export_model  # noqa: E402
+from pamid.exports.onnx_graph import Graph  # noqa: E402
+from pamid.exports.onnx_model import onnx_bytes, run_and_cell  # noqa: E402
 
 LONG = 6000  # samples: 18 s at 3 ms
 CLOSE = 1e-9  # of each channel's span

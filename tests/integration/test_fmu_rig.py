@@ -21,8 +21,8 @@ import pamid
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.export.fmu import make_fmu
-from pamid.export.step import step_of
+from pamid.exports.fmu import make_fmu
+from pamid.exports.step import step_of
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.registry import effects, rig_named

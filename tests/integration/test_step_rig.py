@@ -23,7 +23,7 @@ from pamid.checks.sheet_comparison import compared_with_sheet
 from pamid.checks.slips import slips_of_recording
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.export.exporting import export_model
+from pamid.exports.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.between_samples import stated

@@ -21,7 +21,7 @@ from pamid.base.errors import FileError
 from pamid.base.schemas.fit_file import Posterior
 from pamid.diagnosis.verdict import diagnosis_run
 from pamid.engine.program import Stepping
-from pamid.export.exporting import export_model
+from pamid.exports.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.correction.identified_model import load_identified, simulate_identified

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from pamid.base.units import from_si, split_column, to_si
 from pamid.engine.program import Stepping
-from pamid.export.c_source import c_files
-from pamid.export.fmu import Fmu, make_fmu
-from pamid.export.m_source import m_file
-from pamid.export.step import step_of
+from pamid.exports.c_source import c_files
+from pamid.exports.fmu import Fmu, make_fmu
+from pamid.exports.m_source import m_file
+from pamid.exports.step import step_of
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State
@@ -286,7 +286,7 @@ class Slave:
 
 def run_onnx(name: str, inputs: Array, folder: Path) -> Array:
     """Outputs of the run file under onnxruntime."""
-    from pamid.export.onnx_model import onnx_bytes
+    from pamid.exports.onnx_model import onnx_bytes
 
     return run_whole(onnx_bytes(case(name, 1).model)[0], inputs)[0]
 

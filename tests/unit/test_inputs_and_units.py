@@ -139,8 +139,8 @@ def test_equations_see_si_and_known_values_any_unit() -> None:
 
 
 def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path: Path) -> None:
-    from pamid.export.exporting import export_model
-    from pamid.export.form import known_forms
+    from pamid.exports.exporting import export_model
+    from pamid.exports.form import known_forms
     from pamid.networks.correction.identified_model import load_identified
 
     recording = pamid.Recording.from_pandas(

@@ -18,8 +18,8 @@ from pamid.engine.program import Stepping
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text
 from pamid.engine.symbolic.operators import OPERATORS, Operator
-from pamid.export.c_source import asset, helpers
-from pamid.export.statements import MATLAB, C, Symbol, Writer
+from pamid.exports.c_source import asset, helpers
+from pamid.exports.statements import MATLAB, C, Symbol, Writer
 
 A, B = state("a"), state("b")
 POINTS = ((0.7, 1.31), (1.9, 0.42), (0.23, 0.26))  # where every operator is smooth
@@ -136,7 +136,7 @@ def test_matlab_gives_the_values(tmp_path: Path) -> None:
 def test_onnx_gives_the_values() -> None:
     onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
     reference = pytest.importorskip("onnx.reference")
-    from pamid.export.onnx_graph import Graph, Values, graph_of, model_bytes
+    from pamid.exports.onnx_graph import Graph, Values, graph_of, model_bytes
 
     graph = Graph()
     values = Values(graph, {("state", "a"): "a", ("state", "b"): "b"})

@@ -14,7 +14,7 @@ BASES = {
     "rigs": "Rig):\n",
     "effects": "",
     "networks": "(Network)",
-    "export/forms": "FORM = ",
+    "exports/forms": "FORM = ",
     "replications/papers": "OPTIONS = ",
     "trial/machines": "MACHINE = ",
 }
@@ -53,8 +53,8 @@ def machines() -> list[str]:
 
 @lru_cache
 def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
-    """The forms that `pamid.export` can write: further names, and a line about each."""
-    files = _files("export/forms")
+    """The forms that `pamid.exports` can write: further names, and a line about each."""
+    files = _files("exports/forms")
     return {file.stem: (tuple(_literal(file, "ALSO")), _line_of(file)) for file in files}
 
 

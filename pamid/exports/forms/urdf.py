@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from pamid.export.form import Form
-from pamid.export.model_text import write_model_text
+from pamid.exports.form import Form
+from pamid.exports.model_text import write_model_text
 
 FORM = Form(".urdf", partial(write_model_text, language="urdf"), sampled=False)

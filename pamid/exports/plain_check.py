@@ -49,17 +49,13 @@ MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays
 class PlainCheck:
     """A new model file in its simulator.
 
-    errors    of the old and the new file on held-out data, and the first settings that reach the
-              stated errors, else the best tried ones
-    spread    of the measurement, by channel in its unit
-    settings  step and integrator of the new file
-    best      those of `errors.best`
+    errors  of the old and the new file on held-out data, and the first settings that reach the
+            stated errors, else the best tried ones
+    spread  of the measurement, by channel in its unit
     """
 
     errors: PlainMujoco
     spread: Mapping[str, float]
-    settings: SimulatorSettings
-    best: SimulatorSettings
 
     @property
     def is_worse(self) -> bool:
@@ -76,9 +72,14 @@ class PlainCheck:
         channels = self.errors.channels.items()
         name, c = max(channels, key=lambda item: _ratio(item[1].now, item[1].before))
         return (
-            f"in MuJoCo ({self.settings}) its held-out errors are larger than those of the "
-            f"original file: {name} {c.now:.4g} instead of {c.before:.4g}"
+            f"in MuJoCo ({settings_of(self.errors)}) its held-out errors are larger than those of "
+            f"the original file: {name} {c.now:.4g} instead of {c.before:.4g}"
         )
+
+
+def settings_of(record: PlainSettings) -> SimulatorSettings:
+    """Step and integrator of a record."""
+    return SimulatorSettings(record.timestep_s, record.integrator)
 
 
 def _ratio(new: float, old: float) -> float:
@@ -157,7 +158,7 @@ def plain_check(
         reached=reached if wanted else None,
     )
     spread = {c: size_from_si(spread[c], units[c]) for c in shown}
-    return PlainCheck(plain, spread, model_settings, best)
+    return PlainCheck(plain, spread)
 
 
 def _total(errors: Mapping[str, float], spread: Mapping[str, float]) -> float:

@@ -1,4 +1,4 @@
-"""Interface of an export form, and the registry of `pamid.export.forms`."""
+"""Interface of an export form, and the registry of `pamid.exports.forms`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pamid.base.scanned import modules_of
-from pamid.export.plain_check import PlainCheck
+from pamid.exports.plain_check import PlainCheck
 from pamid.networks.correction.identified_model import Identified
 
 
@@ -50,12 +50,12 @@ class Form:
 
 @lru_cache
 def known_forms() -> dict[str, Form]:
-    """Every form by its names: that of its file in `pamid.export.forms`, and those in its `ALSO`.
+    """Every form by its names: that of its file in `pamid.exports.forms`, and those in its `ALSO`.
 
     Each file holds a `FORM`; the first line of its docstring is the form's line in the help.
     """
     return {
         name: module.FORM
-        for form_module, module in modules_of("pamid.export.forms").items()
+        for form_module, module in modules_of("pamid.exports.forms").items()
         for name in (form_module, *getattr(module, "ALSO", ()))
     }

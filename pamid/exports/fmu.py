@@ -22,9 +22,9 @@ from xml.etree.ElementTree import Element
 
 from pamid.base.progress import tell
 from pamid.base.units import unit
-from pamid.export.c_source import asset, header, model_name, source
-from pamid.export.form import Written
-from pamid.export.step import SampleStep
+from pamid.exports.c_source import asset, header, model_name, source
+from pamid.exports.form import Written
+from pamid.exports.step import SampleStep
 from pamid.networks.correction.identified_model import Identified
 from pamid.simulators.fmu_file import fmpy_package
 

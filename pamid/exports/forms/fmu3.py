@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from pamid.export.fmu import write_fmu
-from pamid.export.form import Form
+from pamid.exports.fmu import write_fmu
+from pamid.exports.form import Form
 
 FORM = Form(".fmu", partial(write_fmu, version=3))

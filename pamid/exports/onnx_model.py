@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.export.onnx_graph import Graph, graph_of, model_bytes
-from pamid.export.onnx_step import Sampled
-from pamid.export.step import step_of
+from pamid.exports.onnx_graph import Graph, graph_of, model_bytes
+from pamid.exports.onnx_step import Sampled
+from pamid.exports.step import step_of
 from pamid.networks.correction.identified_model import Identified
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, LAST_STEP, NEWTON_STEPS
-from pamid.export.onnx_graph import Graph, graph_of
+from pamid.exports.onnx_graph import Graph, graph_of
 
 #: a graph and a state (nx,) -> rates (nx,) there, and df/dx (nx, nx)
 Rates = Callable[[Graph, str], str]

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from pamid.export.fmu import write_fmu
-from pamid.export.form import Form
+from pamid.exports.fmu import write_fmu
+from pamid.exports.form import Form
 
 ALSO = ("fmu",)
 FORM = Form(".fmu", partial(write_fmu, version=2))

@@ -8,9 +8,9 @@ from __future__ import annotations
 from itertools import accumulate
 from string import Template
 
-from pamid.export.c_source import asset, comment
-from pamid.export.statements import MATLAB, ModelFunctions, identifiers
-from pamid.export.step import SampleStep, Variable
+from pamid.exports.c_source import asset, comment
+from pamid.exports.statements import MATLAB, ModelFunctions, identifiers
+from pamid.exports.step import SampleStep, Variable
 
 
 def m_file(step: SampleStep, name: str) -> str:

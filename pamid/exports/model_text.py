@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pamid.base.errors import FileError, quoted
 from pamid.base.progress import tell
-from pamid.export.form import Written
-from pamid.export.plain_check import plain_check
+from pamid.exports.form import Written
+from pamid.exports.plain_check import plain_check
 from pamid.networks.correction.identified_model import Identified
 from pamid.simulators.mechanism import Mechanism
 from pamid.simulators.mujoco_file import mjcf_of

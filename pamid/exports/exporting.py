@@ -8,10 +8,10 @@ from pathlib import Path
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.files import make_folder, require_new, write_together
 from pamid.base.progress import tell
-from pamid.export.form import Written, known_forms
-from pamid.export.randomisation import randomisation_yaml
-from pamid.export.statements import identifier
-from pamid.export.step import step_of
+from pamid.exports.form import Written, known_forms
+from pamid.exports.randomisation import randomisation_yaml
+from pamid.exports.statements import identifier
+from pamid.exports.step import step_of
 from pamid.networks.correction.identified_model import Identified
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamid.export.form import Form, Written
-from pamid.export.m_source import m_file
-from pamid.export.statements import identifier
-from pamid.export.step import SampleStep
+from pamid.exports.form import Form, Written
+from pamid.exports.m_source import m_file
+from pamid.exports.statements import identifier
+from pamid.exports.step import SampleStep
 from pamid.networks.correction.identified_model import Identified
 
 

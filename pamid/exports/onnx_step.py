@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from pamid.engine.symbolic.expression import Expr, symbols, walk
 from pamid.engine.symbolic.operators import OPERATORS
-from pamid.export.onnx_graph import Graph, Symbol, Values
-from pamid.export.onnx_newton import Implicit
-from pamid.export.step import SampleStep, Update
+from pamid.exports.onnx_graph import Graph, Symbol, Values
+from pamid.exports.onnx_newton import Implicit
+from pamid.exports.step import SampleStep, Update
 from pamid.networks.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
 from pamid.networks.trained_network import TrainedNetwork
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamid.export.c_source import c_files, file_names
-from pamid.export.form import Form, Written
-from pamid.export.step import SampleStep
+from pamid.exports.c_source import c_files, file_names
+from pamid.exports.form import Form, Written
+from pamid.exports.step import SampleStep
 from pamid.networks.correction.identified_model import Identified
 
 

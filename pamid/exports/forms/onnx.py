@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pamid.export.form import Form, Written
-from pamid.export.onnx_model import onnx_bytes
-from pamid.export.step import SampleStep
+from pamid.exports.form import Form, Written
+from pamid.exports.onnx_model import onnx_bytes
+from pamid.exports.step import SampleStep
 from pamid.networks.correction.identified_model import Identified
 
 

@@ -12,13 +12,13 @@ from itertools import accumulate
 from string import Template
 
 from pamid.engine.symbolic.operators import OPERATORS
-from pamid.export.statements import C, ModelFunctions, identifier, identifiers
-from pamid.export.step import SampleStep, Variable
+from pamid.exports.statements import C, ModelFunctions, identifier, identifiers
+from pamid.exports.step import SampleStep, Variable
 
 
 def asset(name: str) -> str:
-    """Text of a file in pamid/export/assets."""
-    return (files("pamid.export") / "assets" / name).read_text(encoding="utf-8")
+    """Text of a file in pamid/exports/assets."""
+    return (files("pamid.exports") / "assets" / name).read_text(encoding="utf-8")
 
 
 def model_name(step: SampleStep) -> str:
@@ -132,7 +132,7 @@ def helpers(body: str) -> list[str]:
 
     They are the operators with a file among the assets, and the delay line.
     """
-    folder = files("pamid.export") / "assets"
+    folder = files("pamid.exports") / "assets"
     names = {o.c: o.c for o in OPERATORS.values() if o.c} | {"delayed": "delay"}
     return [
         asset(f"{file}.c").rstrip()

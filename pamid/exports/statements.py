@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from pamid.engine.symbolic.expression import Expr, symbols, walk
 from pamid.engine.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, Operator
-from pamid.export.step import SampleStep
+from pamid.exports.step import SampleStep
 
 Symbol = tuple[str, str]
 

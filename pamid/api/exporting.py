@@ -1,0 +1,117 @@
+"""`pamid.export`: an identified model as files for another tool."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pamid.api.given import effects_given, warn_in_python
+from pamid.api.options.exporting import ExportArguments
+from pamid.api.options.record import verb
+from pamid.api.workers import OpenedRun
+from pamid.base.progress import tell
+from pamid.base.schemas.command_files import PlainMujoco, WrittenExport
+from pamid.exports.exporting import export_model
+from pamid.exports.plain_check import settings_of
+from pamid.model.registry import resolved_rig
+from pamid.networks.correction.identified_model import load_identified
+
+
+class ExportResult(WrittenExport):
+    """Files of an exported model.
+
+    files: their paths; binary: platform of an FMU's binary, "" for none; inputs, outputs: columns;
+    period_s: step of the model in s; plain_mujoco: errors of a model file in MuJoCo on held-out
+    data, by channel, before and now.
+    """
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON object of the command."""
+        return self.as_json()
+
+    def summary(self) -> str:
+        """Files, effects, columns and, for a model file, its errors, as lines of text."""
+        built = f", with a binary for {self.binary}" if self.binary else ""
+        network = f" and a network ({self.network})" if self.network else ""
+        lines = [
+            f"{', '.join(self.files)}: {self.rig} with "
+            f"{', '.join(self.effects) or 'no effect'}{network}{built}.",
+            f"Every {self.period_s:g} s: {', '.join(self.inputs)} -> {', '.join(self.outputs)}",
+        ]
+        if self.plain_mujoco is not None:
+            lines += _errors_in_mujoco(self.plain_mujoco)
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<ExportResult {', '.join(self.files)}>"
+
+
+@verb(ExportArguments)
+def export(arguments: ExportArguments) -> ExportResult:
+    """Write an identified model as FMU, C, ONNX, MATLAB function, MJCF or URDF.
+
+    Raises
+    ------
+    FileError
+        A file exists (without overwrite), a model file got worse (without anyway), or the run is
+        damaged or incomplete.
+    UsageError
+        The form is unknown or cannot hold the model.
+    """
+    a = arguments
+    run = OpenedRun.of(a.run)
+    tell("reading")
+    identified = load_identified(
+        run.folder,
+        which=a.which,
+        rig=resolved_rig(a.rig) or run.code[0],
+        effects=effects_given(a.effects) or run.code[1],
+        choose=a.choose,
+    )
+    model = identified.knowing(a.known or {})
+    written = export_model(
+        model,
+        a.form,
+        None if a.output is None else Path(a.output),
+        overwrite=a.overwrite,
+        anyway=a.anyway,
+        randomise=None if a.randomise is None else Path(a.randomise),
+    )
+    files = tuple(map(str, written.files))
+    warn = a.warn or warn_in_python
+    for note in written.notes:
+        warn(f"{files[0]}: {note}.")
+    result = ExportResult(
+        to=a.form,
+        files=files,
+        binary=written.binary,
+        rig=model.name,
+        effects=tuple(each.label for each in model.effects),
+        network="" if model.network is None else model.network.trained.network.kind,
+        period_s=model.period_s,
+        inputs=model.inputs,
+        outputs=model.outputs,
+        notes=written.notes,
+    )
+    if written.check is None:
+        return result
+    return result.model_copy(update={"plain_mujoco": written.check.errors})
+
+
+def _errors_in_mujoco(errors: PlainMujoco) -> list[str]:
+    """Errors of the old and the new file by channel, then the step that reaches the stated ones."""
+    used, best = settings_of(errors), settings_of(errors.best)
+    lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({used}):"]
+    for name, c in errors.channels.items():
+        stated = "" if c.stated is None else f"; the run predicts {c.stated:.4g}"
+        lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
+    if best != used:
+        figures = ", ".join(f"{name} {c.best:.4g}" for name, c in errors.channels.items())
+        reach = "reaches" if errors.reached else "is closest to"
+        lines.append(
+            f"{best.integrator} with {1e3 * best.timestep_s:g} ms {reach} the predicted error "
+            f"({figures}): {best.option}"
+        )
+    elif errors.reached is False:
+        lines.append("No other step or integrator is better.")
+    return lines
