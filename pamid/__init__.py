@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pamid.api.exciting import pulse_excitation, release_excitation
     from pamid.api.exporting import ExportResult, export
     from pamid.api.fitting import fit
+    from pamid.api.force_laws import ForceLawResult, force_law
     from pamid.api.new_rigs import NewRig, new_rig
     from pamid.api.planning import PowerResult, power
     from pamid.api.results import (
@@ -70,6 +71,7 @@ _HOME = {
     "Effect": "pamid.model.effect",
     "ExportResult": "pamid.api.exporting",
     "FitResult": "pamid.api.results",
+    "ForceLawResult": "pamid.api.force_laws",
     "Gain": "pamid.model.background",
     "GuessedMapping": "pamid.ingest.guessed_mapping",
     "IdentifiedCause": "pamid.api.results",
@@ -97,6 +99,7 @@ _HOME = {
     "diagnose": "pamid.api.diagnosing",
     "export": "pamid.api.exporting",
     "fit": "pamid.api.fitting",
+    "force_law": "pamid.api.force_laws",
     "force_law_of": "pamid.networks.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
     "model_packages": "pamid.simulators.model_packages",
@@ -118,6 +121,7 @@ __all__ = [
     "Effect",
     "ExportResult",
     "FitResult",
+    "ForceLawResult",
     "Gain",
     "GuessedMapping",
     "IdentifiedCause",
@@ -146,6 +150,7 @@ __all__ = [
     "diagnose",
     "export",
     "fit",
+    "force_law",
     "force_law_of",
     "guess_mapping",
     "ingest",

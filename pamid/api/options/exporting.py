@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.options.names import export_forms
+from pamid.api.options.names import export_forms, rigs_with
 from pamid.api.options.record import (
     AnyPath,
     EffectName,
+    FolderPath,
     RigName,
     argument,
     in_python_only,
@@ -17,6 +18,7 @@ from pamid.api.options.record import (
     option,
     overwrite_option,
     required_option,
+    seed_option,
     which_option,
 )
 
@@ -78,3 +80,47 @@ class ExportArguments:
     warn: Warn | None = in_python_only(
         None, "Function that takes the notes on the files. Default: warnings.warn."
     )
+
+
+@dataclass(frozen=True)
+class ForceLawArguments:
+    """Train an ANFIS on MAP, the measured force map of a muscle, compare it with the analytic force
+    laws on held-out points, and make it the force law of a rig.
+
+    MAP is a CSV file with the columns contraction (share of the length at rest), pressure_kpa
+    (gauge) and force_n, a row per point. Other units of these are accepted, as pressure_bar. The
+    analytic laws are scored as published, and with their factor `scale` fitted to the other points.
+    A slack muscle reads zero force, so the network learns the amount of slack from the nearest
+    analytic law.
+
+    Writes network.json, network.npz, force-law.json, figures/force-map.png and rig.py, which works
+    as any rig: --rig OUTPUT/rig.py. A rig file is code and is run when you name it. Nothing else in
+    the folder is run.
+    """
+
+    map_file: AnyPath = argument("CSV of the measured map.", metavar="MAP")
+    output: FolderPath = option("force-law-run", "Run folder to create.")
+    sets: int = option(3, "Membership sets on contraction and on pressure.", least=2, most=10)
+    rig: str = option(
+        "one-dof", "Rig whose muscles get the law.", choices=tuple(rigs_with("static_force"))
+    )
+    seed: int = seed_option("The same map and seed give the same law.")
+    every: int = option(
+        3,
+        "Cross-validation in K folds: each holds out every K-th point.",
+        "--held-out",
+        metavar="K",
+        least=2,
+        most=20,
+    )
+    strict: bool = option(
+        True,
+        "Refuse a map in which the force falls with pressure or grows with contraction. (If only "
+        "the law does so, it is constrained.)",
+    )
+    overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
+    _: KW_ONLY
+    warn: Warn | None = in_python_only(
+        None, "Function that takes warnings. Default: warnings.warn."
+    )
+    command: Sequence[str] = in_python_only((), "Command that the run notes. Default: this call.")

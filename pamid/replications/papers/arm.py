@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.api.force_law_run import write_law
+from pamid.api.force_laws import write_law
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
@@ -201,7 +201,7 @@ def fit_stages(
     progress("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
     folder = part(run, "law", plan, [run.path(MAP_FILE)])
-    about = write_law(folder, judged, ARM_RIG, True)
+    about = write_law(folder, judged, ARM_RIG, True).as_json()
     folder.finish()
     measured = force_law_of(judged.trained)
     return {

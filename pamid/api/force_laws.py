@@ -1,20 +1,35 @@
-"""Files of `pamid force-law`: the judged law of a measured force map as figures, a picture and a
-rig file."""
+"""`pamid.force_law`: a force law from a measured map, compared with the analytic laws, and the
+files that hold it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pamid.api.given import warn_in_python
+from pamid.api.options.exporting import ForceLawArguments
+from pamid.api.options.record import verb
+from pamid.base.errors import DataError
 from pamid.base.files import write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.metrics import rms
+from pamid.base.progress import tell
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.base.schemas import force_law_file as result
 from pamid.base.schemas.network_file import TrainingSummary
 from pamid.model.registry import rigs
-from pamid.networks.correction.force_map import COLUMNS, ForceMap, ValidatedMap, pulls
+from pamid.networks.correction.force_map import (
+    COLUMNS,
+    ForceMap,
+    ValidatedMap,
+    judge,
+    pulls,
+    read_map,
+)
 from pamid.networks.correction.trained_force_law import ForceLaw
 from pamid.networks.trained_network import network_files
 from pamid.report.force_map_figure import Side, force_map_picture
@@ -23,6 +38,116 @@ from pamid.rigs.muscle import LAWS
 LAW_FILE, RIG_FILE, MAP_FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
 # pressures and contractions of the curves in the picture
 CURVE_PRESSURES, CURVE_CONTRACTIONS = 6, 61
+
+
+COLUMN_WIDTHS, COLUMN_DIGITS = (9, 9, 14, 8, 24), (1, 1, 1, 3, 1)
+HEAD = ("RMS N", "worst N", "RMS scaled N", "scale", "contraction held out N")
+
+
+@dataclass(frozen=True)
+class ForceLawResult:
+    """A force law of a measured map, and its errors next to those of the analytic laws.
+
+    folder: of the run; data: content of force-law.json, forces in N.
+    """
+
+    folder: Path
+    data: result.ForceLawFile
+
+    @property
+    def rig_file(self) -> Path:
+        """Rig file that takes its muscle force from the law; it is code."""
+        return self.folder / RIG_FILE
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON object of the command."""
+        return self.data.as_json()
+
+    def summary(self) -> str:
+        """Table of all laws on held-out points, the check of monotonicity, and advice."""
+        anfis, points, monotone = self.data.anfis, self.data.map, self.data.monotone
+        assert anfis is not None and points is not None and monotone is not None
+        spans = ", ".join(
+            f"{name} {span.low:.4g} to {span.high:.4g}"
+            for name in COLUMNS
+            for span in [getattr(points, name)]
+        )
+        each = ", ".join(f"{value:.3g}" for value in anfis.rms_n_each_way)
+        lines = [
+            f"{points.points} points, {points.slack_points} of them slack: {spans}",
+            f"{self.data.held_out_every}-fold cross-validation; ANFIS by fold: {each} N RMS",
+            "",
+            _row("law", HEAD),
+        ]
+        held_out = anfis.contraction_held_out_rms_n
+        rows: list[tuple[str, tuple[float | None, ...]]] = [
+            (
+                f"ANFIS {anfis.sets}x{anfis.sets}",
+                (anfis.rms_n, anfis.worst_n, None, None, held_out),
+            )
+        ]
+        for law in self.data.laws:
+            held_out = law.contraction_held_out_scaled_rms_n
+            figures = (law.rms_n, law.worst_n, law.scaled_rms_n, law.scale, held_out)
+            rows.append((law.law, figures))
+        lines += [_row(name, map(_cell, figures, COLUMN_DIGITS)) for name, figures in rows]
+        lines += ["", f"{self.data.finding}.", *self.data.advice, monotone.words]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<ForceLawResult {self.folder}>\n{self.summary()}"
+
+
+def _row(name: str, cells: Iterable[str]) -> str:
+    return f"{name:18s}" + "".join(f"{c:>{w}s}" for c, w in zip(cells, COLUMN_WIDTHS, strict=True))
+
+
+def _cell(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+@verb(ForceLawArguments)
+def force_law(arguments: ForceLawArguments) -> ForceLawResult:
+    """Train a muscle's force law on a measured map and compare the analytic laws.
+
+    Raises
+    ------
+    DataError
+        The map is no force map, or its force falls with pressure or grows with contraction
+        (with strict).
+    FileError
+        The folder holds something else, or a run (without overwrite).
+    """
+    a, path, output = arguments, Path(arguments.map_file), Path(arguments.output)
+    points = read_map(path)
+    warn = a.warn or warn_in_python
+    for name in points.unused:
+        warn(f"{path}: the column {name!r} is not used.")
+    run = Run.create(
+        output,
+        command=a.command or ["pamid.force_law", str(path)],
+        seed=a.seed,
+        inputs=[path],
+        overwrite=a.overwrite,
+        options={"sets": a.sets, "rig": a.rig, "held_out": a.every, "strict": a.strict},
+    )
+    try:
+        validated = judge(points, sets=a.sets, every=a.every, seed=a.seed, progress=tell)
+        if a.strict and not validated.monotone:
+            remedies = [
+                *["use fewer --sets"] * (a.sets > 2),
+                "measure more points there",
+                "or accept the law with --no-strict (and --overwrite: the folder exists now)",
+            ]
+            raise DataError(
+                validated.guard, f"{', '.join(remedies).capitalize()}.", code="not-monotone"
+            )
+        law = write_law(run, validated, a.rig, a.strict)
+    except DataError:
+        run.finish("failed")
+        raise
+    run.finish()
+    return ForceLawResult(output, law)
 
 
 def judged_law(validated: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
@@ -78,10 +203,10 @@ def judged_law(validated: ValidatedMap, rig: str, strict: bool) -> result.ForceL
     )
 
 
-def write_law(run: Run, validated: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
-    """Network, figures, picture and rig file into the run folder; returns what force-law.json
-    holds."""
-    about = judged_law(validated, rig, strict).as_json()
+def write_law(run: Run, validated: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
+    """Write network, figures, picture and rig file into the run folder; returns the content of
+    force-law.json."""
+    law = judged_law(validated, rig, strict)
     content, network = network_files(validated.trained)
     names = (WEIGHTS_FILE, NETWORK_FILE, MAP_FIGURE_FILE, RIG_FILE, LAW_FILE)
     contents = (
@@ -89,10 +214,10 @@ def write_law(run: Run, validated: ValidatedMap, rig: str, strict: bool) -> dict
         json_bytes(network, NETWORK_FILE),
         _picture(validated),
         rig_text(rig, strict).encode(),
-        json_bytes(about, LAW_FILE),
+        json_bytes(law.as_json(), LAW_FILE),
     )
     write_together(dict(zip(run.claim(*names), contents, strict=True)))
-    return about
+    return law
 
 
 def rig_text(rig: str, strict: bool) -> str:
