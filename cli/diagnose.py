@@ -18,12 +18,9 @@ from .figures import require_png, write_figure
 from .terminal import progress_line
 
 if TYPE_CHECKING:
-    from pamid.base.schemas.diagnosis_file import DiagnosisFile
     from pamid.report.load import RunData
 
 HELP_ORDER = 80
-_MOST_RANKED = 8
-_LEAST_SHARE = 0.005  # of the gap, at a port that is listed
 _WIDTH = 98  # characters of a line
 _PLAIN = str.maketrans({"\u00a0": " ", "\u2212": "-", "→": "->"})  # for any terminal
 _HOLD_HINT = (
@@ -83,7 +80,7 @@ def diagnosis_text(run: RunData, output: Path) -> str:
 
     If the recordings do not depend on the model, the text states only that and the errors.
     """
-    from pamid.report.answers import answers_of
+    from pamid.report.answers import answers_of, tables_of
     from pamid.report.channel_errors import errors_of, mae_text
 
     diagnosis, rows = run.diagnosis, errors_of(run)
@@ -95,7 +92,7 @@ def diagnosis_text(run: RunData, output: Path) -> str:
             for text in (answer.lead, *answer.details, *points):
                 lines += _wrapped(text, 17 * " ")
             lines[first] = f"{answer.question:17s}{lines[first].strip()}"
-        lines += [_HOLD_HINT, "", *_tables(diagnosis)]
+        lines += [_HOLD_HINT, "", *tables_of(diagnosis)]
     lines.append(mae_text(rows))
     if not diagnosis.remark:
         notes = (note for note in diagnosis.notes if note != diagnosis.withheld)
@@ -116,28 +113,3 @@ def _wrapped(text: str, indent: str = "", first: str | None = None) -> list[str]
         break_on_hyphens=False,
         break_long_words=False,
     )
-
-
-def _tables(diagnosis: DiagnosisFile) -> list[str]:
-    """Share of the gap by port; the candidates in the order of the ranking, by what each removes by
-    itself, and by how many standard errors it is behind the first."""
-    from pamid.base.share_words import percent_text, percents_text
-    from pamid.diagnosis.verdict.verdict_words import chance_figure, shortened
-    from pamid.report.channel_errors import aligned
-
-    gap = diagnosis.verdict != "no-structural-gap"
-    shares = [
-        [port.port, percent_text(port.share)]
-        for port in (diagnosis.where.ports if gap and diagnosis.where is not None else ())
-        if port.share >= _LEAST_SHARE
-    ]
-    rows = [["candidate", "family", "removes", "95 % interval", "behind", "P"]]
-    for each in diagnosis.ranking:
-        if each.removes is not None and len(rows) <= _MOST_RANKED:
-            share = percent_text(each.removes.share)
-            interval = percents_text(each.removes.low, each.removes.high)
-            behind = "-" if each.behind is None else f"{each.behind:.1f}"
-            chance = "-" if each.probability is None else chance_figure(each.probability)
-            rows.append([shortened(each.effect), each.family, share, interval, behind, chance])
-    tables = [(["port", "share of the gap"], *shares), rows]
-    return [f"{aligned(table, k)}\n" for k, table in enumerate(tables, 1) if len(table) > 1]

@@ -45,8 +45,7 @@ def command(arguments: FitArguments) -> frame.Result:
 
 def fit_text(fit: dict[str, Any], output: Path) -> str:
     """Parameters, identifiable combinations and held-out errors as a table."""
-    from pamid.estimation.identifiable_combinations import tied_text
-    from pamid.networks.correction.residual_data import equal_periods
+    from pamid.base.run_files import equal_periods
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in fit["parameters"].items():
@@ -84,3 +83,14 @@ def fit_text(fit: dict[str, Any], output: Path) -> str:
     ]
     lines.append("Next: " + "   or   ".join(f"{command} {quoted(output)}" for command in follow))
     return "\n".join(lines)
+
+
+def tied_text(fit: dict[str, Any]) -> list[str]:
+    """A sentence per group of fit.json's `tied`."""
+    lines = []
+    for tie in fit["tied"]:
+        names, known = tie["parameters"], [(n, fit["combinations"][n]) for n in tie["known"]]
+        figures = [f"{n} = {c['value']:.5g} ({c['low']:.5g} .. {c['high']:.5g})" for n, c in known]
+        lines.append(f"{', '.join(names[:-1])} and {names[-1]} are known only in combination:")
+        lines += [f"    {figure}" for figure in figures]
+    return lines

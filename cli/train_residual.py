@@ -35,6 +35,8 @@ def command(arguments: TrainingArguments) -> frame.Result:
 
 def training_text(about: dict[str, Any], run: Path) -> str:
     """Network, end of the training and held-out errors, as text."""
+    from pamid.api.training import network_words
+
     t, n = about["training"], about["n_weights"]
     lines = [
         f"{network_words(about['kind'], about['sizes'])}, {n} weights: {about['target']}",
@@ -102,10 +104,3 @@ def errors_table(about: dict[str, Any]) -> list[str]:
     if all(errors["with_network"] >= errors[before] for errors in about["mae"].values()):
         lines.append("This network does not reduce the held-out error.")
     return lines
-
-
-def network_words(kind: str, sizes: dict[str, Any]) -> str:
-    """Kind and sizes in the usual notation: elman 5-10-1; anfis 5x5 = 25 rules."""
-    from pamid.networks.trained_network import network_kinds
-
-    return network_kinds()[kind](**sizes).words()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, PamidError
 from pamid.base.files import sha256_of
+from pamid.base.network_folders import channel_networks
 from pamid.base.progress import tell
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
@@ -35,7 +36,6 @@ from pamid.networks.correction.identified_model import (
     require_period,
 )
 from pamid.networks.correction.port_network import ADDED
-from pamid.networks.network_folders import channel_networks
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings

@@ -35,6 +35,7 @@ from pamid.networks.correction.residual_data import (
     read_residual_data,
 )
 from pamid.networks.network_training import TrainingStep
+from pamid.networks.trained_network import network_kinds
 from pamid.networks.training_problem import (
     PAPER_DAMPING,
     PAPER_ITERATIONS,
@@ -264,3 +265,8 @@ def _result(
         },
         _home=source._home,
     )
+
+
+def network_words(kind: str, sizes: dict[str, Any]) -> str:
+    """Kind and sizes in the usual notation: elman 5-10-1; anfis 5x5 = 25 rules."""
+    return network_kinds()[kind](**sizes).words()

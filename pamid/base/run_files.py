@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from pamid.base.schemas.diagnosis_file import CAUSED, DiagnosisFile
 from pamid.base.schemas.run_file import RunFile, Step
 
 FloatArray = NDArray[np.float64]
+PERIODS_AGREE = 0.01  # share by which the periods of recordings may differ for a network
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv, not signals
 SQUARED = 1e150  # what is larger cannot be squared
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
@@ -75,3 +77,9 @@ def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> 
     """Whether the trace of the model with the causes is that of the refitted model over the fitted
     part, as an earlier version wrote it."""
     return np.array_equal(cause[part == 0], refitted[part == 0], equal_nan=True)
+
+
+def equal_periods(periods: Iterable[float]) -> bool:
+    """Are recordings with these sampling periods (s) alike enough for a network?"""
+    every = sorted(periods)
+    return every[-1] <= (1.0 + PERIODS_AGREE) * every[0]

@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations as subsets
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,17 +101,6 @@ def reported_parameters(fitted: Fit, draws: Array | None = None) -> dict[Bound, 
                 null=None,
             )
     return {b: e for b, e in reported.items() if b.full_name not in inner}
-
-
-def tied_text(fit: dict[str, Any]) -> list[str]:
-    """A sentence per group of fit.json's `tied`."""
-    lines = []
-    for tie in fit["tied"]:
-        names, known = tie["parameters"], [(n, fit["combinations"][n]) for n in tie["known"]]
-        figures = [f"{n} = {c['value']:.5g} ({c['low']:.5g} .. {c['high']:.5g})" for n, c in known]
-        lines.append(f"{', '.join(names[:-1])} and {names[-1]} are known only in combination:")
-        lines += [f"    {figure}" for figure in figures]
-    return lines
 
 
 def _groups(space: Space) -> Iterator[list[int]]:

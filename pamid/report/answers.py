@@ -9,11 +9,11 @@ from pathlib import Path
 from pamid.base.errors import join_words, quoted
 from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unknown
 from pamid.base.schemas.estimates import Estimate
-from pamid.base.share_words import minutes_text, times_text
+from pamid.base.share_words import minutes_text, percent_text, percents_text, times_text
 from pamid.base.units import split_column
 from pamid.checks.sampling_slips import OF_THE_LOG
 from pamid.diagnosis.verdict import verdict_words
-from pamid.diagnosis.verdict.verdict_words import chance_figure
+from pamid.diagnosis.verdict.verdict_words import chance_figure, shortened
 from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,
@@ -32,7 +32,7 @@ from pamid.report.captions import (
     split_labels,
     taken_up,
 )
-from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.channel_errors import ChannelErrors, aligned, headline
 from pamid.report.formatting import (
     channel_label,
     channel_unit,
@@ -48,6 +48,9 @@ from pamid.report.formatting import (
 )
 from pamid.report.formula import formula_text
 from pamid.report.load import RunData
+
+LEAST_SHARE = 0.005  # of the gap, at a port that a table lists
+MOST_RANKED = 8
 
 PROBABILITY_MEANS = (
     "A probability is how often, among virtual machines with figures like these, an effect of that "
@@ -663,3 +666,24 @@ def todo_of(run: RunData) -> str:
     if experiment.separates:
         text += f"; it separates {join_words(map(effect_label, experiment.separates))}"
     return sentence(text)
+
+
+def tables_of(diagnosis: DiagnosisFile) -> list[str]:
+    """Tables in plain text: share of the gap by port, and the candidates in the order of the
+    ranking, by what each removes by itself and its distance to the first in standard errors."""
+    gap = diagnosis.verdict != "no-structural-gap"
+    shares = [
+        [port.port, percent_text(port.share)]
+        for port in (diagnosis.where.ports if gap and diagnosis.where is not None else ())
+        if port.share >= LEAST_SHARE
+    ]
+    rows = [["candidate", "family", "removes", "95 % interval", "behind", "P"]]
+    for each in diagnosis.ranking:
+        if each.removes is not None and len(rows) <= MOST_RANKED:
+            share = percent_text(each.removes.share)
+            interval = percents_text(each.removes.low, each.removes.high)
+            behind = "-" if each.behind is None else f"{each.behind:.1f}"
+            chance = "-" if each.probability is None else chance_figure(each.probability)
+            rows.append([shortened(each.effect), each.family, share, interval, behind, chance])
+    tables = [(["port", "share of the gap"], *shares), rows]
+    return [f"{aligned(table, k)}\n" for k, table in enumerate(tables, 1) if len(table) > 1]

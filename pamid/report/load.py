@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pamid.base.errors import FileError
+from pamid.base.network_folders import TRACE_FILE, channel_networks
 from pamid.base.result_file import REMEDY, read_result
 from pamid.base.run_files import RESIDUAL_KEYS, FloatArray, read_columns, read_diagnosis, read_steps
 from pamid.base.run_folder import (
@@ -29,7 +30,6 @@ from pamid.base.schemas.fit_file import FitFile
 from pamid.base.schemas.network_file import NetworkFile
 from pamid.base.schemas.run_file import Step
 from pamid.base.units import split_column
-from pamid.networks.network_folders import TRACE_FILE, channel_networks
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,12 @@ from train_command import said, train
 from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
+from pamid.base.network_folders import channel_network_files, channel_networks
 from pamid.base.run_folder import Run
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.correction.residual_data import residual_columns
-from pamid.networks.network_folders import channel_network_files, channel_networks
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demonstration import Withheld, write_demo_recording

@@ -8,11 +8,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+from pamid_cli.fit import tied_text
 from pendulum import TRUTH, Declared, Pendulum, swing
 
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.identifiable_combinations import tied_text
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import read_recording

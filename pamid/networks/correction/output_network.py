@@ -23,6 +23,12 @@ from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.metrics import mae
+from pamid.base.network_folders import (
+    NETWORK_FILES,
+    TRACE_FILE,
+    channel_network_files,
+    channel_networks,
+)
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.networks.correction.residual_data import (
     RESIDUAL_FILE,
@@ -30,12 +36,6 @@ from pamid.networks.correction.residual_data import (
     derived,
 )
 from pamid.networks.network import Network
-from pamid.networks.network_folders import (
-    NETWORK_FILES,
-    TRACE_FILE,
-    channel_network_files,
-    channel_networks,
-)
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import (
     TrainedNetwork,

@@ -11,7 +11,7 @@ are measured outputs: what they would tell, a model cannot know.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
-from pamid.base.run_files import RESIDUAL_KEYS, read_columns, read_diagnosis, repeats_refit
+from pamid.base.run_files import (
+    RESIDUAL_KEYS,
+    equal_periods,
+    read_columns,
+    read_diagnosis,
+    repeats_refit,
+)
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
 from pamid.base.schemas.fit_file import FitFile
 from pamid.base.units import split_column, with_unit
@@ -35,7 +41,6 @@ RESIDUAL_RUNS = {"loop": "in its control loop", "replay": "on recorded commands"
 REFIT, CAUSES = "refit", "causes"
 MODEL_COLUMNS = {REFIT: "refitted", CAUSES: "cause"}
 REFIT_REMEDY = "Run `pamid fit` or `pamid diagnose` again."
-_PERIODS_AGREE = 0.01  # share by which the sampling periods of the recordings may differ
 
 
 @dataclass(frozen=True)
@@ -239,12 +244,6 @@ def _period(fit: FitFile, columns: dict[str, Array]) -> float:
             "Resample them, or fit them in separate runs.",
         )
     return used[0]
-
-
-def equal_periods(periods: Iterable[float]) -> bool:
-    """Are recordings with these sampling periods (s) alike enough for a network?"""
-    every = sorted(periods)
-    return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]
 
 
 def spans_of(columns: dict[str, Array]) -> list[Segment]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
+from pamid.base.network_folders import TRACE_FILE
 from pamid.base.progress import Progress, Settled, silent
 from pamid.base.run_folder import DIAGNOSIS_FILE, NETWORK_FILE, WEIGHTS_FILE, Run
 from pamid.base.schemas import paper_files as result
@@ -37,7 +38,6 @@ from pamid.networks.correction.output_network import (
     train_correction,
 )
 from pamid.networks.correction.residual_data import ResidualData, Segment, derived
-from pamid.networks.network_folders import TRACE_FILE
 from pamid.networks.trained_network import save_network, trace_csv
 from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import Recording, read_recording, write_recording
