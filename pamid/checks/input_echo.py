@@ -20,7 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.checks.findings import QualityIssue, issue
-from pamid.checks.sheet_comparison import SheetComparison, recorded_columns
+from pamid.checks.sheet_comparison import (
+    OPENING_SAMPLES,
+    SheetComparison,
+    recorded_columns,
+)
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
@@ -118,10 +122,24 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
         model = comparison.follow(p, size)
         if model is None:
             continue
-        y = model[:, output]
-        if closest_echo(u, y, latest)[0] < LEAST_EXPLAINED * float(y.std()):
-            return True
+        for samples in {len(model), _samples_near(model, comparison.y)}:
+            y = model[:samples, output]
+            if closest_echo(u[:samples], y, latest)[0] < LEAST_EXPLAINED * float(y.std()):
+                return True
     return False
+
+
+def _samples_near(model: Array, y: Array) -> int:
+    """Number of samples until a run without feedback leaves the readings.
+
+    An arm that falls soon moves by other forces than the recorded one. A run has left where an
+    output is outside its range of readings by more than that range. All samples are returned if
+    this is sooner than `OPENING_SAMPLES`.
+    """
+    low, high = y.min(axis=0), y.max(axis=0)
+    gone = (model < 2.0 * low - high) | (model > 2.0 * high - low)
+    first = int(gone.any(axis=1).argmax()) if gone.any() else len(model)
+    return first if first >= OPENING_SAMPLES else len(model)
 
 
 def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, str]]:

@@ -50,7 +50,7 @@ class SheetComparison:
     simulate        outputs at other inputs, other parameters (default: p) and a clock that runs
                     slower by a factor; None if they diverge
     follow          the same over a number of samples of the recorded inputs, from the state of the
-                    first readings
+                    first readings, up to where they diverge; None if they do so at once
     """
 
     names: tuple[str, ...]
@@ -138,7 +138,14 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
         return start
 
     def follow(values: Array, samples: int) -> Array | None:
-        return simulate(u[:samples], values, start=shown())
+        for stepping in (steps, None):
+            run = free_run(assembly, u[:samples], values, period, start=shown(), stepping=stepping)
+            finite = np.isfinite(run.outputs).all(axis=1)
+            length = samples if finite.all() else int(finite.argmin())
+            length = length if run.blown_up < 0 else min(length, run.blown_up)
+            if length == samples or stepped:
+                break
+        return run.outputs[:length, order] if length >= OPENING_SAMPLES else None
 
     outputs = simulate(u)
     model = np.full_like(y, np.nan) if outputs is None else outputs

@@ -125,10 +125,10 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for folder, name in (("pamid", "pamid"), ("cli", "pamid_cli")):
         shutil.copytree(ROOT / folder, place / name, ignore=shutil.ignore_patterns("__pycache__"))
     (place / "pamid_cli" / "say_hello.py").write_text(COMMAND)
-    (place / "pamid" / "schemas" / "greeting.py").write_text(OUTPUT)
+    (place / "pamid" / "base" / "schemas" / "greeting.py").write_text(OUTPUT)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "ingest" / "readers" / "numbers.py").write_text(READER)
-    (place / "pamid" / "export" / "forms" / "list.py").write_text(FORM)
+    (place / "pamid" / "exports" / "forms" / "list.py").write_text(FORM)
     (place / "pamid" / "replications" / "papers" / "coin.py").write_text(PAPER)
     for room, theirs, name, mine in (
         ("effects", "coulomb_friction", "CoulombFriction", "MyFriction"),

@@ -143,6 +143,38 @@ def test_a_servo_stiffer_than_its_data_sheet_is_genuine() -> None:
     assert not issues(recording_of(0.02 * np.arange(u.size), columns, {}), LoadedServo())
 
 
+class TippingServo(StiffServo):
+    """One on a pole that a push holds upright; without it, the pole falls and takes it along."""
+
+    inputs = {"target_mm": "m", "push_n": "N"}
+    outputs = {"position_mm": "m", "tilt_rad": "rad"}
+    states = (*StiffServo.states, State("tilt", "rad"), State("tilting", "rad/s"))
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        falls = {"tilt": x.tilting, "tilting": 1.0 * x.tilt + u.push_n}
+        return {**super().rates(x, u, p, port), **falls}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"position_mm": port("sensor", x.position + 0.01 * x.tilt), "tilt_rad": x.tilt}
+
+
+def test_a_servo_on_a_pole_that_falls_in_the_model_is_genuine() -> None:
+    """A run on the recorded push falls whatever the parameters, as a robot arm does."""
+    u, period, fine = levels(), 0.02, 50
+    tilt, push = np.zeros_like(u), np.zeros_like(u)
+    angle, rate = 0.0, 0.0
+    disturbance = 0.3 * np.random.default_rng(4).standard_normal(u.size)
+    for k in range(u.size):
+        tilt[k] = angle
+        push[k] = -20.0 * angle - 6.0 * rate + disturbance[k]
+        for _ in range(fine):
+            rate += (1.0 * angle + push[k]) * period / fine
+            angle += rate * period / fine
+    y = servo(u, 60.0, period) + 10.0 * tilt
+    columns = {"target_mm": u, "push_n": push, "position_mm": y, "tilt_rad": tilt}
+    assert not issues(recording_of(period * np.arange(u.size), columns, {}), TippingServo())
+
+
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
 def test_the_commands_refuse_an_echo(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
