@@ -158,16 +158,19 @@ def _gains_at(
     most = max(rough.values(), default=0.0)
     near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
     full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))
-    # those not looked at closely keep their rough figure, on the scale of the close ones
-    share = max(full.values()) / most if most > 0.0 else 0.0
-    return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
+    # Moving parameters may take up what was gained, not more: then they have run away.
+    sound = {name: gain for name, gain in full.items() if gain >= -rough.get(name, np.inf)}
+    # those without a close figure keep their rough figure, on the scale of the close ones
+    share = max(sound.values(), default=most) / most if most > 0.0 else 0.0
+    return {name: max(sound.get(name, share * rough.get(name, 0.0)), 0.0) for name in names}
 
 
 def _gains(
     work: _SmoothingWork, items: list[Ports], pool: WorkerPool, known: dict[Ports, LatentFit]
 ) -> list[float]:
-    """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
-    unstable, or the job failed.
+    """Log evidence beyond that without a latent value; -inf where the model with or without it
+    becomes unstable, or the job failed. Below zero the smoothing has not converged, up to the
+    coarse grid of sizes: a latent value of size zero costs nothing.
 
     known: the evidence without a latent value, once it has been computed.
     """
@@ -179,9 +182,9 @@ def _gains(
         raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
     known[()] = nothing
     return [
-        max(f[0] - nothing[0], 0.0)
+        f[0] - nothing[0]
         if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all()
-        else 0.0
+        else -np.inf
         for f in (by_ports[ports] for ports in items)
     ]
 

@@ -63,6 +63,12 @@ def fit_robustly(
             progress=progress,
             tolerance=1e-3,
         )
+    for _ in range(ROUNDS):
+        if fitted.converged or not fitted.residuals:
+            break
+        # A candidate begins elsewhere and may converge. What it gains by that would be counted as
+        # the gain of its effect.
+        fitted = fit(problem, fitted.end, progress=progress, tolerance=1e-3)
     return fitted
 
 

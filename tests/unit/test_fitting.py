@@ -57,6 +57,19 @@ def fitted_joint(seed: int = 1) -> Fit:
     return fit_robustly(problem_of(JOINT, recorded(seed)))
 
 
+def test_a_fit_that_used_up_its_steps_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else an effect would be named for what its refit gains in the other parameters."""
+
+    def few_steps(*args: Any, iterations: int = 2, **options: Any) -> Fit:
+        return fit(*args, iterations=min(iterations, 2), **options)
+
+    monkeypatch.setattr("pamid.estimation.robust_fit.fit", few_steps)
+    done, wanted = fit_robustly(problem_of(JOINT, recorded())), fitted_joint()
+    assert done.converged and done.cost == pytest.approx(wanted.cost, rel=0.02)
+    monkeypatch.setattr("pamid.estimation.robust_fit.ROUNDS", 2)  # too few
+    assert not fit_robustly(problem_of(JOINT, recorded())).converged
+
+
 def by_name(found: dict[Bound, Estimate]) -> dict[str, Estimate]:
     return {b.full_name: e for b, e in found.items()}
 

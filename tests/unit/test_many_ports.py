@@ -90,3 +90,14 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     assert len(looked) == (count if count <= MANY_PORTS else 2)
     if count > MANY_PORTS:  # the rest keep their share of the largest
         assert found["p5"] == pytest.approx(share * 80.0)
+
+
+def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence() -> None:
+    """Free to move, they end far below the evidence without any latent value."""
+    smoothers = {f"p{k}": Looked(100.0, 80.0, []) for k in range(MANY_PORTS + 1)}
+    smoothers["p3"] = Looked(90.0, -500.0, [])
+    smoothers["p4"] = Looked(90.0, -5.0, [])  # taken up by the parameters
+    held = {(): Looked(0.0, 0.0, [])} | {(name,): s for name, s in smoothers.items()}
+    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
+    found = _gains_at(work, list(smoothers), WorkerPool(), {})
+    assert found["p3"] == pytest.approx(0.8 * 90.0) and found["p4"] == 0.0
