@@ -227,7 +227,7 @@ class SteppedProgram:
         """As `_run_copies`, of a simulator whose states are seen, in a compiled loop."""
         assert not isinstance(self.simulator, Carrier)
         from pamid.engine.integrator import Times
-        from pamid.engine.stepped_kernel import stepped_sweep
+        from pamid.engine.stepped_kernel import Exchange, stepped_sweep
 
         time_s, period_s, step = times
         self._read_start(around.arrays.x, around.arrays.S, p, columns)
@@ -251,7 +251,9 @@ class SteppedProgram:
         )
         with library_step(self.simulator, copies, period_s / step.substeps, self.readings) as c:
             return int(
-                stepped_sweep(*around[:3], run_times, around.results, c, scales, known, Y, JY)
+                stepped_sweep(
+                    *around[:3], run_times, around.results, Exchange(c, scales, known), (Y, JY)
+                )
             )
 
     def _simulator_values(

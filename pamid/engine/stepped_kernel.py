@@ -5,10 +5,13 @@ An exchange is that of `pamid.engine.stepped`, with slopes by differences over c
 a single structure of the simulator, set anew for each of them. numba takes its cache of this file's
 functions for stale by the stamp of this file alone: touch it where `sweep` takes other arguments.
 
-Arguments: c, w, t are a `LibraryStep`, `StepScales` and `KnownSlopes`.
+Arguments: c, w, t are a `LibraryStep`, `StepScales` and `KnownSlopes`; e is an `Exchange` of
+these.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +24,15 @@ SIDES_AGREE = 0.1  # of a step's action: curvature leaves 1e-6 of it, a jump ten
 SLOPE_ROUNDING = 1e-9  # of a value's size: rounding error of a slope by differences
 STILL_HOLDS = 0.1  # of a step's action: a change within which slopes hold
 FAR = 0.3  # of a parameter: at rest, nothing else shows that it has moved
+
+
+class Exchange(NamedTuple):
+    """Arguments of an exchange with a simulator: its step, the widths of its differences, and the
+    slopes known along the recording."""
+
+    step: Any
+    scales: Any
+    known: Any
 
 
 @njit(cache=True)
@@ -76,9 +88,10 @@ def _in_reach(w, t, row, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _difference(w, t, x, f, x0, f0, p0, dz):  # type: ignore[no-untyped-def]
-    """Fill dz (states + forces + chosen parameters): from there to x under f."""
-    nx, nf = x.shape[0], f.shape[0]
+def _difference(w, t, x, f, before, dz):  # type: ignore[no-untyped-def]
+    """Fill dz (states + forces + chosen parameters): from `before`, a tuple of states, forces and
+    parameters, to x under f."""
+    nx, nf, (x0, f0, p0) = x.shape[0], f.shape[0], before
     for i in range(nx):
         dz[i] = x[i] - x0[i]
     for i in range(nf):
@@ -123,7 +136,7 @@ def _predict(w, t, row, x, f, after):  # type: ignore[no-untyped-def]
         return False
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _difference(w, t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    _difference(w, t, x, f, (last[:nx], last[nx:at], last[at:]), dz)
     way = _distance(w, t, row, dz)
     base, reach, bend = t.trust[row, 0], t.trust[row, 1], t.trust[row, 2]
     # NaN fails the comparison
@@ -142,7 +155,7 @@ def _check(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
         return
     dz, nx, at = np.empty(t.slopes.shape[2]), x.shape[0], x.shape[0] + f.shape[0]
     last = t.last[row]
-    _difference(w, t, x, f, last[:nx], last[nx:at], last[at:], dz)
+    _difference(w, t, x, f, (last[:nx], last[nx:at], last[at:]), dz)
     way, base = _distance(w, t, row, dz), t.trust[row, 0]
     if 0.0 < way < np.inf:
         missed = 0.0
@@ -155,7 +168,7 @@ def _check(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
     last[nx:at] = f
     last[at:] = w.p
     t.last_after[row] = plain
-    _difference(w, t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    _difference(w, t, x, f, (t.x[row], t.f[row], t.p[row]), dz)
     t.trust[row, 0] = _distance(w, t, row, dz)
 
 
@@ -166,7 +179,7 @@ def _hold(w, t, row, x, f, plain):  # type: ignore[no-untyped-def]
     if not _in_reach(w, t, row, f):
         return False, False
     dz, acts = np.empty(t.slopes.shape[2]), True
-    _difference(w, t, x, f, t.x[row], t.f[row], t.p[row], dz)
+    _difference(w, t, x, f, (t.x[row], t.f[row], t.p[row]), dz)
     readings = plain.shape[0] - x.shape[0]
     for j in range(plain.shape[0]):
         tiny = SLOPE_ROUNDING * (abs(plain[j]) + w.level[j])
@@ -277,9 +290,10 @@ def _rescaled(w, t, row, far):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _probed(c, w, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
+def _probed(e, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
+    c, w, t = e
     at, slopes, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
     _rescaled(w, t, row, far)
     motion, parameters = steps.copy(), steps.copy()
@@ -300,9 +314,10 @@ def _probed(c, w, t, row, x, f, steps, plain, moves):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _known_or_new_slopes(c, w, t, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
+def _known_or_new_slopes(e, row, x, f, pushed, steps, plain):  # type: ignore[no-untyped-def]
     """Provide slopes of a row for a step from x under f, and fill `plain` with its result. pushed
     (forces,): forces with slopes; steps: widths of all differences."""
+    c, w, t = e
     nx, nf, known = x.shape[0], f.shape[0], t.filled[row]
     lacking = np.zeros(steps.shape[0])
     for k in range(nf):
@@ -333,7 +348,7 @@ def _known_or_new_slopes(c, w, t, row, x, f, pushed, steps, plain):  # type: ign
         return
     if predicted:
         _step(c, x, f, plain)
-    anew = _probed(c, w, t, row, x, f, steps, plain, moves)
+    anew = _probed(e, row, x, f, steps, plain, moves)
     t.counts[0 if anew else 1] += 1
     _keep(w, t, row, x, f, plain)
 
@@ -362,9 +377,10 @@ def step_slopes(c, w, x, f, pushed, after, slopes):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _exchange(c, w, t, row, values, f, by, S, sensitive):  # type: ignore[no-untyped-def]
+def _exchange(e, row, values, f, by, S, sensitive):  # type: ignore[no-untyped-def]
     """Move `values` (readings and states,) and, on request, their rows of S (all in place) over
     an exchange under f (forces,), whose sensitivities are `by` (forces, columns)."""
+    c, w, t = e
     readings, seen = c.reading_at.shape[0], values.shape[0]
     x = values[readings:]
     nx, nf, wide, n = x.shape[0], f.shape[0], S.shape[1], w.place.shape[0]
@@ -383,7 +399,7 @@ def _exchange(c, w, t, row, values, f, by, S, sensitive):  # type: ignore[no-unt
         pushed[k] = by[k].any()
     if keep:
         slopes = t.slopes[row]
-        _known_or_new_slopes(c, w, t, row, x, f, pushed, _widths(w, x, f), plain)
+        _known_or_new_slopes(e, row, x, f, pushed, _widths(w, x, f), plain)
     else:
         slopes = np.zeros((seen, nx + nf + n))
         step_slopes(c, w, x, f, pushed, plain, slopes)
@@ -409,11 +425,12 @@ def _exchange(c, w, t, row, values, f, by, S, sensitive):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def stepped_sweep(equations, memory, inputs, times, results, c, w, t, Y, JY):  # type: ignore[no-untyped-def]
-    """Run over the rows of u, filling Y (samples, seen) and, with sensitivities, JY
-    (samples, seen, columns); `results` hold a sample, with what goes into the simulator behind
-    what is seen. Memory is carried on in place; readings and states of the simulator are the first
-    in it. Returns the first sample at which a state is no longer finite, or -1."""
+def stepped_sweep(equations, memory, inputs, times, results, e, made):  # type: ignore[no-untyped-def]
+    """Run over the rows of u, filling `made`: Y (samples, seen) and, with sensitivities, JY
+    (samples, seen, columns). `results` hold a sample, with what goes into the simulator behind what
+    is seen. Memory is carried on in place; readings and states of the simulator are the first in
+    it. Returns the first sample at which a state is no longer finite, or -1."""
+    c, Y, JY = e.step, made[0], made[1]
     inside = c.reading_at.shape[0] + c.state_at.shape[0]
     seen, sensitive = Y.shape[1], inputs.sensitive
     begin, join = times.begin, times.join
@@ -440,7 +457,7 @@ def stepped_sweep(equations, memory, inputs, times, results, c, w, t, Y, JY):  #
                     JY[k] = results.JY[0, :seen]
             f[:] = results.Y[0, seen:]
             row = k * times.substeps + sub
-            _exchange(c, w, t, row, x[:inside], f, results.JY[0, seen:], S, sensitive)
+            _exchange(e, row, x[:inside], f, results.JY[0, seen:], S, sensitive)
         for i in range(x.shape[0]):
             if not abs(x[i]) < BLOWN_UP:
                 Y[k + 1 :] = np.nan
