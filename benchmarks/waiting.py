@@ -34,7 +34,7 @@ from test_report_page import LONG, PERIOD_S, long_residual
 from timing import cpu
 
 from pamid.checks.recording_quality import examine
-from pamid.ingest.log_reader import read_log
+from pamid.logs.log_reader import read_log
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report

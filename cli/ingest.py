@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from pamid.api.options.names import cures
-from pamid.api.options.record import (
-    AnyPath,
-    FilePath,
-    RigName,
-    argument,
-    known_option,
-    option,
-    overwrite_option,
+from pamid.api.options.logs import (
+    RIG_TEXT,
+    IngestArguments,
+    LogArguments,
+    angles_option,
+    only_option,
 )
+from pamid.api.options.record import AnyPath, RigName, argument, option
 from pamid.base.errors import UsageError, quoted
 from pamid.base.trust import is_code
 
@@ -31,81 +29,31 @@ pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 """
 
 
-@dataclass(frozen=True)
-class Arguments:
-    """Convert raw LOGS to recordings: units, signs, gauge pressures, an even time base.
-
-    First write a mapping with `--guess`, and check it. With the mapping, each log becomes a CSV, a
-    TOML next to it, and a record of all conversions (.ingest.json). Uneven stamps are diagnosed and
-    repaired. If the data do not determine the repair, an error names the options. A long gap splits
-    the recording and is never bridged. If a log has several recordings, each becomes a separate
-    CSV; `*` in the mapping stands for its part. In a robot's log (ROS JointState, LeRobot, MuJoCo's
-    vectors) `--guess` finds the joints and motors of a model by name or order.
-    """
+@dataclass(frozen=True, kw_only=True)
+class Arguments(IngestArguments):
+    __doc__ = IngestArguments.__doc__
 
     logs: Sequence[AnyPath] = argument()
-    mapping: FilePath | None = option(None, "TOML that assigns channels to columns.")
+    rig: RigName | None = option(
+        None,
+        f"{RIG_TEXT} [default: the rig that the mapping names. --guess without a rig: every "
+        "channel keeps its name]",
+    )
     guess: bool = option(
         False, "Write a first mapping for LOG instead, with comments. Check and correct it."
     )
-    rig: RigName | None = option(
-        None,
-        "Rig by name, or the path of a rig file (it is run). [default: the rig that the mapping "
-        "names. --guess without a rig: every channel keeps its name]",
-    )
-    pressures: Literal["gauge", "absolute"] | None = option(
-        None, "Kind of all pressures of the log. Required if the mapping does not state it."
-    )
-    period: float | None = option(
-        None,
-        "Sampling period of a log without a clock. Required if the mapping does not state it.",
-        metavar="SECONDS",
-        above=0.0,
-    )
-    angles: Literal["deg", "rad"] | None = option(
-        None, "With --guess: unit of all angles for which the log states none."
-    )
-    only: str | None = option(
-        None,
-        "With --guess, for a log with several robots: use channels whose names contain this.",
-        metavar="TEXT",
-    )
-    repair: str | None = option(
-        None,
-        "Repair of uneven stamps. Overrides the mapping's time.repair.",
-        "--time-base",
-        choices=cures(),
-    )
-    known: Mapping[str, float] | None = known_option(
-        "Parameter of the rig known for these recordings, as inertia_kg_m2=0.0896. Overrides the "
-        "mapping."
-    )
-    kind: str | None = option(
-        None, "Format of the logs, if their name and content do not determine it."
-    )
-    memory_limit: float | None = option(
-        None,
-        "Most memory for reading a log, in GiB. A log that declares more is refused before it is "
-        "read. [default: 1]",
-        metavar="GIB",
-        above=0.0,
-    )
+    angles: Literal["deg", "rad"] | None = angles_option()
+    only: str | None = only_option()
     output: AnyPath | None = option(
         None,
         "CSV file (several recordings are numbered) or folder. [default: recording.csv] With "
         "--guess the TOML file. [default: print it]",
     )
-    overwrite: bool = overwrite_option("Replace outputs that exist.")
-
-    def shared(self) -> dict[str, Any]:
-        """Arguments that a conversion and a guess share."""
-        names = ("rig", "pressures", "period", "known", "kind", "memory_limit", "overwrite")
-        return {name: getattr(self, name) for name in names}
 
 
 @frame.command("ingest", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
-    from pamid.ingest.ingesting import ingest
+    from pamid.api.ingesting import ingest
 
     a, logs = arguments, [Path(log) for log in arguments.logs]
     if a.guess:
@@ -114,17 +62,9 @@ def command(arguments: Arguments) -> frame.Result:
         return _guess(logs[0], a)
     if a.angles or a.only:
         raise UsageError(f"{'--angles' if a.angles else '--only'} belongs to --guess.")
-    if a.mapping is None:
-        raise UsageError(
-            "--mapping is missing.",
-            f"`pamid ingest --guess {quoted(logs[0])} --output {unused('map.toml')}` writes a "
-            "mapping.",
-        )
-    output = Path(a.output or "recording.csv")
     with progress_line("reading logs", len(logs)) as progress:
-        ingested = ingest(
-            logs, a.mapping, **a.shared(), repair=a.repair, output=output, progress=progress
-        )
+        wanted = replace(a, output=Path(a.output or "recording.csv"), progress=progress)
+        ingested = ingest.of(wanted)
     for note in ingested.notes:
         warning(note)
     first = ingested.accounts[0].recording
@@ -134,11 +74,12 @@ def command(arguments: Arguments) -> frame.Result:
 
 
 def _guess(log: Path, a: Arguments) -> frame.Result:
+    from pamid.api.ingesting import guess_mapping
     from pamid.base.schemas.command_files import GuessedMappingFile
-    from pamid.ingest.ingesting import guess_mapping
 
     output = None if a.output is None else Path(a.output)
-    guess = guess_mapping(log, **a.shared(), angles=a.angles, only=a.only or "", output=output)
+    shared = {item.name: getattr(a, item.name) for item in fields(LogArguments)}
+    guess = guess_mapping(log, a.rig, **shared, angles=a.angles, only=a.only, output=output)
     content = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pamid.api.exporting import ExportResult, export
     from pamid.api.fitting import fit
     from pamid.api.force_laws import ForceLawResult, force_law
+    from pamid.api.ingesting import IngestResult, guess_mapping, ingest
     from pamid.api.new_rigs import NewRig, new_rig
     from pamid.api.planning import PowerResult, power
     from pamid.api.results import (
@@ -40,8 +41,7 @@ if TYPE_CHECKING:
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
-    from pamid.ingest.guessed_mapping import GuessedMapping
-    from pamid.ingest.ingesting import IngestResult, guess_mapping, ingest
+    from pamid.logs.guessed_mapping import GuessedMapping
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, RoughMap, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
@@ -73,9 +73,9 @@ _HOME = {
     "FitResult": "pamid.api.results",
     "ForceLawResult": "pamid.api.force_laws",
     "Gain": "pamid.model.background",
-    "GuessedMapping": "pamid.ingest.guessed_mapping",
+    "GuessedMapping": "pamid.logs.guessed_mapping",
     "IdentifiedCause": "pamid.api.results",
-    "IngestResult": "pamid.ingest.ingesting",
+    "IngestResult": "pamid.api.ingesting",
     "Loop": "pamid.model.rig",
     "NetworkResult": "pamid.api.training",
     "PamidError": "pamid.base.errors",
@@ -101,7 +101,8 @@ _HOME = {
     "fit": "pamid.api.fitting",
     "force_law": "pamid.api.force_laws",
     "force_law_of": "pamid.networks.correction.trained_force_law",
-    "guess_mapping": "pamid.ingest.ingesting",
+    "guess_mapping": "pamid.api.ingesting",
+    "ingest": "pamid.api.ingesting",
     "model_packages": "pamid.simulators.model_packages",
     "new_rig": "pamid.api.new_rigs",
     "open_run": "pamid.api.carried_runs",
@@ -170,8 +171,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("ingest", "report"):  # packages, which can be called
-        return importlib.import_module(f"pamid.{name}")
+    if name == "report":  # a package, which can be called
+        return importlib.import_module("pamid.report")
     if name not in _HOME:
         raise AttributeError(f"module 'pamid' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

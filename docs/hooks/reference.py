@@ -366,8 +366,8 @@ def _face_page() -> str:
     for name in sorted(pamid.__all__):
         if name == "report" or name.startswith("_"):
             continue
-        home = pamid._HOME.get(name, "pamid.ingest.ingesting")  # a package that can be called
-        results = home.startswith(("pamid.api", "pamid.ingest", "pamid.base"))
+        home = pamid._HOME[name]
+        results = home.startswith(("pamid.api", "pamid.logs", "pamid.base"))
         part = list(_PARTS)[0 if name[0].islower() else 1 if results else 2]
         parts[part].append(f"::: {home}.{name}")
     lines = [

@@ -15,7 +15,7 @@ from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest
 from pamid.base.files import PathLike, sha256_of
 from pamid.checks.inspection import require_sound
 from pamid.checks.sampling_slips import misstated_holds
-from pamid.ingest.matcher import with_stand_ins
+from pamid.logs.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE

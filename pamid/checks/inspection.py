@@ -23,7 +23,7 @@ from pamid.checks.findings import CheckOutcome, QualityIssue, fault, note, outco
 from pamid.checks.recording_quality import before_a_fit, examine, signals_of
 from pamid.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.engine.simulator_warnings import counted_warnings
-from pamid.ingest.matcher import with_stand_ins
+from pamid.logs.matcher import with_stand_ins
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded

@@ -38,7 +38,7 @@ from pamid.checks.channel_quality import (
     standstills,
 )
 from pamid.checks.findings import QualityIssue, issue, share_words
-from pamid.ingest.channel_words import names_command
+from pamid.logs.channel_words import names_command
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column

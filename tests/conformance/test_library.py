@@ -45,7 +45,7 @@ MAY_LOAD = {
     "pamid/networks/correction/port_network.py",
     "pamid/simulation/virtual_rig.py",
     "pamid/report/motion.py",
-    "pamid/ingest/ingesting.py",
+    "pamid/api/ingesting.py",
     "pamid/api/diagnosing.py",
     "pamid/api/exciting.py",
     "pamid/api/given.py",

@@ -23,10 +23,10 @@ import pytest
 from pamid_cli import frame
 
 import pamid
+from pamid.api.ingesting import IngestResult
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.ingest.guessed_mapping import GuessedMapping
-from pamid.ingest.ingesting import IngestResult
+from pamid.logs.guessed_mapping import GuessedMapping
 
 N, T = 1200, 0.02
 TIME = np.arange(N) * T

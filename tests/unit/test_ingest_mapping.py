@@ -11,11 +11,11 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.base.units import unit
-from pamid.ingest.channel_words import meanings, number
-from pamid.ingest.channels import Channel, Log
-from pamid.ingest.guessed_mapping import Answers, guess_of
-from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, resolved_signals
-from pamid.ingest.source_units import in_unit, read_unit
+from pamid.logs.channel_words import meanings, number
+from pamid.logs.channels import Channel, Log
+from pamid.logs.guessed_mapping import Answers, guess_of
+from pamid.logs.mapping import Mapping, load_mapping, mapping_of, resolved_signals
+from pamid.logs.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
 
 ONE_DOF = rig_named("one-dof")

@@ -1,0 +1,1 @@
+"""Raw logs in: readers, a mapping, the time base, units; out come recordings."""
