@@ -217,7 +217,7 @@ def _diagnosis_from(
     located = locate(evidence, base, pool, alike=settings.port_alike)
     to_screen = candidates_to_screen(candidates, evidence.rig.ports, located, settings)
     first_round = with_plainer_effects(search, comparison, run_round(search, base, to_screen))
-    refitted = lower_baseline(search, comparison.ordered(first_round.models))
+    refitted = lower_baseline(search, comparison, comparison.ordered(first_round.models))
     if refitted is not None:
         progress("the baseline had ended in a local minimum; beginning again")
         lower = budget_of(refitted, seed=seed, progress=progress, settings=settings)

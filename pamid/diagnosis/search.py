@@ -20,6 +20,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
+from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.ranges import mirrored, widened
 from pamid.diagnosis.screening import (
     ScreenedCandidate,
@@ -37,12 +38,13 @@ from pamid.estimation.grey_box import (
     GreyBox,
     model_with,
     rechecked,
-    refitted_from,
     settles,
+    with_fit,
 )
 from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
+from pamid.estimation.restart import TRAPPED
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
@@ -241,30 +243,38 @@ def refit_screened(
     return models, failed
 
 
-def lower_baseline(search: Search, ranking: list[CandidateModel]) -> GreyBox | None:
-    """The baseline fitted from where the best model ended; None where it did not end in a local
-    minimum.
+def lower_baseline(
+    search: Search, comparison: Comparison, ranking: list[CandidateModel]
+) -> GreyBox | None:
+    """The baseline fitted from where the best model ended; None where that predicts little better.
 
     ranking: models of a single effect, best first. An effect that is not in the machine can lead
-    out of a local minimum, and would be named for what its refit found in the other parameters.
+    out of a local minimum or along a flat valley, and would be named for what its refit found in
+    the other parameters. The model without it then predicts as well.
     """
-    if not ranking:
+    baseline = search.budget.baseline
+    if not ranking or not comparison.is_material(ranking[0], baseline):
         return None
-    return search.pool.one(_BaselineRestart(search.budget.model, search.seed), ranking[0])
+    control = search.pool.one(_BaselineRestart(search.evidence, search.budget.model), ranking[0])
+    kept = comparison.removed(control).share if control.finite else 0.0
+    if not kept >= TRAPPED * comparison.removed(ranking[0]).share:
+        return None
+    return with_fit(search.budget.model, control.fit, search.seed)
 
 
 @dataclass(frozen=True, eq=False)
-class _BaselineRestart(Work[CandidateModel, "GreyBox | None"]):
+class _BaselineRestart(Work[CandidateModel, CandidateModel]):
     """Job that fits the baseline from where another model ended."""
 
     what = "fitting the baseline from the values of"
+    evidence: DataSplit
     model: GreyBox
-    seed: int
 
-    def __call__(self, item: CandidateModel) -> GreyBox | None:
-        assembly = self.model.assembly
+    def __call__(self, item: CandidateModel) -> CandidateModel:
+        assembly, fitted = self.model.assembly, self.model.fit
         p = transferred(assembly, (item.assembly, item.fit.p))
-        return refitted_from(self.model, p, item.fit.starts, self.seed)
+        start = replace(fitted.end, p=p, starts=item.fit.starts, continuity=())
+        return replayed(self.evidence, assembly, fit(fitted.problem, start))
 
     def name(self, item: CandidateModel) -> str:
         return item.label

@@ -27,6 +27,7 @@ from pamid.estimation.restart import (
     fit_from_draws,
     fit_from_shorter_windows,
     is_failed,
+    reweighted,
 )
 from pamid.estimation.robust_fit import FIRST_STEPS, ROUNDS, fit_in_stages, fit_robustly
 from pamid.model.assembly import Assembly
@@ -161,13 +162,10 @@ def fit_model(
     )
 
 
-def refitted_from(model: GreyBox, p: Array, starts: tuple[Array, ...], seed: int) -> GreyBox | None:
-    """The model fitted from p (SI) and these states at the window starts; None where its fit did
-    not end in a local minimum."""
+def with_fit(model: GreyBox, fitted: Fit, seed: int) -> GreyBox:
+    """The model with another fit of it, continued with weights that follow its residuals."""
     noise = model.evidence.noise
-    fitted = escape_local_minimum(model.fit, noise, p=p, starts=starts)
-    if fitted is model.fit:
-        return None
+    fitted = reweighted(fitted, noise)
     held = tuple(r.full_track for r in model.held_out)
     replays, change = rechecked(model.assembly, fitted, held, noise)
     return replace(

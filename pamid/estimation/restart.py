@@ -26,35 +26,21 @@ Array = NDArray[np.float64]
 SHORTER = 0.25  # of a window: where a fit begins that long windows would trap
 RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed
 DRAW_STEPS = 8  # that each is given
-# of the cost: a fit from new starts below it shows that the old fit was a trap
+# of the cost, or of what another model removed of the held-out error: a fit from elsewhere that
+# reaches it shows that the old fit was a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
 REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 
 
-def escape_local_minimum(
-    fitted: Fit, noise: Array, *, p: Array | None = None, starts: tuple[Array, ...] | None = None
-) -> Fit:
-    """The fit; where it ended in a local minimum, the fit reached from other values.
+def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
+    """The fit; where it ended in a local minimum, the fit reached from states estimated anew.
 
-    Parameters
-    ----------
-    fitted
-        The fit.
-    noise
-        Of the sensors, per channel (SI).
-    p
-        Other parameters (SI; default: those of the fit).
-    starts
-        Other states at the window starts, per track (default: estimated anew with p).
+    noise: of the sensors, per channel (SI).
     """
     if not fitted.residuals:
         return fitted
-    shooting, begun = begin(
-        fitted.problem,
-        replace(fitted.end, p=fitted.p if p is None else p, starts=starts),
-        probe=True,
-    )
+    shooting, begun = begin(fitted.problem, replace(fitted.end, starts=None), probe=True)
     if not begun.point.normal.fine:
         return fitted
     # New states cost a little at first, because they were not fitted. A fall by half within three
@@ -62,10 +48,10 @@ def escape_local_minimum(
     probe = iterate(shooting, begun, PROBE_STEPS)
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
-    return _reweighted(shooting.resumed(probe), noise)
+    return reweighted(shooting.resumed(probe), noise)
 
 
-def _reweighted(fitted: Fit, noise: Array) -> Fit:
+def reweighted(fitted: Fit, noise: Array) -> Fit:
     """The fit continued with weights that follow its residuals."""
     for _ in range(REWEIGHT_ROUNDS):
         weights = residual_weights(fitted.residuals, noise, fitted.problem.window)
@@ -139,4 +125,4 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
         tried = fit(problem, FitStart(p=p, weights=weights), iterations=DRAW_STEPS)
         if tried.residuals and tried.cost < least:
             best, least = tried, tried.cost
-    return fitted if best is fitted else _reweighted(best, noise)
+    return fitted if best is fitted else reweighted(best, noise)
