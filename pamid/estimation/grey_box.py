@@ -79,7 +79,6 @@ def fit_model(
     *,
     seed: int = 0,
     draws: int = 0,
-    jobs: int = 1,
     progress: Progress = silent,
     earlier: EarlierPosterior | None = None,
     pool: WorkerPool | None = None,
@@ -88,7 +87,7 @@ def fit_model(
     change nothing.
 
     earlier: what another fit has left known of the same rig; it takes the place of the data sheet's
-    prior. draws: of the bootstrap; pool: who does them (default: `jobs` processes of this machine).
+    prior. draws: of the bootstrap; pool: who does them (default: this process).
     """
     if earlier is not None:
         earlier.require_new(evidence)
@@ -154,9 +153,7 @@ def fit_model(
         replays,
         sheet,
         floor,
-        bootstrap(fitted, draws, seed=seed, jobs=jobs, pool=pool, progress=progress)
-        if draws
-        else None,
+        bootstrap(fitted, draws, seed=seed, pool=pool, progress=progress) if draws else None,
         earlier,
         refit.remark,
     )

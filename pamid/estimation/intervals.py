@@ -69,7 +69,6 @@ def bootstrap(
     count: int,
     *,
     seed: int = 0,
-    jobs: int = 1,
     pool: WorkerPool | None = None,
     progress: Progress = silent,
 ) -> Array:
@@ -77,11 +76,11 @@ def bootstrap(
     within a window), and with the priors drawn anew: the data sheet and an earlier fit's. Without
     the second a parameter of which the recordings say nothing would not vary at all; with it, it
     keeps the width of its prior. Draws x free parameters in prior spreads; a draw that fails
-    is missing. pool: who does the refits (default: `jobs` processes).
+    is missing. pool: who does the refits (default: this process).
 
     Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
     Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
-    draws = (pool or WorkerPool(jobs)).run(_BootstrapWork(fitted, seed), range(count), progress)
+    draws = (pool or WorkerPool()).run(_BootstrapWork(fitted, seed), range(count), progress)
     return np.array([draw for draw in draws if not isinstance(draw, Failed)])
 
 

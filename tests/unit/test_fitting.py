@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
+from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.schemas.estimates import Estimate
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
@@ -160,7 +161,7 @@ def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
     done = fitted_joint()
     draws = bootstrap(done, 24, seed=5)
     np.testing.assert_array_equal(draws[:6], bootstrap(done, 6, seed=5))
-    np.testing.assert_allclose(bootstrap(done, 6, seed=5, jobs=2), draws[:6])
+    np.testing.assert_allclose(bootstrap(done, 6, seed=5, pool=WorkerPool(2)), draws[:6])
     assert not np.allclose(bootstrap(done, 6, seed=6), draws[:6])
     ratio = draws.std(axis=0) / np.sqrt(done.covariance.diagonal())
     assert 0.4 < np.median(ratio) < 2.5 and ratio.max() < 6.0, ratio

@@ -304,7 +304,7 @@ def explain(
     diagnosis.json."""
     begun = time.perf_counter()
     evidence = split_recordings(catalogue_rig(TWIN_RIG), [records.training], [])
-    grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, progress=progress)
+    grey = fit_model(evidence, seed=plan.seed, progress=progress)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()
     diagnosis = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
