@@ -113,17 +113,23 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)
 
-    def simulate(
-        inputs: Array, values: Array = p, clock: float = 1.0, start: Array | None = None
-    ) -> Array | None:
+    def finite_run(inputs: Array, values: Array, clock: float, start: Array | None) -> Array:
+        """Outputs up to where they diverge."""
         inputs = np.ascontiguousarray(inputs)
         for stepping in (steps, None) if clock == 1.0 else (None,):
             run = free_run(assembly, inputs, values, clock * period, start=start, stepping=stepping)
-            if run.blown_up < 0 and np.isfinite(run.outputs).all():
-                return run.outputs[:, order]
-            if stepped:
+            outputs = run.outputs if run.blown_up < 0 else run.outputs[: run.blown_up]
+            finite = np.isfinite(outputs).all(axis=1)
+            outputs = outputs if finite.all() else outputs[: finite.argmin()]
+            if len(outputs) == len(inputs) or stepped:
                 break
-        return None
+        return outputs[:, order]
+
+    def simulate(
+        inputs: Array, values: Array = p, clock: float = 1.0, start: Array | None = None
+    ) -> Array | None:
+        outputs = finite_run(inputs, values, clock, start)
+        return outputs if len(outputs) == len(inputs) else None
 
     @cache
     def shown() -> Array:
@@ -138,14 +144,8 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
         return start
 
     def follow(values: Array, samples: int) -> Array | None:
-        for stepping in (steps, None):
-            run = free_run(assembly, u[:samples], values, period, start=shown(), stepping=stepping)
-            finite = np.isfinite(run.outputs).all(axis=1)
-            length = samples if finite.all() else int(finite.argmin())
-            length = length if run.blown_up < 0 else min(length, run.blown_up)
-            if length == samples or stepped:
-                break
-        return run.outputs[:length, order] if length >= OPENING_SAMPLES else None
+        outputs = finite_run(u[:samples], values, 1.0, shown())
+        return outputs if len(outputs) >= min(OPENING_SAMPLES, len(u)) else None
 
     outputs = simulate(u)
     model = np.full_like(y, np.nan) if outputs is None else outputs

@@ -112,8 +112,11 @@ def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
 
 @pytest.mark.parametrize("bandwidth", [20.0, 60.0, 150.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_a_stiff_machine_that_follows_its_input_is_genuine(bandwidth: float, noise: float) -> None:
-    u, random = levels(), np.random.default_rng(3)
+@pytest.mark.parametrize("count", [50, 1500])
+def test_a_stiff_machine_that_follows_its_input_is_genuine(
+    bandwidth: float, noise: float, count: int
+) -> None:
+    u, random = levels(count), np.random.default_rng(3)
     y = servo(u, bandwidth, 0.02) + noise * random.standard_normal(u.size)
     recording = recording_of(0.02 * np.arange(u.size), {"target_mm": u, "position_mm": y}, {})
     assert not issues(recording, StiffServo())
