@@ -154,7 +154,8 @@ def _gains_at(
     rough: dict[str, float] = {}
     if len(names) > MANY_PORTS:
         held = replace(work, moving=False)
-        rough = dict(zip(names, _gains(held, [(name,) for name in names], pool, {}), strict=True))
+        gains = _gains(held, [(name,) for name in names], pool, {})
+        rough = {name: max(gain, 0.0) for name, gain in zip(names, gains, strict=True)}
     most = max(rough.values(), default=0.0)
     near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
     full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))

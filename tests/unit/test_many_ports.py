@@ -101,3 +101,11 @@ def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence() -> None:
     work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
     found = _gains_at(work, list(smoothers), WorkerPool(), {})
     assert found["p3"] == pytest.approx(0.8 * 90.0) and found["p4"] == 0.0
+
+
+def test_ports_without_rough_evidence_are_all_looked_at() -> None:
+    """The coarse grid of sizes may put all of them a little below none."""
+    smoothers = {f"p{k}": Looked(-5.0, 2.0, []) for k in range(MANY_PORTS + 1)}
+    held = {(): Looked(0.0, 0.0, [])} | {(name,): s for name, s in smoothers.items()}
+    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
+    assert set(_gains_at(work, list(smoothers), WorkerPool(), {}).values()) == {2.0}
