@@ -38,8 +38,8 @@ from pamid.estimation.grey_box import (
     GreyBox,
     model_with,
     rechecked,
+    restarted,
     settles,
-    with_fit,
 )
 from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.estimation.multiple_shooting import fit
@@ -256,10 +256,10 @@ def lower_baseline(
     if not ranking or not comparison.is_material(ranking[0], baseline):
         return None
     control = search.pool.one(_BaselineRestart(search.evidence, search.budget.model), ranking[0])
-    kept = comparison.removed(control).share if control.finite else 0.0
-    if not kept >= TRAPPED * comparison.removed(ranking[0]).share:
+    without = comparison.removed(control).share if control.finite else 0.0
+    if not without >= TRAPPED * comparison.removed(ranking[0]).share:
         return None
-    return with_fit(search.budget.model, control.fit, search.seed)
+    return restarted(search.budget.model, control.fit, search.seed)
 
 
 @dataclass(frozen=True, eq=False)

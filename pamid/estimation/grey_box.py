@@ -159,8 +159,9 @@ def fit_model(
     )
 
 
-def with_fit(model: GreyBox, fitted: Fit, seed: int) -> GreyBox:
-    """The model with another fit of it, continued with weights that follow its residuals."""
+def restarted(model: GreyBox, fitted: Fit, seed: int) -> GreyBox:
+    """The model with a fit of it from other values, continued with weights that follow its
+    residuals."""
     noise = model.evidence.noise
     fitted = reweighted(fitted, noise)
     held = tuple(r.full_track for r in model.held_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +40,13 @@ def trapped(model: GreyBox) -> GreyBox:
         for r in model.held_out
     )
     return replace(model, fit=fitted, held_out=replays)
+
+
+def test_a_baseline_in_its_minimum_stays(tmp_path: Path) -> None:
+    """Also where an effect is missing: without it, the fit ends where the baseline is."""
+    evidence = cart_evidence(record_cart(tmp_path))
+    found = diagnose(evidence, {name: effects()[name] for name in FEW})
+    assert found.budget.model.remark == "" and found.verdict == "explained"
 
 
 def test_nothing_is_named_where_the_baseline_was_trapped(
