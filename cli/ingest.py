@@ -62,6 +62,12 @@ def command(arguments: Arguments) -> frame.Result:
         return _guess(logs[0], a)
     if a.angles or a.only:
         raise UsageError(f"{'--angles' if a.angles else '--only'} belongs to --guess.")
+    if a.mapping is None:
+        raise UsageError(
+            "--mapping is missing.",
+            f"`pamid ingest --guess {quoted(logs[0])} --output {unused('map.toml')}` writes a "
+            "mapping.",
+        )
     with progress_line("reading logs", len(logs)) as progress:
         wanted = replace(a, output=Path(a.output or "recording.csv"), progress=progress)
         ingested = ingest.of(wanted)

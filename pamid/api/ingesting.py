@@ -110,10 +110,7 @@ def ingest(arguments: IngestArguments) -> IngestResult:
     if not paths:
         raise UsageError("There is no log to read.", "Give a log.")
     if a.mapping is None:
-        raise UsageError(
-            "--mapping is missing.",
-            f"`pamid ingest --guess {quoted(paths[0])} --output map.toml` writes a mapping.",
-        )
+        raise UsageError("mapping is missing.", "`pamid.guess_mapping` writes a first one.")
     if a.repair is not None and a.repair not in CURES:
         raise UsageError(f"repair={a.repair!r} is not among {', '.join(CURES)}.")
     file, target = Path(a.mapping), None if a.output is None else Path(a.output)

@@ -195,6 +195,31 @@ def bench_mapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def test_a_model_is_exported_as_by_the_command(
+    found: pamid.DiagnosisResult, tmp_path: Path
+) -> None:
+    run = str(found.save(tmp_path / "run"))
+    theirs, mine = tmp_path / "theirs" / "cart.m", tmp_path / "mine" / "cart.m"
+    words = ["--to", "matlab", "--output", str(theirs), "--rig", RIG]
+    assert frame.run(["export", run, *words]) == 0
+    made = pamid.export(found, "matlab", output=mine, warn=lambda note: None)
+    assert isinstance(made, pamid.ExportResult) and made.files == (str(mine),)
+    assert mine.read_text() == theirs.read_text()
+    assert made.to_dict()["schema"] == "pamid.export/1" and str(mine) in made.summary()
+    with pytest.raises(FileError, match="exists already"):
+        pamid.export(found, "matlab", output=mine, warn=lambda note: None)
+
+
+def test_a_force_map_becomes_a_rig_as_by_the_command(tmp_path: Path) -> None:
+    muscle_map = Path("data/example/muscle_map.csv")
+    words = ["--output", str(tmp_path / "theirs"), "--sets", "2"]
+    assert frame.run(["force-law", str(muscle_map), *words]) == 0
+    law = pamid.force_law(muscle_map, tmp_path / "mine", sets=2)
+    assert isinstance(law, pamid.ForceLawResult)
+    assert law.rig_file.read_text() == (tmp_path / "theirs" / law.rig_file.name).read_text()
+    assert law.to_dict()["anfis"]["sets"] == 2 and "ANFIS 2x2" in law.summary()
+
+
 def test_a_log_becomes_recordings_as_by_the_command(bench_mapping: Path, tmp_path: Path) -> None:
     words = ["--mapping", str(bench_mapping), "--output", str(tmp_path / "theirs" / "bench.csv")]
     assert frame.run(["ingest", str(BENCH_LOG), *words]) == 0

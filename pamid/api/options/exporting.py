@@ -100,6 +100,7 @@ class ForceLawArguments:
 
     map_file: AnyPath = argument("CSV of the measured map.", metavar="MAP")
     output: FolderPath = option("force-law-run", "Run folder to create.")
+    _: KW_ONLY
     sets: int = option(3, "Membership sets on contraction and on pressure.", least=2, most=10)
     rig: str = option(
         "one-dof", "Rig whose muscles get the law.", choices=tuple(rigs_with("static_force"))
@@ -119,7 +120,6 @@ class ForceLawArguments:
         "the law does so, it is constrained.)",
     )
     overwrite: bool = overwrite_option("Replace an earlier run in that folder.")
-    _: KW_ONLY
     warn: Warn | None = in_python_only(
         None, "Function that takes warnings. Default: warnings.warn."
     )

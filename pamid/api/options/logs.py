@@ -29,18 +29,19 @@ RIG_TEXT = "Rig by name, or the path of a rig file (it is run)."
 
 def angles_option() -> Any:
     """The --angles option."""
-    return option(None, "With --guess: unit of all angles for which the log states none.")
+    text = "of all angles for which the log states none."
+    return option(None, f"With --guess: unit {text}", in_python=f"Unit {text}")
 
 
 def only_option() -> Any:
     """The --only option."""
-    text = "With --guess, for a log with several robots: use channels whose names contain this."
-    return option(None, text, metavar="TEXT")
+    text = "for a log with several robots: use channels whose names contain this."
+    return option(None, f"With --guess, {text}", metavar="TEXT", in_python=text.capitalize())
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogArguments:
-    """What a conversion and a guess share."""
+    """Arguments of both functions."""
 
     pressures: Literal["gauge", "absolute"] | None = option(
         None, "Kind of all pressures of the log. Required if the mapping does not state it."
