@@ -8,6 +8,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from compiled import Array, program, run, sensitivities, state
 
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.derivative import gradients
-from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text
+from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text, where
 from pamid.engine.symbolic.operators import OPERATORS, Operator
 from pamid.exports.c_source import asset, helpers
 from pamid.exports.statements import MATLAB, C, Symbol, Writer
@@ -90,6 +91,16 @@ def test_machine_code_gives_values_and_derivatives() -> None:
         found = sensitivities(made, u, (), point, Stepping())[0]
         exact = [[slope(node, by, point) for by in (A, B)] for node in nodes]
         np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-13)
+
+
+def test_the_condition_of_a_choice_is_not_differentiated(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Expr) -> tuple[Expr, ...]:
+        raise AssertionError("a condition has no derivative")
+
+    monkeypatch.setitem(OPERATORS, "tanh", replace(OPERATORS["tanh"], derivative=refuse))
+    chosen = where(apply("tanh", A) > 0.4, A * B, A)
+    assert at(gradients([chosen])[0][A], (0.7, 1.31)) == 1.31
+    assert at(gradients([chosen])[0][A], (0.2, 1.31)) == 1.0
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")

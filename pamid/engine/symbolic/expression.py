@@ -367,8 +367,8 @@ def _value_of(node: Expr) -> tuple[Expr, ...]:
 
 
 def change_of(node: Expr) -> tuple[Expr, ...]:
-    """The arguments of a node that its derivatives are made of."""
-    return node.args[1:] if node.op == "tangent" else node.args
+    """The arguments of a node that its derivatives are made of: of `where`, the branches alone."""
+    return node.args[1:] if node.op in ("tangent", "where") else node.args
 
 
 def plain(roots: Iterable[Expr]) -> list[Expr]:
