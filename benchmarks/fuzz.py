@@ -47,7 +47,11 @@ _EMPTY_FIGURE = '<svg viewBox="0 0 1 1"></svg>'
 PACKAGES = (
     *("h5py", "nptdms", "asammdf", "rosbags.highlevel", "pyarrow.parquet", "matio", "scipy.io"),
     *("mujoco", "fmpy", "onnx", "matplotlib.figure", "matplotlib.backends.backend_svg"),
-    *("pamid.simulators.kinds.mujoco", "pamid.simulators.kinds.fmi", "pamid.logs.child_process"),
+    *(
+        "pamid.simulators.kinds.mujoco",
+        "pamid.simulators.kinds.fmi",
+        "pamid.intake.logs.child_process",
+    ),
 )
 
 

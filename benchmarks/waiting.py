@@ -33,8 +33,8 @@ from synthetic_run import make_run
 from test_report_page import LONG, PERIOD_S, long_residual
 from timing import cpu
 
-from pamid.checks.recording_quality import examine
-from pamid.logs.log_reader import read_log
+from pamid.intake.checks.recording_quality import examine
+from pamid.intake.logs.log_reader import read_log
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
-    from pamid.logs.guessed_mapping import GuessedMapping
+    from pamid.intake.logs.guessed_mapping import GuessedMapping
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, RoughMap, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
@@ -73,7 +73,7 @@ _HOME = {
     "FitResult": "pamid.api.results",
     "ForceLawResult": "pamid.api.force_laws",
     "Gain": "pamid.model.background",
-    "GuessedMapping": "pamid.logs.guessed_mapping",
+    "GuessedMapping": "pamid.intake.logs.guessed_mapping",
     "IdentifiedCause": "pamid.api.results",
     "IngestResult": "pamid.api.ingesting",
     "Loop": "pamid.model.rig",

@@ -367,7 +367,7 @@ def _face_page() -> str:
         if name == "report" or name.startswith("_"):
             continue
         home = pamid._HOME[name]
-        results = home.startswith(("pamid.api", "pamid.logs", "pamid.base"))
+        results = home.startswith(("pamid.api", "pamid.intake.logs", "pamid.base"))
         part = list(_PARTS)[0 if name[0].islower() else 1 if results else 2]
         parts[part].append(f"::: {home}.{name}")
     lines = [

@@ -13,9 +13,9 @@ from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
 from pamid.base.schemas.rig_map import RigMap
-from pamid.checks.findings import CheckOutcome, QualityIssue
-from pamid.checks.inspection import Inspection, checked_ports, inspect
-from pamid.checks.inspection_words import inspection_text
+from pamid.intake.checks.findings import CheckOutcome, QualityIssue
+from pamid.intake.checks.inspection import Inspection, checked_ports, inspect
+from pamid.intake.checks.inspection_words import inspection_text
 from pamid.model.registry import resolved_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording

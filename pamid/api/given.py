@@ -13,9 +13,9 @@ import numpy as np
 
 from pamid.base.errors import FileError, PamidError, UsageError, listed, nearest, quoted
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.inspection import require_sound
-from pamid.checks.sampling_slips import misstated_holds
-from pamid.logs.matcher import with_stand_ins
+from pamid.intake.checks.inspection import require_sound
+from pamid.intake.checks.sampling_slips import misstated_holds
+from pamid.intake.logs.matcher import with_stand_ins
 from pamid.model.assembly import Assembly
 from pamid.model.effect import Effect
 from pamid.model.known_bounds import CURE

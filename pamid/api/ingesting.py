@@ -17,18 +17,18 @@ from pamid.base.printable_text import printable
 from pamid.base.progress import progress_steps
 from pamid.base.schemas.ingest_file import IngestFile, RecordingMade
 from pamid.base.trust import is_code
-from pamid.logs.conversion import Conversion, convert
-from pamid.logs.conversion_record import (
+from pamid.intake.logs.conversion import Conversion, convert
+from pamid.intake.logs.conversion_record import (
     conversion_records,
     outputs_for,
     tables_of,
     write_conversions,
 )
-from pamid.logs.guessed_mapping import Answers, GuessedMapping, guess_of
-from pamid.logs.log_reader import read_log
-from pamid.logs.mapping import Repair, load_mapping, named_by_units
-from pamid.logs.memory_budget import limited_memory
-from pamid.logs.parts import log_per_part
+from pamid.intake.logs.guessed_mapping import Answers, GuessedMapping, guess_of
+from pamid.intake.logs.log_reader import read_log
+from pamid.intake.logs.mapping import Repair, load_mapping, named_by_units
+from pamid.intake.logs.memory_budget import limited_memory
+from pamid.intake.logs.parts import log_per_part
 from pamid.model.registry import catalogue_rig, name_of, resolved_rig, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of

@@ -11,9 +11,9 @@ from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unkn
 from pamid.base.schemas.estimates import Estimate
 from pamid.base.share_words import minutes_text, percent_text, percents_text, times_text
 from pamid.base.units import split_column
-from pamid.checks.sampling_slips import OF_THE_LOG
 from pamid.diagnosis.verdict import verdict_words
 from pamid.diagnosis.verdict.verdict_words import chance_figure, shortened
+from pamid.intake.checks.sampling_slips import OF_THE_LOG
 from pamid.report import formatting
 from pamid.report.captions import (
     SPELLING,

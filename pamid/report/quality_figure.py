@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
-from pamid.checks.findings import QualityIssue
+from pamid.intake.checks.findings import QualityIssue
 from pamid.recording.file_checks import HUGE
 from pamid.recording.recording import Recording
 from pamid.report import formatting

@@ -13,7 +13,7 @@ import pytest
 from pamid_cli.frame import run
 from pamid_cli.table import every_command
 
-from pamid.checks.conformance import (
+from pamid.intake.checks.conformance import (
     EveryPortRig,
     ExcitedRig,
     finite_everywhere,

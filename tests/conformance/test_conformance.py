@@ -23,8 +23,8 @@ from conformance_rules import (
     typical,
 )
 
-from pamid.checks.conformance import follows_mean
 from pamid.engine.program import Stepping
+from pamid.intake.checks.conformance import follows_mean
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect, Hints, problems

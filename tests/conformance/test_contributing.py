@@ -96,7 +96,7 @@ READER = '''"""Numbers, one a line."""
 
 import numpy as np
 
-from pamid.logs.log_kinds import Kind
+from pamid.intake.logs.log_kinds import Kind
 
 
 def read_numbers(builder):
@@ -127,7 +127,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "pamid_cli" / "say_hello.py").write_text(COMMAND)
     (place / "pamid" / "base" / "schemas" / "greeting.py").write_text(OUTPUT)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
-    (place / "pamid" / "logs" / "readers" / "numbers.py").write_text(READER)
+    (place / "pamid" / "intake" / "logs" / "readers" / "numbers.py").write_text(READER)
     (place / "pamid" / "exports" / "forms" / "list.py").write_text(FORM)
     (place / "pamid" / "replications" / "papers" / "coin.py").write_text(PAPER)
     for room, theirs, name, mine in (
@@ -181,7 +181,7 @@ def test_a_network(copy: Path) -> None:
 def test_a_reader(copy: Path) -> None:
     (copy / "log.num").write_text("%numbers\n1.5\n2.5\n")
     code = (
-        "from pathlib import Path; from pamid.logs.log_reader import read_log;"
+        "from pathlib import Path; from pamid.intake.logs.log_reader import read_log;"
         "log = read_log(Path('log.num')); print(log.kind, log.channel('x_m').values)"
     )
     assert run(copy, "-c", code) == "numbers [1.5 2.5]\n"

@@ -19,8 +19,8 @@ from synthetic_run import diagnosis_json, fit_json, make_run
 from virtual_joint import record
 
 from pamid.base.errors import FileError
-from pamid.logs.guessed_mapping import guess_of
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.guessed_mapping import guess_of
+from pamid.intake.logs.log_reader import read_log
 from pamid.networks.elman import Elman
 from pamid.recording.recording import toml_text
 from pamid.report.style import Picture

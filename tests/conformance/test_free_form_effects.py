@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.checks.conformance import effect_findings
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.vocabulary import Number
+from pamid.intake.checks.conformance import effect_findings
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.effect import KINDS, problems

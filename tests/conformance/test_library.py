@@ -40,7 +40,7 @@ def test_the_look_up_for_data_never_loads(
 CODE_LOADING = ("rig_named", "noted_rig", "noted_effects", "effects_with", "load_file")
 MAY_LOAD = {
     "pamid/model/registry.py",
-    "pamid/checks/inspection.py",
+    "pamid/intake/checks/inspection.py",
     "pamid/networks/correction/identified_model.py",
     "pamid/networks/correction/port_network.py",
     "pamid/simulation/virtual_rig.py",

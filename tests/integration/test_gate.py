@@ -17,8 +17,8 @@ from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import DataError
 from pamid.base.progress import silent
-from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import before_a_fit, examine
+from pamid.intake.checks.findings import QualityIssue
+from pamid.intake.checks.recording_quality import before_a_fit, examine
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording

@@ -14,10 +14,10 @@ import pytest
 from pamid_cli import frame
 
 from pamid.base.metrics import FloatArray
-from pamid.logs import conversion_record
-from pamid.logs.channels import Channel, Log
-from pamid.logs.conversion import Conversion, convert
-from pamid.logs.mapping import mapping_of
+from pamid.intake.logs import conversion_record
+from pamid.intake.logs.channels import Channel, Log
+from pamid.intake.logs.conversion import Conversion, convert
+from pamid.intake.logs.mapping import mapping_of
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.logs.channels import Log
-from pamid.logs.log_kinds import known_kinds, read_here
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.channels import Log
+from pamid.intake.logs.log_kinds import known_kinds, read_here
+from pamid.intake.logs.log_reader import read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -472,7 +472,7 @@ def test_a_reader_that_crashes_or_hangs_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
 ) -> None:
     if "sleep" in code:
-        monkeypatch.setattr("pamid.logs.child_process.PATIENCE", 1.0)
+        monkeypatch.setattr("pamid.intake.logs.child_process.PATIENCE", 1.0)
     stub(tmp_path, monkeypatch, "nptdms", code)
     (tmp_path / "rig.tdms").write_bytes(b"TDSm" + bytes(100))
     with pytest.raises(FileError, match=words):
@@ -540,8 +540,8 @@ DAMAGE = """
 import json, sys, numpy
 from pathlib import Path
 from pamid.base.errors import FileError
-from pamid.logs.log_kinds import known_kinds, read_here
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.log_kinds import known_kinds, read_here
+from pamid.intake.logs.log_reader import read_log
 name, whole, *paths = sys.argv[1:]
 true = {channel.name: channel.values for channel in read_here(Path(whole), name).channels}
 for path in paths:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from small_cart import PERIOD_S
 
 from pamid.base.run_folder import Run
-from pamid.checks.recording_quality import examine
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.grey_box import fit_model, model_with
+from pamid.intake.checks.recording_quality import examine
 from pamid.model.attachment import attachments
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter

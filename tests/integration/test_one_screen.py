@@ -12,7 +12,7 @@ import pytest
 from pamid_cli import frame
 
 import pamid
-from pamid.checks.inspection_words import SCREEN, inspection_text
+from pamid.intake.checks.inspection_words import SCREEN, inspection_text
 
 mechanisms.needs_mujoco()
 

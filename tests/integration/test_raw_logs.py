@@ -26,7 +26,7 @@ import pamid
 from pamid.api.ingesting import IngestResult
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.logs.guessed_mapping import GuessedMapping
+from pamid.intake.logs.guessed_mapping import GuessedMapping
 
 N, T = 1200, 0.02
 TIME = np.arange(N) * T

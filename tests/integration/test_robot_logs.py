@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pamid_cli import frame
 
 from pamid.base.errors import FileError
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.log_reader import read_log
 from pamid.recording.recording import read_recording
 
 mujoco: Any = mechanisms.needs_mujoco()

@@ -17,13 +17,18 @@ from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
 from pamid.base.errors import PamidError
-from pamid.checks.conformance import NULL_TOLERANCE, SAME_SLOPE, null_error, sensitivity_error
-from pamid.checks.sampling_slips import compare_holds
-from pamid.checks.sheet_comparison import compared_with_sheet
-from pamid.checks.slips import slips_of_recording
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.exports.exporting import export_model
+from pamid.intake.checks.conformance import (
+    NULL_TOLERANCE,
+    SAME_SLOPE,
+    null_error,
+    sensitivity_error,
+)
+from pamid.intake.checks.sampling_slips import compare_holds
+from pamid.intake.checks.sheet_comparison import compared_with_sheet
+from pamid.intake.checks.slips import slips_of_recording
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.between_samples import stated

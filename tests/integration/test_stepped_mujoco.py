@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 import pamid
 from pamid.base.errors import PamidError
-from pamid.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.stepped import SteppedProgram
@@ -23,6 +22,7 @@ from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import fit_from_shorter_windows
 from pamid.estimation.robust_fit import fit_robustly
+from pamid.intake.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named

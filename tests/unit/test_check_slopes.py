@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamid.checks import conformance
-from pamid.checks.conformance import SAME_SLOPE, finite_everywhere, sensitivity_error
 from pamid.engine.symbolic.vocabulary import Number, clip, sin, sqrt
+from pamid.intake.checks import conformance
+from pamid.intake.checks.conformance import SAME_SLOPE, finite_everywhere, sensitivity_error
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig

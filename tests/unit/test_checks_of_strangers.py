@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 import pamid
 from pamid import Gain
 from pamid.base.errors import FileError
-from pamid.checks.conformance import rig_findings
-from pamid.checks.recording_quality import examine
 from pamid.diagnosis.verdict.notes import _signs as notes_of
+from pamid.intake.checks.conformance import rig_findings
+from pamid.intake.checks.recording_quality import examine
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, match_column, recording_of
 

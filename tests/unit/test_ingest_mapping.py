@@ -11,11 +11,11 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.base.units import unit
-from pamid.logs.channel_words import meanings, number
-from pamid.logs.channels import Channel, Log
-from pamid.logs.guessed_mapping import Answers, guess_of
-from pamid.logs.mapping import Mapping, load_mapping, mapping_of, resolved_signals
-from pamid.logs.source_units import in_unit, read_unit
+from pamid.intake.logs.channel_words import meanings, number
+from pamid.intake.logs.channels import Channel, Log
+from pamid.intake.logs.guessed_mapping import Answers, guess_of
+from pamid.intake.logs.mapping import Mapping, load_mapping, mapping_of, resolved_signals
+from pamid.intake.logs.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
 
 ONE_DOF = rig_named("one-dof")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.logs.channels import Log
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.channels import Log
+from pamid.intake.logs.log_reader import read_log
 
 N = 60
 TIME = np.arange(N) * 0.003

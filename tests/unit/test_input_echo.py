@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 
 from cli.frame import run
-from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import before_a_fit
 from pamid.engine.symbolic.vocabulary import Number, tanh
+from pamid.intake.checks.findings import QualityIssue
+from pamid.intake.checks.recording_quality import before_a_fit
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named

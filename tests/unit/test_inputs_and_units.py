@@ -9,7 +9,7 @@ import pytest
 
 import pamid
 from pamid.base.errors import FileError, UsageError
-from pamid.checks.sampling_slips import compare_holds
+from pamid.intake.checks.sampling_slips import compare_holds
 from pamid.model.assembly import Assembly
 from pamid.model.parameter import Parameter
 from pamid.model.rig import check_rig

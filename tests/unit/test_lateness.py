@@ -9,11 +9,11 @@ import numpy as np
 import one_cart
 import pytest
 
-from pamid.checks.recording_quality import examine
-from pamid.checks.rig_consistency import _fits_better_later
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.vocabulary import Number, clip, sin
+from pamid.intake.checks.recording_quality import examine
+from pamid.intake.checks.rig_consistency import _fits_better_later
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach
 from pamid.model.effect import State

@@ -10,18 +10,18 @@ from compiled import PERIOD_S, begin, parameter
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.checks.conformance import (
+from pamid.engine.program import Program, Stepping, build_program
+from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.symbolic.expression import symbol
+from pamid.engine.symbolic.memory_cells import expand_memory
+from pamid.engine.symbolic.vocabulary import Expr, delay, lag, play
+from pamid.intake.checks.conformance import (
     NULL_TOLERANCE,
     SAME_SLOPE,
     EveryPortRig,
     null_error,
     sensitivity_error,
 )
-from pamid.engine.program import Program, Stepping, build_program
-from pamid.engine.sampled_inputs import SampledInputs
-from pamid.engine.symbolic.expression import symbol
-from pamid.engine.symbolic.memory_cells import expand_memory
-from pamid.engine.symbolic.vocabulary import Expr, delay, lag, play
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.between_samples import as_recorded

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.logs.channel_columns import channel_columns
-from pamid.logs.channels import Channel
-from pamid.logs.guessed_mapping import guess_of
-from pamid.logs.log_reader import read_log
+from pamid.intake.logs.channel_columns import channel_columns
+from pamid.intake.logs.channels import Channel
+from pamid.intake.logs.guessed_mapping import guess_of
+from pamid.intake.logs.log_reader import read_log
 from pamid.recording.recording import read_recording
 
 COUNT = 900

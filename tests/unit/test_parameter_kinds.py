@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pamid.checks.conformance import finite_everywhere
+from pamid.intake.checks.conformance import finite_everywhere
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, effects_with, rig_named
 

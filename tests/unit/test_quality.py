@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from virtual_recordings import virtual_recording
 
 from cli.frame import run
-from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import examine
+from pamid.intake.checks.findings import QualityIssue
+from pamid.intake.checks.recording_quality import examine
 from pamid.model import registry as library
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid import Rig
-from pamid.checks.recording_quality import examine
+from pamid.intake.checks.recording_quality import examine
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, recording_of
 

@@ -11,10 +11,10 @@ import pytest
 from mechanisms import TWO
 
 from pamid.base.errors import FileError
-from pamid.logs.channels import Channel, Log, RobotValue
-from pamid.logs.guessed_mapping import Answers, GuessedMapping, guess_of
-from pamid.logs.mapping import load_mapping
-from pamid.logs.matcher import with_stand_ins
+from pamid.intake.logs.channels import Channel, Log, RobotValue
+from pamid.intake.logs.guessed_mapping import Answers, GuessedMapping, guess_of
+from pamid.intake.logs.mapping import load_mapping
+from pamid.intake.logs.matcher import with_stand_ins
 from pamid.model.rig import Rig
 from pamid.recording.recording import recording_of
 from pamid.simulators.kinds.mujoco import rig_of

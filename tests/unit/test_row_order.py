@@ -11,11 +11,11 @@ import pytest
 from virtual_recordings import virtual_recording
 
 import pamid
-from pamid.checks.sampling_slips import OF_THE_LOG, RowOrder, misplaced_readings
 from pamid.diagnosis.verdict.notes import _row_order
-from pamid.logs.channels import Channel, Log
-from pamid.logs.conversion import convert
-from pamid.logs.mapping import mapping_of
+from pamid.intake.checks.sampling_slips import OF_THE_LOG, RowOrder, misplaced_readings
+from pamid.intake.logs.channels import Channel, Log
+from pamid.intake.logs.conversion import convert
+from pamid.intake.logs.mapping import mapping_of
 from pamid.model.between_samples import as_recorded, stated
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.checks.recording_quality import examine, sent_columns
+from pamid.intake.checks.recording_quality import examine, sent_columns
 from pamid.model.registry import rig_named
 from pamid.recording.held_signal import held_by_jumps
 from pamid.recording.recording import Recording, recording_of

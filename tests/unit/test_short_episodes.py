@@ -8,9 +8,9 @@ from small_cart import FEW, PERIOD_S, RIG
 from virtual_recordings import virtual_recording
 
 from pamid.base.errors import DataError
-from pamid.checks.recording_quality import examine
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
+from pamid.intake.checks.recording_quality import examine
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import FEWEST_SAMPLES, shortfall_alone, split_recordings

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from virtual_recordings import virtual_recording
 
-from pamid.checks.findings import QualityIssue
-from pamid.checks.recording_quality import before_a_fit, examine
+from pamid.intake.checks.findings import QualityIssue
+from pamid.intake.checks.recording_quality import before_a_fit, examine
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pendulums import SteppedTwin, WrittenPendulum
 
-from pamid.checks.short_fit import FitData, ShortFit, fit_data_of
 from pamid.engine.sampled_inputs import SampledInputs
+from pamid.intake.checks.short_fit import FitData, ShortFit, fit_data_of
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.recording import recording_of

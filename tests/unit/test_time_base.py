@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from pamid.base.metrics import FloatArray
-from pamid.logs.resampling import hold, smooth
-from pamid.logs.stamps import IntArray, Rows, usable_rows
-from pamid.logs.time_base import Cure, StampDiagnosis, diagnose_stamps, reconstructed_time_base
+from pamid.intake.logs.resampling import hold, smooth
+from pamid.intake.logs.stamps import IntArray, Rows, usable_rows
+from pamid.intake.logs.time_base import (
+    Cure,
+    StampDiagnosis,
+    diagnose_stamps,
+    reconstructed_time_base,
+)
 
 T, N = 0.003, 12000
 K = np.arange(N)

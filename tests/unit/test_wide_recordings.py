@@ -13,7 +13,7 @@ from counted import calls_of
 from pamid.api.ingesting import guess_mapping
 from pamid.base.csv_table import header_line
 from pamid.base.errors import FileError
-from pamid.checks.inspection import inspect
+from pamid.intake.checks.inspection import inspect
 from pamid.model.registry import rig_named
 from pamid.recording.recording import (
     Recording,

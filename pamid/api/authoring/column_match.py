@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from pamid.base.errors import FileError, UsageError, listed, nearest
 from pamid.base.units import NONE, compatible, quantity_of, quotient, split_column
-from pamid.logs.channel_words import meanings
-from pamid.logs.matcher import best_pairs, recorded_fit
+from pamid.intake.logs.channel_words import meanings
+from pamid.intake.logs.matcher import best_pairs, recorded_fit
 from pamid.model.registry import rigs
 from pamid.model.rig import Rig
 

@@ -21,7 +21,7 @@ from pamid.api.authoring.pruned_source import SourceText, declared, pruned_sourc
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
 from pamid.base.units import NONE, quotient, si_symbol, size_to_si, split_column, suffix_of, to_si
-from pamid.checks.conformance import ExcitedRig
+from pamid.intake.checks.conformance import ExcitedRig
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording

@@ -67,7 +67,7 @@ def papers() -> dict[str, tuple[tuple[str, ...], str]]:
 
 def cures() -> tuple[str, ...]:
     """Repairs that `pamid.ingest` has for uneven stamps."""
-    return tuple(_literal(PACKAGE / "logs" / "mapping.py", "Repair"))
+    return tuple(_literal(PACKAGE / "intake" / "logs" / "mapping.py", "Repair"))
 
 
 def _line_of(file: Path) -> str:

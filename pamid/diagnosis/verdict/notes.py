@@ -11,7 +11,6 @@ from pamid.base.metrics import motion
 from pamid.base.schemas.diagnosis_file import Reach, Remainder
 from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
-from pamid.checks.sampling_slips import OF_THE_LOG, misplaced_readings
 from pamid.diagnosis.input_response import idle_inputs
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.ranges import at_bounds
@@ -20,6 +19,7 @@ from pamid.estimation.intervals import background_pull
 from pamid.estimation.lagged_linear import lagged_share
 from pamid.estimation.observed_sizes import ports_without_size
 from pamid.estimation.problem import Fit
+from pamid.intake.checks.sampling_slips import OF_THE_LOG, misplaced_readings
 from pamid.model.between_samples import HELD, LINEAR, between_of, other
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.port_guide import driving_words, stated_roughness

@@ -1,0 +1,165 @@
+"""Entry point for raw logs: `read_log` determines the kind of a file by content and name, and calls
+its reader.
+
+A log may come from an untrusted source. No reader executes code of a file, and every fault of a
+file is a FileError.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from pamid.base.errors import FileError, nearest, quoted
+from pamid.base.files import LOG, open_data
+from pamid.intake.logs.channels import Log
+from pamid.intake.logs.child_process import read_in_child
+from pamid.intake.logs.log_kinds import Kind, known_kinds, read_here
+from pamid.intake.logs.readers.lerobot import data_set_of
+from pamid.intake.logs.stamp_parts import join_stamp_parts
+
+HEAD_BYTES = 4096
+
+
+_PICKLE = (
+    "a pickle, which pamid does not load because it runs code",
+    "Load it in the program that wrote it, and save the table: table.to_parquet('log.parquet').",
+)
+_PICKLE_SUFFIXES = (".pkl", ".pickle", ".pck", ".joblib")  # the oldest pickles begin with no mark
+_SQLITE = b"SQLite format 3\0"
+_FEATHER = "Save it as Parquet: pandas.read_feather(FILE).to_parquet('log.parquet')."
+#: files that are often mistaken for a log, with the remedy
+_OTHER_FORMATS = (
+    *((bytes((0x80, protocol)), *_PICKLE) for protocol in range(2, 6)),
+    (b"\x1f\x8b", "packed with gzip", "Unpack it first: gunzip -k FILE."),
+    (b"BZh", "packed with bzip2", "Unpack it first: bunzip2 -k FILE."),
+    (b"\xfd7zXZ", "packed with xz", "Unpack it first: unxz -k FILE."),
+    (b"\x28\xb5\x2f\xfd", "packed with zstd", "Unpack it first: unzstd FILE."),
+    (b"7z\xbc\xaf", "packed with 7-Zip", "Unpack it first: 7z x FILE."),
+    (b"\xd0\xcf\x11\xe0", "a workbook", "Save it as CSV."),
+    (b"\x93NUMPY", "an array of NumPy", "Save it with names: CSV, Parquet, HDF5 or MAT."),
+    (b"TDSh", "an index of a TDMS file", "Read the .tdms file next to it."),
+    (b"ARROW1", "a Feather or Arrow file", _FEATHER),
+    (
+        b"ULog\x01",
+        "a ULog of a PX4",
+        "Make a CSV of each topic: ulog2csv FILE (pip install pyulog).",
+    ),
+    (
+        b"LOGG",
+        "a BLF trace of CAN frames",
+        "Decode it with the DBC file and save it as MDF4 or CSV.",
+    ),
+)
+#: kinds of archives by their first member
+_ARCHIVES = (
+    (
+        b".npy",
+        "an archive of NumPy (npz)",
+        "Save its arrays with names: CSV, Parquet, HDF5 or MAT.",
+    ),
+    (b".xml", "a workbook", "Save it as CSV."),
+    (b"xl/", "a workbook", "Save it as CSV."),
+    (b"", "a packed archive", "Unpack it first: unzip FILE."),
+)
+
+
+def read_log(path: Path, kind: str | None = None) -> Log:
+    """Signals of a raw log. `kind` is among `known_kinds`. Default: by the file's content and
+    suffix.
+
+    Raises FileError if the file is missing, damaged or of an unknown kind, or if the package that
+    reads it is not installed.
+    """
+    path = Path(path)
+    if kind is not None and kind not in known_kinds():
+        hint = nearest(kind, known_kinds()) or "Valid kinds are: " + ", ".join(known_kinds()) + "."
+        raise FileError(f"There is no kind of log called {kind!r}.", hint, code="kind")
+    if not path.exists():
+        near = (
+            nearest(path.name, [other.name for other in path.parent.iterdir()])
+            if path.parent.is_dir()
+            else ""
+        )
+        raise FileError(f"{path}: there is no such file.", near)
+    log_kind, note = _kind_of(path, kind)
+    log = read_in_child(path, log_kind.name) if log_kind.extra else read_here(path, log_kind.name)
+    return join_stamp_parts(replace(log, details=(note, *log.details)) if note else log)
+
+
+def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
+    """Kind of a file, and a note if name and content disagree."""
+    if path.is_dir():
+        if data_set_of(path):
+            return known_kinds()["lerobot"], ""
+        if not (path / "metadata.yaml").is_file():
+            raise FileError(
+                f"{path} is a folder.",
+                "Name a log. Only two kinds of folders are logs: ROS 2 bags with a metadata.yaml, "
+                "and LeRobot data sets with a meta/info.json.",
+            )
+        for part in sorted(path.rglob("*")):
+            if not part.is_dir():
+                _head(part)
+        return known_kinds()["ros"], ""
+    head, kinds = _head(path).removeprefix(b"\xef\xbb\xbf"), known_kinds().values()
+    by_content = next((kind for kind in kinds if kind.marks and head.startswith(kind.marks)), None)
+    by_name = next((kind for kind in kinds if path.suffix.lower() in kind.suffixes), None)
+    in_set = by_content is not None and by_content.name == "parquet" and data_set_of(path)
+    if in_set and wanted in (None, "lerobot"):
+        return known_kinds()["lerobot"], ""
+    if wanted is not None:
+        if by_content and by_content.name != wanted:
+            raise FileError(
+                f"{path} is not a {wanted} file: its content is {by_content.name}.", code="kind"
+            )
+        return known_kinds()[wanted], ""
+    if by_content:
+        odd = by_name is not None and by_name is not by_content and by_name.name != "csv"
+        note = f"named {path.suffix}, but its content is {by_content.name}"
+        return by_content, note if odd else ""
+    if by_name is None:
+        named = [kind for kind in kinds if kind.suffixes]
+        known = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in named)
+        raise FileError(
+            f"{path}: neither the suffix nor the content shows the kind of log.",
+            f"Valid kinds are: {known}.",
+            code="kind",
+        )
+    if by_name.marks and by_name.name != "mat":  # MAT v4 has no magic number
+        raise FileError(
+            f"{path} has the suffix {path.suffix}, but does not begin as a {by_name.name} file.",
+            "It may be damaged, incomplete or of another kind.",
+            code="damaged",
+        )
+    return by_name, ""
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with open_data(path, LOG) as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
+    if not head.strip(b"\0 \r\n\t"):
+        raise FileError(f"{path} is empty.")
+    what, hint = _other_format(path, head)
+    if what:
+        hint = hint.replace("FILE", quoted(path))
+        raise FileError(f"{path} is {what}, which pamid cannot read as a log.", hint, code="kind")
+    return head
+
+
+def _other_format(path: Path, head: bytes) -> tuple[str, str]:
+    """Kind of a file that is often mistaken for a log, and the remedy; "" for other files."""
+    if head.startswith(b"PK\x03\x04"):
+        member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+        return next((what, hint) for part, what, hint in _ARCHIVES if part in member)
+    if head.startswith(_SQLITE) and path.suffix.lower() not in known_kinds()["ros"].suffixes:
+        table = 'sqlite3 -header -csv FILE "select * from TABLE" > log.csv'
+        return "an SQLite database, not a ROS bag", f"Save its table as CSV: {table}."
+    if path.suffix.lower() in _PICKLE_SUFFIXES:
+        return _PICKLE
+    return next(
+        ((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", "")
+    )

@@ -1,0 +1,220 @@
+"""MAT files v4 to v7.3: arrays, Structure With Time, ControlDesk's X and Y, structs with Time and
+Data, tables.
+
+Objects of MATLAB classes (timeseries, Simulink's Dataset) are opaque outside MATLAB; they are left
+out with advice.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from pamid.base.errors import FileError
+from pamid.base.metrics import FloatArray
+from pamid.intake.logs.channel_builder import ChannelBuilder
+from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.matlab_sizes import charge_matlab
+from pamid.intake.logs.readers.hdf5 import charge_hdf5
+from pamid.intake.logs.readers.text import decode
+
+OPAQUE = (
+    "an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries "
+    "x, the timetable of a Dataset"
+)
+
+
+CELL_TEXT_BYTES = 80  # bytes of a short text and of its place in a list
+OCTAVE_STRUCTS = ("struct", "scalar struct")
+
+
+def read_matlab(builder: ChannelBuilder) -> None:
+    """Variables as channels named by their fields. Stamps where a struct brings its time, none for
+    plain arrays: their time is a channel like the others."""
+    with builder.path.open("rb") as file:
+        head = file.read(1024)
+    if head.startswith(b"# Created by Octave"):
+        _read_octave_text(builder)
+        return
+    hdf5 = head[512:520] == b"\x89HDF\r\n\x1a\n"
+    # v7.3 is HDF5; in a v5 file a part of its own keeps objects of classes
+    if hdf5 or (head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b""):
+        from matio import load_from_mat as load
+    else:
+        from scipy.io import loadmat as load
+    if hdf5:
+        charge_hdf5(builder)
+    else:
+        charge_matlab(builder.budget)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
+        variables = dict(load(str(builder.path)))
+    for name, value in variables.items():
+        if not name.startswith("__") and name != "None":
+            _enter(builder, name, _plain(value))
+
+
+def _plain(value: Any) -> Any:
+    """MATLAB's arrays of structs and cells as dicts and lists, its texts as str; numbers and tables
+    as they are."""
+    if not isinstance(value, np.ndarray) or type(value).__name__.startswith("Matlab"):
+        return value
+    if value.dtype.names:
+        structs = [
+            {name: _plain(item[name]) for name in value.dtype.names} for item in value.ravel()
+        ]
+        return structs[0] if len(structs) == 1 else structs
+    if value.dtype.kind == "O":
+        items = [_plain(item) for item in value.ravel()]
+        return items[0] if len(items) == 1 else items
+    if value.dtype.kind in "UST":
+        return str(value.ravel()[0]) if value.size == 1 else [str(text) for text in value.ravel()]
+    return value
+
+
+def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
+    """Enter a variable or field, whatever it is."""
+    if isinstance(value, np.ndarray):
+        builder.add(name, value)
+    elif isinstance(value, dict):
+        _enter_struct(builder, name, value)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _enter(builder, f"{name}/{index + 1}", item)
+    elif type(value).__module__.startswith("pandas"):
+        _enter_table(builder, name, value)
+    elif isinstance(value, str):
+        builder.leave_out(name, "text")
+    else:
+        builder.leave_out(name, OPAQUE)
+
+
+def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
+    folded = {key.casefold(): key for key in value}
+    if "X" in value and "Y" in value and all("Data" in struct for struct in _structs(value["Y"])):
+        _enter_controldesk(builder, name, value)
+    elif {"time", "signals"} <= folded.keys():
+        _enter_simulink(builder, name, value[folded["time"]], _structs(value[folded["signals"]]))
+    elif {"time", "data"} <= folded.keys() and isinstance(value[folded["time"]], np.ndarray):
+        stamps = _stamps(value[folded["time"]])
+        builder.note(f"{name}: stamps from its field {folded['time']}")
+        _add(builder, name, value[folded["data"]], stamps, _unit(value))
+    else:
+        for key, inside in value.items():
+            _enter(builder, f"{name}/{key}", inside)
+
+
+def _enter_simulink(
+    builder: ChannelBuilder, name: str, time: Any, signals: list[dict[str, Any]]
+) -> None:
+    """Structure With Time of Simulink; without time its signals have no stamps."""
+    stamps = _stamps(time)
+    source = "without time" if stamps is None else "stamps from its time"
+    builder.note(f"{name}: Simulink structure, {source}")
+    for index, signal in enumerate(signals):
+        label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
+        full = f"{name}/{label}" if isinstance(label, str) and label else name
+        _add(builder, full, signal.get("values"), stamps, _unit(signal))
+
+
+def _enter_controldesk(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
+    """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
+    stamps."""
+    rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
+    builder.note(f"{name}: ControlDesk structure, stamps from X")
+    for index, struct in enumerate(_structs(value["Y"])):
+        which = struct.get("XIndex")
+        raster = int(np.ravel(which)[0]) - 1 if isinstance(which, np.ndarray) and which.size else 0
+        label = str(struct.get("Name") or index + 1).replace('"', "")
+        stamps = rasters[raster] if 0 <= raster < len(rasters) else None
+        _add(builder, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
+
+
+def _enter_table(builder: ChannelBuilder, name: str, table: Any) -> None:
+    """A MATLAB table or timetable; row times become the stamps."""
+    if not hasattr(table, "columns"):
+        builder.leave_out(name, "not an array of numbers")
+        return
+    index = np.asarray(table.index.to_numpy())
+    stamps = None
+    if index.dtype.kind in "mM" and index.size:
+        spans = (index - index[0] if index.dtype.kind == "M" else index).astype("timedelta64[ns]")
+        stamps = spans.astype(np.int64) / 1e9
+        builder.note(f"{name}: timetable, stamps from its row times")
+    for column in table.columns:
+        _add(builder, f"{name}/{column}", table[column].to_numpy(), stamps, "")
+
+
+def _add(
+    builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray | None, unit: str
+) -> None:
+    if isinstance(values, np.ndarray):
+        if values.dtype.kind == "O":  # a column of a table: cells, all of equal size
+            values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
+        builder.add(name, values, stamps, unit)
+    else:
+        builder.leave_out(name, "not numbers")
+
+
+def _stamps(time: Any) -> FloatArray | None:
+    """Times in s; None if there are none."""
+    if not isinstance(time, np.ndarray) or time.size < 2 or time.dtype.kind not in "biufm":
+        return None
+    if time.dtype.kind == "m":
+        return time.ravel().astype("timedelta64[ns]").astype(np.int64) / 1e9
+    return np.asarray(time.ravel(), dtype=np.float64)
+
+
+def _structs(value: Any) -> list[dict[str, Any]]:
+    items = value if isinstance(value, list) else [value]
+    return [item for item in items if isinstance(item, dict)]
+
+
+def _unit(struct: dict[str, Any]) -> str:
+    """The unit a struct gives: Unit, Units, or DataInfo.Units as a timeseries has it."""
+    inside = struct.get("DataInfo")
+    for owner in (struct, inside if isinstance(inside, dict) else {}):
+        for key in ("Unit", "Units", "unit", "units"):
+            if isinstance(owner.get(key), str):
+                return str(owner[key])
+    return ""
+
+
+# ---- text that Octave's `save` writes unless a format is given -----------------------------------
+
+
+def _read_octave_text(builder: ChannelBuilder) -> None:
+    """Matrices as channels without stamps, also those inside structs; everything else is left out
+    by name."""
+    text, _ = decode(builder.budget)
+    for block in text.split("# name: ")[1:]:
+        lines = block.split("\n")
+        tags = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
+        head = {key: value.strip() for key, _, value in tags}
+        kind, shape = head.get("type", "unknown"), (head.get("rows", ""), head.get("columns", ""))
+        if kind == "matrix" and all(map(str.isdecimal, shape)):
+            rows, columns = map(int, shape)
+            numbers = [line for line in lines[1:] if not line.startswith("#")]
+            written = sum(len(line.split()) for line in numbers)
+            most = max(written, rows * columns)
+            builder.budget.charge(lines[0], most, raw=CELL_TEXT_BYTES * written)
+            cells = " ".join(numbers).split()
+            if len(cells) != rows * columns:
+                raise FileError(
+                    f"{builder.path}: {lines[0]} has {len(cells)} values, but its header has "
+                    f"{rows} x {columns}.",
+                    "The file is damaged or truncated. Save it again.",
+                    code="damaged",
+                )
+            values = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
+            builder.add(lines[0], values.reshape(rows, columns))
+        elif kind not in OCTAVE_STRUCTS:
+            builder.leave_out(lines[0], f"{kind}, save it with -v7")
+    builder.note("text saved by Octave")
+
+
+KIND = Kind(
+    "mat", (".mat",), read_matlab, (b"MATLAB ", b"# Created by Octave"), "matlab", ("matio", "h5py")
+)
