@@ -62,9 +62,9 @@ def command(arguments: Arguments) -> frame.Result:
     a, output = arguments, Path(arguments.output)
     # before the imports, which take seconds
     aside(_BEGUN if a.rig == "one-dof" else _BEGUN_OTHER)
+    from pamid.api.replications.demonstration import run_demo
     from pamid.base.run_folder import Run
     from pamid.model.registry import code_files
-    from pamid.replications.demonstration import run_demo
 
     run = Run.create(
         output,

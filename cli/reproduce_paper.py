@@ -80,8 +80,8 @@ class Arguments:
 
 @frame.command("reproduce-paper", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
+    from pamid.api.replications.reproducing import paper_named, reproduce_paper
     from pamid.base.work_stages import WORK_STAGES
-    from pamid.replications.reproducing import paper_named, reproduce_paper
 
     a, chosen = arguments, paper_named(arguments.paper)
     special = ("iterations", "starts", "seconds", "jobs", "resume")

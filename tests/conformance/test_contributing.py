@@ -129,7 +129,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "intake" / "logs" / "readers" / "numbers.py").write_text(READER)
     (place / "pamid" / "exports" / "forms" / "list.py").write_text(FORM)
-    (place / "pamid" / "replications" / "papers" / "coin.py").write_text(PAPER)
+    (place / "pamid" / "api" / "replications" / "papers" / "coin.py").write_text(PAPER)
     for room, theirs, name, mine in (
         ("effects", "coulomb_friction", "CoulombFriction", "MyFriction"),
         ("rigs", "one_dof", "OneDof", "MyJoint"),

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
+from pamid.api.replications.arm_twin import GRAVITY_TEST, PULSES, WITH_PAYLOAD, ArmTwin, sessions
+from pamid.api.replications.papers.arm import FITTED, MAP_FILE
+from pamid.api.replications.papers.arm import text as arm_text
 from pamid.base.json_file import read_json
 from pamid.model.registry import rig_named
 from pamid.networks.correction.force_map import read_map
-from pamid.replications.arm_twin import GRAVITY_TEST, PULSES, WITH_PAYLOAD, ArmTwin, sessions
-from pamid.replications.papers.arm import FITTED, MAP_FILE
-from pamid.replications.papers.arm import text as arm_text
 from pamid.rigs.two_link import MUSCLES
 
 INERTIAL = {f"link_{j}_{what}" for j in "12" for what in ("mass_kg", "centre_m", "inertia_kg_m2")}

@@ -10,7 +10,7 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 
-import pamid.replications.demonstration as demo
+import pamid.api.replications.demonstration as demo
 from pamid.base.json_file import read_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording

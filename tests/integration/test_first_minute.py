@@ -82,6 +82,6 @@ def test_the_demo_says_what_it_begins_with(
         said.append(capsys.readouterr().err)
         raise DataError("Enough.", "")
 
-    monkeypatch.setattr("pamid.replications.demonstration.run_demo", before_all_work)
+    monkeypatch.setattr("pamid.api.replications.demonstration.run_demo", before_all_work)
     frame.run(["demo", "--output", str(tmp_path / "run")])
     assert "a hidden fault" in said[0] and "about a minute" in said[0]

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from pamid_cli import frame
 
+from pamid.api.replications.joint_twin import TWIN_INERTIAS, Twin, analytic_loop, calibration
+from pamid.api.replications.papers import joint as paper
+from pamid.api.replications.papers.joint import text as table_text
 from pamid.base.json_file import read_json
 from pamid.base.metrics import mae
 from pamid.model.registry import effects
 from pamid.recording.recording import read_recording
-from pamid.replications.joint_twin import TWIN_INERTIAS, Twin, analytic_loop, calibration
-from pamid.replications.papers import joint as paper
-from pamid.replications.papers.joint import text as table_text
 
 SMALL = "reproduce-paper --quick --seconds 12 --iterations 4 --starts 2 --jobs 1 --json"
 WRITTEN = (

@@ -13,6 +13,7 @@ import pytest
 from train_command import train
 
 import pamid.networks.correction.port_network as port_network
+from pamid.api.replications.demonstration import Withheld, write_demo_recording
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.run_folder import Run
@@ -26,7 +27,6 @@ from pamid.networks.correction.port_network import (
     named_values,
 )
 from pamid.recording.recording import read_recording
-from pamid.replications.demonstration import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import channel_mae, replay_track
 

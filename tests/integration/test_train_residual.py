@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from train_command import said, train
 
+from pamid.api.replications.demonstration import Withheld, write_demo_recording
 from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
@@ -26,7 +27,6 @@ from pamid.model.registry import rig_named
 from pamid.networks.correction.residual_data import residual_columns
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
-from pamid.replications.demonstration import Withheld, write_demo_recording
 from pamid.report.load import load_run
 from pamid.report.recording_errors import held_out_errors
 from pamid.simulation.data_split import split_recordings

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
+from pamid.api.replications.demonstration import TRUTH_FILE, write_rig_recording
 from pamid.base.errors import UsageError
 from pamid.base.json_file import read_json
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of, write_recording
-from pamid.replications.demonstration import TRUTH_FILE, write_rig_recording
 from pamid.report.trial_results import read_trial
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import data_of

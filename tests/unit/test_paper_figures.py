@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pamid.api.replications import joint_figures as figures
+from pamid.api.replications.joint_twin import PERIOD_S
 from pamid.recording.recording import Recording, recording_of
-from pamid.replications import joint_figures as figures
-from pamid.replications.joint_twin import PERIOD_S
 from pamid.rigs.muscle import POLYNOMIAL
 
 TIME = PERIOD_S * np.arange(1000)

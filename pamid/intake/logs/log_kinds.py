@@ -1,4 +1,4 @@
-"""Kinds of logs, from a scan of `pamid.intake.logs.readers`, and reading of a log in this process."""
+"""Kinds of logs, from a scan of the folder `readers`, and reading of a log in this process."""
 
 from __future__ import annotations
 

@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import mae, rms
-from pamid.networks.correction.force_map import ForceMap, forces
-from pamid.networks.scaling import scaling_of
-from pamid.recording.recording import Recording
-from pamid.replications.joint_twin import (
+from pamid.api.replications.joint_twin import (
     ANGLE_COLUMN,
     PERIOD_S,
     PRESSURE_COLUMNS,
@@ -22,6 +18,10 @@ from pamid.replications.joint_twin import (
     analytic_run,
     clock,
 )
+from pamid.base.metrics import mae, rms
+from pamid.networks.correction.force_map import ForceMap, forces
+from pamid.networks.scaling import scaling_of
+from pamid.recording.recording import Recording
 from pamid.report.paper_figure import (
     StepResponse,
     excitation_picture,

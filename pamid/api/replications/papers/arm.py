@@ -14,6 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.api.force_laws import write_law
+from pamid.api.replications.arm_coupling import Uncoupled, coupling_json, coupling_png
+from pamid.api.replications.arm_twin import (
+    ARM_RIG,
+    DRY_FRICTION,
+    GRAVITY_TEST,
+    PULSES,
+    VARIABLES,
+    WITH_PAYLOAD,
+    ArmRecords,
+    ArmTwin,
+    record_arm,
+    sessions,
+    shown,
+    shown_mae,
+    unit_of,
+)
+from pamid.api.replications.reproducing import number_cell
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
@@ -30,23 +47,6 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.networks.correction.force_map import judge, read_map
 from pamid.networks.correction.trained_force_law import force_law_of
 from pamid.recording.recording import Recording
-from pamid.replications.arm_coupling import Uncoupled, coupling_json, coupling_png
-from pamid.replications.arm_twin import (
-    ARM_RIG,
-    DRY_FRICTION,
-    GRAVITY_TEST,
-    PULSES,
-    VARIABLES,
-    WITH_PAYLOAD,
-    ArmRecords,
-    ArmTwin,
-    record_arm,
-    sessions,
-    shown,
-    shown_mae,
-    unit_of,
-)
-from pamid.replications.reproducing import number_cell
 from pamid.report.paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink

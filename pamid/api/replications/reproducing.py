@@ -14,7 +14,7 @@ from pamid.base.scanned import modules_of
 
 
 class Paper(Protocol):
-    """A module of `pamid.replications.papers`. OPTIONS: what its plan takes besides seed and quick,
+    """A module of `pamid.api.replications.papers`. OPTIONS: what its plan takes besides seed and quick,
     and "resume" where it can go on with what was interrupted. The docstring tells what is done; it
     stands in the command's help."""
 
@@ -39,7 +39,7 @@ class Paper(Protocol):
 
 def paper_named(name: str) -> Paper:
     """The paper of this name; UsageError where there is none."""
-    papers = modules_of("pamid.replications.papers")
+    papers = modules_of("pamid.api.replications.papers")
     if name not in papers:
         raise UsageError(f"There is no paper {name!r}.", nearest(name, papers))
     return cast(Paper, papers[name])

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.api.replications.joint_twin import departed
 from pamid.base.csv_table import table_bytes
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
@@ -23,7 +24,6 @@ from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
 from pamid.networks.correction.force_map import COLUMNS, ForceMap, pulls
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.replications.joint_twin import departed
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.rigs.two_link import JOINTS

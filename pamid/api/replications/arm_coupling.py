@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.api.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
 from pamid.base.metrics import mae
 from pamid.base.schemas import paper_files as result
 from pamid.engine.symbolic.vocabulary import ZERO, Expr
 from pamid.recording.recording import Recording
-from pamid.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
 from pamid.report.paper_figure import JointSwing, coupling_picture
 from pamid.rigs.two_link import JOINTS, TwoLink
 

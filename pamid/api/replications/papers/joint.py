@@ -17,6 +17,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.api.replications.joint_figures import (
+    excitation_png,
+    force_surface_png,
+    pressures_png,
+    responses_png,
+    training_png,
+)
+from pamid.api.replications.joint_twin import (
+    AMPLITUDE_DEG,
+    ANGLE_COLUMN,
+    HOLD_S,
+    PERIOD_S,
+    TRAINED,
+    TWIN_INERTIAS,
+    TWIN_RIG,
+    UNSEEN,
+    Twin,
+    analytic_loop,
+    calibration,
+    clock,
+    step_reference,
+)
+from pamid.api.replications.reproducing import number_cell
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
@@ -41,29 +64,6 @@ from pamid.networks.correction.residual_data import ResidualData, Segment, deriv
 from pamid.networks.trained_network import save_network, trace_csv
 from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.replications.joint_figures import (
-    excitation_png,
-    force_surface_png,
-    pressures_png,
-    responses_png,
-    training_png,
-)
-from pamid.replications.joint_twin import (
-    AMPLITUDE_DEG,
-    ANGLE_COLUMN,
-    HOLD_S,
-    PERIOD_S,
-    TRAINED,
-    TWIN_INERTIAS,
-    TWIN_RIG,
-    UNSEEN,
-    Twin,
-    analytic_loop,
-    calibration,
-    clock,
-    step_reference,
-)
-from pamid.replications.reproducing import number_cell
 from pamid.report.paper_figure import steps_picture
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs

@@ -1,2 +1,0 @@
-"""A file per paper that is reproduced, with what `pamid.replications.reproducing.Paper` needs of
-it; found by scanning."""
