@@ -48,8 +48,8 @@ PACKAGES = (
     *("h5py", "nptdms", "asammdf", "rosbags.highlevel", "pyarrow.parquet", "matio", "scipy.io"),
     *("mujoco", "fmpy", "onnx", "matplotlib.figure", "matplotlib.backends.backend_svg"),
     *(
-        "pamid.simulators.kinds.mujoco",
-        "pamid.simulators.kinds.fmi",
+        "pamid.rigs.simulators.kinds.mujoco",
+        "pamid.rigs.simulators.kinds.fmi",
         "pamid.intake.logs.child_process",
     ),
 )

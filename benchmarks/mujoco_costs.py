@@ -50,7 +50,7 @@ from timing import cpu
 
 if TYPE_CHECKING:
     from pamid.model.rig import Rig
-    from pamid.simulators.mechanism import Mechanism
+    from pamid.rigs.simulators.mechanism import Mechanism
 
 PERIOD_S = 0.004  # of the log, as in `mujoco_truth`
 PEER_WAYS = ("sysid-run", "sysid-windows")
@@ -58,8 +58,8 @@ if not set(PEER_WAYS) & set(sys.argv):  # the interpreter of mujoco.sysid need n
     from mujoco_truth import arm, misjudged, model_text, record
 
     from pamid.model.assembly import Assembly
-    from pamid.simulators.compiled_rig import CompiledMechanism
-    from pamid.simulators.mujoco_mechanism import read_mechanism
+    from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+    from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 Array = NDArray[np.float64]
 SAMPLES, STEP_S, MOST = 66667, 0.003, 20
@@ -115,7 +115,7 @@ def costs(joints: int) -> None:
 
 def _stepped(mechanism: Mechanism) -> Rig | None:
     try:
-        from pamid.simulators.stepped_mechanism import SteppedMechanism
+        from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
     except ModuleNotFoundError:
         print("  stepped by MuJoCo: not in this version")
         return None

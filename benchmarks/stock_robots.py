@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import FileError
-from pamid.simulators.kinds.mujoco import rig_of
-from pamid.simulators.mechanism import Mechanism
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.kinds.mujoco import rig_of
+from pamid.rigs.simulators.mechanism import Mechanism
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 _SUITE, _BULLET = "robosuite/models/assets/robots", "robosuite/models/assets/bullet_data"
 #: the files by the name of the robot; those after the eleven robots are other forms of them

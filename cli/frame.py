@@ -132,7 +132,7 @@ def _package_option() -> click.Option:
 
     def state(ctx: click.Context, _: click.Parameter, pairs: tuple[str, ...]) -> None:
         if pairs and not ctx.resilient_parsing:
-            from pamid.simulators.model_packages import model_packages, split_package
+            from pamid.rigs.simulators.model_packages import model_packages, split_package
 
             ctx.meta[PACKAGES] = pairs
             ctx.with_resource(model_packages(**dict(map(split_package, pairs))))

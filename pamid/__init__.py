@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from pamid.networks.correction.trained_force_law import force_law_of
     from pamid.recording.recording import Recording, read_recording, write_recording
     from pamid.report.writing import Report
+    from pamid.rigs.simulators.model_packages import model_packages
     from pamid.simulation.excitation.aprbs import aprbs, coverage
-    from pamid.simulators.model_packages import model_packages
 
     def report(
         run: FitResult | NetworkResult | str | os.PathLike[str],
@@ -103,7 +103,7 @@ _HOME = {
     "force_law_of": "pamid.networks.correction.trained_force_law",
     "guess_mapping": "pamid.api.ingesting",
     "ingest": "pamid.api.ingesting",
-    "model_packages": "pamid.simulators.model_packages",
+    "model_packages": "pamid.rigs.simulators.model_packages",
     "new_rig": "pamid.api.new_rigs",
     "open_run": "pamid.api.carried_runs",
     "power": "pamid.api.planning",

@@ -19,8 +19,8 @@ from pamid.rigs.muscle_experiments import (
     muscle_pulses,
     nothing_sent,
 )
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.safe_excitation import SafeExcitation, safe_excitation
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.safe_excitation import SafeExcitation, safe_excitation
 
 
 def release_excitation(

@@ -23,6 +23,7 @@ from pamid.rigs.muscle_experiments import (
     RELEASE_S,
     held_pressure,
 )
+from pamid.rigs.simulators.safe_excitation import SafeExcitation
 from pamid.simulation.excitation.aprbs import Coverage, coverage
 from pamid.simulation.excitation.experiments import (
     at_rest,
@@ -35,7 +36,6 @@ from pamid.simulation.excitation.experiments import (
     usual_half,
 )
 from pamid.simulation.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
-from pamid.simulators.safe_excitation import SafeExcitation
 
 DUTY = 0.3  # default largest duty of a staircase, whose purpose is small commands
 

@@ -26,7 +26,7 @@ from pamid.exports.c_source import asset, header, model_name, source
 from pamid.exports.form import Written
 from pamid.exports.step import SampleStep
 from pamid.networks.correction.identified_model import Identified
-from pamid.simulators.fmu_file import fmpy_package
+from pamid.rigs.simulators.fmu_file import fmpy_package
 
 _FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
 _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}

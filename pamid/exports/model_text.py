@@ -9,12 +9,12 @@ from pamid.base.progress import tell
 from pamid.exports.form import Written
 from pamid.exports.plain_check import plain_check
 from pamid.networks.correction.identified_model import Identified
-from pamid.simulators.mechanism import Mechanism
-from pamid.simulators.mujoco_file import mjcf_of
-from pamid.simulators.mujoco_forms import IdentifiedEffect
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.mujoco_sources import relocated_text
-from pamid.simulators.write_back import WrittenModel, stored_text, write_back
+from pamid.rigs.simulators.mechanism import Mechanism
+from pamid.rigs.simulators.mujoco_file import mjcf_of
+from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.mujoco_sources import relocated_text
+from pamid.rigs.simulators.write_back import WrittenModel, stored_text, write_back
 
 LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 

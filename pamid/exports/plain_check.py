@@ -21,9 +21,9 @@ from pamid.base.schemas.fit_file import FitFile
 from pamid.base.units import size_from_si, size_to_si, split_column, to_si
 from pamid.networks.correction.identified_model import Identified
 from pamid.networks.correction.residual_data import residual_columns, scored_windows, spans_of
-from pamid.simulators.mechanism import Mechanism
-from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
+from pamid.rigs.simulators.mechanism import Mechanism
+from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.quantities import declared
 from pamid.networks.correction.identified_model import Identified
 from pamid.networks.correction.residual_data import REFIT_REMEDY
-from pamid.simulators.body_inertia import shapes_of
-from pamid.simulators.mechanism import Mechanism
+from pamid.rigs.simulators.body_inertia import shapes_of
+from pamid.rigs.simulators.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 

@@ -1,5 +1,5 @@
 """Model files of other programs as rigs: the kinds there are, found by scanning
-`pamid.simulators.kinds`."""
+`pamid.rigs.simulators.kinds`."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ModelKind:
 @lru_cache
 def model_kinds() -> dict[str, ModelKind]:
     """Every kind by the endings of its files: the `MODEL_KIND` of each file in
-    `pamid.simulators.kinds`."""
-    modules = modules_of("pamid.simulators.kinds").values()
+    `pamid.rigs.simulators.kinds`."""
+    modules = modules_of("pamid.rigs.simulators.kinds").values()
     return {
         suffix: module.MODEL_KIND for module in modules for suffix in module.MODEL_KIND.suffixes
     }

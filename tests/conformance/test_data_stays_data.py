@@ -57,10 +57,10 @@ MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/base/parallel/dask_backend.py", "cloudpickle"),
     ("pamid/base/parallel/result_store.py", "marshal"),
-    ("pamid/simulators/forward_dynamics.py", "system"),  # of equations
-    ("pamid/simulators/free_joints.py", "compile"),
-    ("pamid/simulators/mujoco_file.py", "compile"),
-    ("pamid/simulators/mujoco_sources.py", "compile"),
+    ("pamid/rigs/simulators/forward_dynamics.py", "system"),  # of equations
+    ("pamid/rigs/simulators/free_joints.py", "compile"),
+    ("pamid/rigs/simulators/mujoco_file.py", "compile"),
+    ("pamid/rigs/simulators/mujoco_sources.py", "compile"),
 }
 HARMLESS = {"re.compile", "platform.system"}
 

@@ -28,9 +28,9 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.networks.correction.identified_model import Identified
+from pamid.rigs.simulators.fmu_file import FmuFile, read_fmu
+from pamid.rigs.simulators.fmu_rig import FmuRig
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.simulators.fmu_file import FmuFile, read_fmu
-from pamid.simulators.fmu_rig import FmuRig
 
 pytest.importorskip("fmpy", reason="the extra [fmu] is not installed")
 if not shutil.which("cc") and not shutil.which("gcc"):

@@ -22,9 +22,9 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import write_recording
-from pamid.simulators import fmu_process
-from pamid.simulators.fmu_file import FmuFile, read_fmu
-from pamid.simulators.fmu_rig import FmuRig
+from pamid.rigs.simulators import fmu_process
+from pamid.rigs.simulators.fmu_file import FmuFile, read_fmu
+from pamid.rigs.simulators.fmu_rig import FmuRig
 
 pytest.importorskip("fmpy", reason="the extra [fmu] is not installed")
 if compiler() is None:

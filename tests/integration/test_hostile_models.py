@@ -15,8 +15,8 @@ import pytest
 from disturbed import Halted
 
 from pamid.base.errors import FileError, UsageError
-from pamid.simulators.fmu_file import _fresh_name, _remarks, read_fmu
-from pamid.simulators.foreign_limits import VARIABLE, foreign_limits
+from pamid.rigs.simulators.fmu_file import _fresh_name, _remarks, read_fmu
+from pamid.rigs.simulators.foreign_limits import VARIABLE, foreign_limits
 
 ARM = """<mujoco model="arm">
 {option}
@@ -40,7 +40,7 @@ def model(folder: Path, **parts: str) -> Path:
 
 
 def refusal(path: Path) -> FileError:
-    from pamid.simulators.mujoco_file import open_mujoco
+    from pamid.rigs.simulators.mujoco_file import open_mujoco
 
     with pytest.raises(FileError) as caught:
         open_mujoco(path)
@@ -78,8 +78,8 @@ def test_numbers_that_cannot_be_are_refused(
 
 def test_a_warning_of_mujoco_becomes_a_remark(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    from pamid.simulators.mujoco_file import open_mujoco
-    from pamid.simulators.mujoco_mechanism import mechanism_of
+    from pamid.rigs.simulators.mujoco_file import open_mujoco
+    from pamid.rigs.simulators.mujoco_mechanism import mechanism_of
 
     loaded = replace(open_mujoco(model(tmp_path)), warnings=("mesh z is odd",))
     (found,) = mechanism_of(loaded).findings
@@ -88,7 +88,7 @@ def test_a_warning_of_mujoco_becomes_a_remark(tmp_path: Path) -> None:
 
 def test_no_call_of_mujoco_writes_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco")
-    from pamid.simulators.mujoco_file import open_mujoco
+    from pamid.rigs.simulators.mujoco_file import open_mujoco
 
     monkeypatch.chdir(tmp_path)
     loaded = open_mujoco(model(tmp_path))
@@ -131,7 +131,7 @@ def test_a_model_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
 
 def test_a_link_to_an_included_file_will_do(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    from pamid.simulators.mujoco_file import open_mujoco
+    from pamid.rigs.simulators.mujoco_file import open_mujoco
 
     (tmp_path / "real.txt").write_text('<mujoco><geom name="more" size="0.1"/></mujoco>')
     (tmp_path / "link.xml").symlink_to("real.txt")
@@ -154,7 +154,7 @@ def test_a_model_without_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: dict[str, str], words: str
 ) -> None:
     pytest.importorskip("mujoco")
-    monkeypatch.setattr("pamid.simulators.foreign_limits.COMPILE_S", 2.0)
+    monkeypatch.setattr("pamid.rigs.simulators.foreign_limits.COMPILE_S", 2.0)
     error = refusal(model(tmp_path, **parts))
     assert words in error.message and VARIABLE in error.hint
 

@@ -15,11 +15,11 @@ from pamid_cli.table import every_command
 pytest.importorskip("mujoco")
 
 from pamid.base.errors import FileError, UsageError
-from pamid.simulators.model_packages import PACKAGES_VARIABLE, model_packages, split_package
-from pamid.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.simulators.mujoco_mechanism import mechanism_of, read_mechanism
-from pamid.simulators.mujoco_sources import relocated_text
-from pamid.simulators.stepped_mechanism import SteppedMechanism
+from pamid.rigs.simulators.model_packages import PACKAGES_VARIABLE, model_packages, split_package
+from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
+from pamid.rigs.simulators.mujoco_mechanism import mechanism_of, read_mechanism
+from pamid.rigs.simulators.mujoco_sources import relocated_text
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 
 INERTIAL = (
     '<inertial><mass value="0.7"/>'

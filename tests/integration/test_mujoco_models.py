@@ -18,8 +18,8 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.model.model_file import model_kinds
 from pamid.model.registry import rig_named, rig_of
 from pamid.recording.recording import read_recording
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.write_back import write_back
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.write_back import write_back
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -16,8 +16,8 @@ from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 mujoco = pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mujoco_file import open_mujoco
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.plain_mujoco import PlainModel
-from pamid.simulators.stepped_mechanism import SteppedMechanism
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mujoco_file import open_mujoco
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.plain_mujoco import PlainModel
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 
 mujoco: Any = mechanisms.needs_mujoco()
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pamid_cli import frame
 from posed_arms import FOUR_HINGES, arm_text, record_about
 
-from pamid.simulators.body_inertia import full_inertia, shapes_of
-from pamid.simulators.mechanism import Body
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.body_inertia import full_inertia, shapes_of
+from pamid.rigs.simulators.mechanism import Body
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 mechanisms.needs_mujoco()
 

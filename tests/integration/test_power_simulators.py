@@ -43,8 +43,8 @@ def _power(excitation: Recording, rig: Rig | str) -> dict[str, tuple[float, ...]
 
 
 def test_a_mujoco_model_shows_the_same_as_equations_and_stepped(tmp_path: Path) -> None:
-    from pamid.simulators.mujoco_mechanism import read_mechanism
-    from pamid.simulators.stepped_mechanism import SteppedMechanism
+    from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+    from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 
     path = tmp_path / "swing.xml"
     path.write_text(SWING)

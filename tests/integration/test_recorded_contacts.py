@@ -20,12 +20,12 @@ from pamid.model.between_samples import as_recorded
 from pamid.model.registry import rig_named
 from pamid.networks.correction.identified_model import load_identified
 from pamid.recording.recording import read_recording
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mechanism import Mechanism
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.recorded_contacts import joint_positions, recorded_contacts
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mechanism import Mechanism
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.recorded_contacts import joint_positions, recorded_contacts
-from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -21,8 +21,8 @@ from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import SimulatorWarnings, add_warnings, counted_warnings
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.simulators.stepped_mechanism import SteppedMechanism
 
 mujoco: Any = mechanisms.needs_mujoco()
 

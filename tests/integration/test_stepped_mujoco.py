@@ -26,10 +26,10 @@ from pamid.intake.checks.conformance import NULL_TOLERANCE, null_error
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
+from pamid.rigs.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import choose_stepping
-from pamid.simulators.stepped_mechanism import SOLVER_TOLERANCE, SteppedMechanism
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 

@@ -25,12 +25,12 @@ from pamid.exports.exporting import export_model
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.correction.identified_model import load_identified, simulate_identified
-from pamid.simulators.mujoco_file import open_mujoco
-from pamid.simulators.mujoco_forms import IdentifiedEffect
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
-from pamid.simulators.stepped_mechanism import SteppedMechanism
-from pamid.simulators.write_back import write_back
+from pamid.rigs.simulators.mujoco_file import open_mujoco
+from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
+from pamid.rigs.simulators.write_back import write_back
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from pamid.engine.symbolic.expression import Expr, plain, symbol, walk
 from pamid.engine.symbolic.operators import OPERATORS
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mechanism import write_values
-from pamid.simulators.mujoco_file import open_mujoco
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mechanism import write_values
+from pamid.rigs.simulators.mujoco_file import open_mujoco
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from pamid.base.errors import FileError
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import ZERO, plain, symbol
 from pamid.model.between_samples import as_fitted, released
-from pamid.simulators.body_inertia import BodyShape, full_inertia, shapes_of, with_full_inertia
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mechanism import Body
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.stepped_mechanism import SteppedMechanism
-from pamid.simulators.write_back import write_back
+from pamid.rigs.simulators.body_inertia import BodyShape, full_inertia, shapes_of, with_full_inertia
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mechanism import Body
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
+from pamid.rigs.simulators.write_back import write_back
 
 mujoco: Any = mechanisms.needs_mujoco()
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import DataError
-from pamid.simulators.mechanism_pose import mechanism_pose
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.mechanism_pose import mechanism_pose
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 mujoco = pytest.importorskip("mujoco")
 SAMPLES = 5

@@ -9,9 +9,9 @@ import pytest
 from mechanisms import ONE, TWO
 
 from pamid.model.assembly import Assembly
+from pamid.rigs.simulators.compiled_rig import CompiledMechanism
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 from pamid.simulation.free_runs import port_sizes
-from pamid.simulators.compiled_rig import CompiledMechanism
-from pamid.simulators.mujoco_mechanism import read_mechanism
 
 pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 

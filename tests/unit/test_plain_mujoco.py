@@ -9,9 +9,9 @@ import mechanisms
 import numpy as np
 import pytest
 
-from pamid.simulators.mujoco_file import open_mujoco
-from pamid.simulators.mujoco_mechanism import read_mechanism
-from pamid.simulators.plain_mujoco import PlainModel, RecordedStretch
+from pamid.rigs.simulators.mujoco_file import open_mujoco
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch
 
 mujoco: Any = mechanisms.needs_mujoco()
 

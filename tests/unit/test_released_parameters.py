@@ -12,8 +12,8 @@ from mechanisms import ONE, TWO
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
-from pamid.simulators.mechanism import ModelParameter
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.mechanism import ModelParameter
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 

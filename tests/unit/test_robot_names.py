@@ -17,8 +17,8 @@ from pamid.intake.logs.mapping import load_mapping
 from pamid.intake.logs.matcher import with_stand_ins
 from pamid.model.rig import Rig
 from pamid.recording.recording import recording_of
-from pamid.simulators.kinds.mujoco import rig_of
-from pamid.simulators.mujoco_mechanism import read_mechanism
+from pamid.rigs.simulators.kinds.mujoco import rig_of
+from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 

@@ -14,7 +14,7 @@ from pamid.base.scanned import modules_of
 
 
 class Paper(Protocol):
-    """A module of `pamid.api.replications.papers`. OPTIONS: what its plan takes besides seed and quick,
+    """A module of the folder `papers`. OPTIONS: what its plan takes besides seed and quick,
     and "resume" where it can go on with what was interrupted. The docstring tells what is done; it
     stands in the command's help."""
 

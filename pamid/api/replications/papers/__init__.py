@@ -1,2 +1,2 @@
-"""A file per paper that is reproduced, with what `pamid.api.replications.reproducing.Paper` needs of
+"""A file per paper that is reproduced, with what `Paper` in `reproducing.py` needs of
 it; found by scanning."""

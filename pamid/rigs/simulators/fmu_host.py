@@ -1,0 +1,315 @@
+"""Copies of an FMU in the process that holds it, served by `pamid.rigs.simulators.fmu_runs`.
+
+The work at every sample is compiled (`pamid.rigs.simulators.fmi_kernels`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.shadow_simulators import Carrier
+from pamid.engine.simulator import LibraryStep
+from pamid.rigs.simulators.fmi_kernels import (
+    LEADS,
+    MOST_STEPS,
+    exchange,
+    exchange_copies,
+    exchange_of,
+    exchange_words,
+    first_failure,
+    get_outputs,
+    rates_at,
+    step_copies,
+    table_in,
+)
+from pamid.rigs.simulators.fmu_instance import FATAL, FmuInstance, why
+from pamid.rigs.simulators.fmu_link import FmuUnits, UnitScale
+
+Array = NDArray[np.float64]
+
+MOST_INSTANCES = 64  # with different parameters, for seen states
+LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
+TIMED = (
+    "its equations depend explicitly on time, which is not a state; write seen = false into the "
+    "TOML file next to the FMU"
+)
+
+
+@dataclass
+class _Copy:
+    """Copy of the FMU between runs: its time, its parameters and its state.
+
+    The state is the address of a state that the FMU has saved. If the FMU cannot save a state, the
+    copy has the inputs of all steps from the start, the last first, each with its predecessors.
+    """
+
+    time_s: float
+    p: Array
+    state: int
+    past: Any
+    x: Array
+    due: Array
+
+
+class FmuHost(Carrier):
+    """Copies of an FMU; all SI. about: `FmuFile.request`, and the folder of the unpacked FMU.
+
+    If an FMU saves states, a single instance serves all copies. Otherwise each copy has an
+    instance.
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        self.about, self.saves, self.exchanges = about, about["saves"], about["exchange"]
+        self.whole_samples, self.longest_s = not about["any_step"], float("inf")
+        self.units = FmuUnits(
+            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in about["units"])
+        )
+        self.instances: list[FmuInstance] = []
+        self.m = self.instance(0).model()
+        self.copies: list[_Copy] = []
+        self.standing = -1  # copy whose state the single instance has
+        self.statuses = np.zeros(0, np.int64)
+        self.kept: dict[int, _Copy] = {}
+        self.count = 0
+        self.went = (
+            False  # True after a complete run: a later failure is due to the trial parameters
+        )
+        self.of_values: dict[bytes, FmuInstance] = {}
+        self.programs: dict[int, Any] = {}  # received programs (`pamid.rigs.simulators.fmu_runs`)
+
+    def instance(self, number: int) -> FmuInstance:
+        """Instance of a copy."""
+        number = 0 if self.saves else number
+        while len(self.instances) <= number:
+            self.instances.append(FmuInstance(self.about, len(self.instances)))
+        return self.instances[number]
+
+    # ---- copies that keep their states to themselves ---------------------------------------------
+
+    def begin(self, p: Array) -> Array:
+        self.release(self.copies)
+        self.copies, readings = [], []
+        for k, row in enumerate(self.units.parameters.outside(p)):
+            instance = self.instance(k)
+            instance.restart(self.m, row)
+            self.copies.append(
+                _Copy(0.0, row.copy(), 0, None, instance.x.copy(), instance.due.copy())
+            )
+            readings.append(self._store_readings(k, instance))
+        return self._run_begins(readings)
+
+    def resume(self, saved: Sequence[int], p: Array) -> Array:
+        self.release(self.copies)
+        self.copies, readings = [], []
+        rows = self.units.parameters.outside(p)
+        for k, (number, row) in enumerate(zip(saved, rows, strict=True)):
+            before = self.kept[number]
+            instance = self._restored_instance(k, before)
+            instance.x, instance.due = before.x.copy(), before.due.copy()
+            changed = np.flatnonzero(before.p != row).tolist()
+            if not all(self.about["tunable"][i] for i in changed):
+                raise ValueError("a parameter that is fixed from the start was to be changed")
+            if changed:
+                instance.change_parameters(self.m, changed, row)
+            self.copies.append(
+                _Copy(before.time_s, row.copy(), 0, before.past, instance.x, instance.due)
+            )
+            readings.append(self._store_readings(k, instance))
+        return self._run_begins(readings)
+
+    def _run_begins(self, readings: list[Array]) -> Array:
+        n = len(self.copies)
+        self.standing = 0 if self.saves and n == 1 else -1
+        self.statuses = np.zeros(n, np.int64)
+        self.handles = np.array([self.instance(k).handle for k in range(n)], np.int64)
+        self.saved = np.array([c.state for c in self.copies], np.int64)
+        self.times = np.array([c.time_s for c in self.copies])
+        self.x = np.array([c.x for c in self.copies]).reshape(n, -1)
+        self.due = np.array([c.due for c in self.copies]).reshape(n, 1)
+        self.y = np.array(readings)
+        return self.units.outputs.inside(self.y)
+
+    def step(self, f: Array, h: float) -> Array:
+        f = np.ascontiguousarray(self.units.inputs.outside(f))
+        given = self.m, self.handles, self.saved, self.standing, self.times, f, h
+        if self.exchanges:
+            exchange_copies(*given, self.x, self.due, self.y, self.statuses)
+        else:
+            step_copies(*given, self.y, self.statuses)
+        self._judge(self.statuses, self.y, self.times[0] + h)
+        self.times += h
+        if not self.saves:
+            for copy, row in zip(self.copies, f, strict=True):
+                copy.past = (copy.past, row.copy(), h)
+        return self.units.outputs.inside(self.y)
+
+    def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
+        """Turn failures into NaN; before the first successful run, into an error."""
+        if not statuses.any() and np.isfinite(y).all():
+            return
+        for status in statuses[statuses != 0]:
+            if not self.went or status == FATAL:
+                raise RuntimeError(why(self.m, int(status), at_s))
+        y[statuses != 0] = np.nan
+        if not self.went:
+            _, column = np.argwhere(~np.isfinite(y))[0]
+            name = self.about["called"][column]
+            raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
+
+    def _store_readings(self, k: int, instance: FmuInstance) -> Array:
+        """Readings of the instance, for a copy in the same state."""
+        if self.saves:
+            self.copies[k].state = instance.save(self.m)
+        else:
+            instance.past = self.copies[k].past
+        return instance.outputs(self.m)
+
+    def _restored_instance(self, k: int, copy: _Copy) -> FmuInstance:
+        """Instance in the state of the copy."""
+        instance = self.instance(k)
+        if self.saves:
+            instance.restore(self.m, copy.state)
+            return instance
+        if not instance.fresh and instance.past is copy.past and copy.past is not None:
+            return instance
+        instance.restart(self.m, copy.p)
+        rows, past, time_s = [], copy.past, 0.0
+        while past is not None:
+            past, f, h = past
+            rows.append((f, h))
+        state = instance.x.copy(), instance.due.copy()
+        y = np.zeros((1, len(self.m.outputs)))
+        none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
+        for f, h in reversed(rows):
+            if self.exchanges:
+                grid = np.zeros(MOST_STEPS + 1)
+                status[0] = exchange(self.m, instance.handle, time_s, h, f, *state, grid)
+            else:
+                handles, at = np.array([instance.handle]), np.array([time_s])
+                step_copies(self.m, handles, none, -1, at, f[None], h, y, status)
+            instance.check(self.m, int(status[0]), time_s)
+            time_s += h
+        return instance
+
+    def save(self) -> tuple[int, ...]:
+        first = self.count + 1
+        self.count += len(self.copies)
+        if self.standing == 0:
+            self.saved[0] = self.instance(0).save(self.m, int(self.saved[0]))
+        for k, copy in enumerate(self.copies):
+            copy.time_s, copy.state = float(self.times[k]), int(self.saved[k])
+            copy.x, copy.due = self.x[k].copy(), self.due[k].copy()
+            if not self.saves:
+                self.instance(k).past = copy.past
+        self.went = self.went or not self.statuses.any()
+        self.kept.update(zip(range(first, self.count + 1), self.copies, strict=True))
+        self.copies = []
+        return tuple(range(first, self.count + 1))
+
+    def drop(self, numbers: Sequence[int]) -> tuple[()]:
+        """Drop saved states and programs; the numbers of programs are negative."""
+        self.release([self.kept.pop(number) for number in numbers if number > 0])
+        for number in numbers:
+            self.programs.pop(-number, None)
+        return ()
+
+    def release(self, copies: list[_Copy]) -> None:
+        for copy in copies:
+            if copy.state:
+                self.instance(0).free(copy.state)
+
+    # ---- states that are seen: model exchange ----------------------------------------------------
+
+    def with_values(self, p: Array) -> FmuInstance:
+        """Instance with these parameters."""
+        key = p.tobytes()
+        instance = self.of_values.pop(
+            key, None
+        )  # moved to the end: the least recently used is restarted
+        if instance is None:
+            if len(self.of_values) >= self.instance_limit:
+                instance = self.of_values.pop(next(iter(self.of_values)))
+            elif not self.of_values:
+                instance = self.instance(0)
+            else:
+                instance = FmuInstance(self.about, len(self.of_values))
+            instance.restart(self.m, p)
+            if not self.went:
+                self._refuse_clocks(instance)
+        self.of_values[key] = instance
+        return instance
+
+    @property
+    def instance_limit(self) -> int:
+        """Largest number of instances with different parameters."""
+        return 1 if self.about["alone"] else MOST_INSTANCES
+
+    @contextmanager
+    def in_c(self, p: Array, h: float, places: NDArray[np.intp]) -> Iterator[LibraryStep | None]:
+        """See `pamid.engine.simulator.Simulator`.
+
+        places: indices of the readings among the outputs. None for more copies than instances.
+        """
+        if len(p) > self.instance_limit:
+            yield None
+            return
+        rows = self.units.parameters.outside(p)
+        handles = np.array([self.with_values(row).handle for row in rows], np.int64)
+        words = exchange_words(self.m, self.units, h)
+        table = table_in(words)
+
+        def of(numbers: NDArray[Any]) -> NDArray[np.int64]:
+            return np.asarray(numbers.ctypes.data + 8 * np.arange(len(numbers)), np.int64)
+
+        assert exchange_of.address is not None
+        address: Any = exchange_of.address
+        yield LibraryStep(
+            address,
+            words.ctypes.data,
+            of(handles),
+            1,
+            of(table.x),
+            of(table.f),
+            np.zeros(0, np.int64),
+            of(table.y)[places],
+            words.ctypes.data + 8 * LEADS,
+        )
+        status = first_failure(words)
+        if status and (not self.went or status == FATAL):
+            raise RuntimeError(why(table.model, status, h))
+        self.went = self.went or not status
+
+    def _refuse_clocks(self, instance: FmuInstance) -> None:
+        rows = []
+        for at_s in (0.0, LATER_S):
+            rates = np.zeros(len(instance.x))
+            instance.check(self.m, rates_at(self.m, instance.handle, at_s, instance.x, rates), at_s)
+            rows.append([*rates, *instance.outputs(self.m)])
+        if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
+            raise RuntimeError(TIMED)
+
+    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """States and outputs after h."""
+        units, ny = self.units, len(self.m.outputs)
+        values, statuses = np.zeros((len(x), ny + x.shape[1])), np.zeros(len(x), np.int64)
+        values[:, ny:] = units.states.outside(x)
+        inputs, grid, due = units.inputs.outside(f), np.zeros(MOST_STEPS + 1), np.zeros(1)
+        for k, row in enumerate(units.parameters.outside(p)):
+            c = self.with_values(row).handle
+            statuses[k] = exchange(self.m, c, 0.0, h, inputs[k], values[k, ny:], due, grid)
+            statuses[k] = statuses[k] or get_outputs(self.m, c, values[k, :ny])
+        self._judge(statuses, values, h)
+        self.went = True
+        return units.states.inside(values[:, ny:]), units.outputs.inside(values[:, :ny])
+
+    def read_outputs(self, x: Array, p: Array) -> Array:
+        """Outputs at these states."""
+        rows = zip(self.units.states.outside(x), self.units.parameters.outside(p), strict=True)
+        outputs = [self.with_values(row).outputs_at(self.m, state) for state, row in rows]
+        return self.units.outputs.inside(np.array(outputs))

@@ -1,0 +1,192 @@
+"""An FMU as a rig: its inputs and outputs are ports, its parameters are fitted.
+
+A table next to the file, `drive.fmu.toml`, declares inputs that are forces or torques, with the
+outputs for the position and the velocity there (`pamid.rigs.simulators.fmu_choices`). Effects of
+mechanics then act at the port. Without the table there are command ports and reading ports. A rig
+file states the same with
+
+    class Drive(FmuRig):
+        path = "drive.fmu"
+        motion = {"torque_n_m": ("angle_rad", "speed_rad_per_s")}
+
+The FMU's binary is executed. In model exchange pamid sees the states and integrates their rates. An
+FMU for co-simulation is a `Carrier`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError, nearest
+from pamid.base.units import quotient
+from pamid.engine.shadow_simulators import Carrier
+from pamid.engine.stepped import FarRunner
+from pamid.engine.symbolic.vocabulary import Number
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port
+from pamid.model.step_rig import StepRig
+from pamid.rigs.simulators.fmu_choices import choices_path
+from pamid.rigs.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
+from pamid.rigs.simulators.fmu_link import SeenFmu
+from pamid.rigs.simulators.fmu_process import FmuProcess
+from pamid.rigs.simulators.mujoco_parameters import stated_parameter
+
+Array = NDArray[np.float64]
+
+MOST_FREE = 20  # of more parameters only those in `free` are fitted
+FORCES = ("N", "N m")
+
+
+class FmuRig(StepRig):
+    """A rig made of an FMU."""
+
+    name = "fmu"
+    carries = True
+    # relative to the rig file, else to the working folder
+    path: ClassVar[str] = ""
+    # input that is a force or torque -> outputs: position and velocity there
+    motion: ClassVar[dict[str, tuple[str, str]]] = {}
+    # parameters to fit, if not all of them
+    free: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, file: FmuFile | None = None) -> None:
+        untyped: Any = self  # these tables usually are class attributes
+        self.file = f = file or read_fmu(_beside(type(self), self.path))
+        untyped.name = f.name if type(self) is FmuRig else type(self).name
+        untyped.carries = not f.seen
+        untyped.motion, untyped.free = self.motion or f.motion, self.free or f.free
+        untyped.inputs = {v.name: v.si for v in f.inputs.variables}
+        untyped.outputs = {v.name: v.si for v in f.outputs.variables}
+        if f.seen:
+            starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
+            untyped.states = tuple(
+                State(v.name, v.si, start)
+                for v, start in zip(f.states.variables, starts.tolist(), strict=True)
+            )
+            sizes = np.array(f.nominals) * f.units.states.scale
+            untyped.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
+        shown = {s.name for s in self.states}
+        untyped.readings = {name: si for name, si in self.outputs.items() if name not in shown}
+        self._check_names()
+        untyped.parameters = tuple(map(self._parameter, f.parameters.variables))
+        untyped.remarks = (*f.remarks, *self._undeclared())
+        untyped.period_s = f.period_s or type(self).period_s
+        untyped.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
+            f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables
+        }
+
+    def _parameter(self, v: FmuVariable) -> Parameter:
+        count = len(self.file.parameters.variables)
+        wanted = v.name in self.free if self.free else count <= MOST_FREE
+        parameter = stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
+        return parameter
+
+    def _way_in(self, v: FmuVariable) -> Port:
+        if v.name not in self.motion:
+            return Port("command", v.si)
+        position, velocity = (self._moving[name] for name in self.motion[v.name])
+        return Port("motion", v.si, {"position": position, "velocity": velocity})
+
+    @property
+    def _moving(self) -> dict[str, str]:
+        """Candidates for positions and velocities: outputs and seen states, with units."""
+        return {s.name: s.unit for s in self.states} | self.outputs
+
+    def _check_names(self) -> None:
+        """Check the names in the user's tables."""
+        choices_file = choices_path(Path(self.file.path))
+        where = (
+            choices_file
+            if self.motion is self.file.motion and choices_file.exists()
+            else self.file.path
+        )
+        known = [(name, list(self.inputs), "input") for name in self.motion]
+        known += [
+            (signal, list(self._moving), "output")
+            for signals in self.motion.values()
+            for signal in signals
+        ]
+        known += [
+            (name, [v.name for v in self.file.parameters.variables], "parameter")
+            for name in self.free
+        ]
+        for name, names, what in known:
+            if name not in names:
+                table = "free" if what == "parameter" else "motion"
+                raise FileError(
+                    f"{where}: {table} names {name!r}, but the FMU has no such {what}",
+                    nearest(name, names) or f"{what}s: {', '.join(names)}",
+                )
+        for name, (position, velocity) in self.motion.items():
+            rate, given = quotient(self._moving[position], "s"), self._moving[velocity]
+            if rate and given and rate != given and position != velocity:
+                raise FileError(
+                    f"{where}: {velocity!r} [{given}] is not the velocity of {position!r} "
+                    f"[{self._moving[position]}], which {name!r} acts along",
+                    f"a velocity there is in {rate}",
+                )
+
+    def _undeclared(self) -> list[str]:
+        """Inputs that are forces or torques without a declared place."""
+        names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
+        choices_file = choices_path(Path(self.file.path)).name
+        return [
+            f"{name} [{self.inputs[name]}] may be a force at a moving part: for friction, springs "
+            f"and drag to act there, write into {choices_file}: [ports.{name}] with position and "
+            f"velocity, of {', '.join(self._moving)}"
+            for name in names
+        ]
+
+    # ---- equations -------------------------------------------------------------------------------
+
+    def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        into: dict[str, Number] = {}
+        for name in self.inputs:
+            signals = {}
+            if name in self.motion:
+                position, velocity = self.motion[name]
+                signals = {"position": getattr(x, position), "velocity": getattr(x, velocity)}
+            into[name] = port(f"at_{name}", getattr(u, name), **signals)
+        return into
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {name: port(f"read_{name}", getattr(x, name)) for name in self.outputs}
+
+    # ---- the simulation --------------------------------------------------------------------------
+
+    def carrier(self) -> Carrier:
+        return self._process
+
+    @cached_property
+    def _process(self) -> FmuProcess:
+        return FmuProcess(self.file)
+
+    def far_runner(self) -> FarRunner:
+        return self._process
+
+    @cached_property
+    def _seen(self) -> SeenFmu:
+        places = np.array(self._process.places, np.intp)
+        return SeenFmu(self._process, places, self.sizes(()))
+
+    def steps(
+        self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
+    ) -> tuple[Array, Array]:
+        return self._seen.steps(x, f, p, h)
+
+    def reads(self, x: Array, p: Array) -> Array:
+        return self._seen.reads(x, p)
+
+
+def _beside(kind: type, path: str) -> Path:
+    """Path in a rig file, relative to the folder of that file."""
+    home = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return Path(os.path.dirname(home) if home else "") / path
