@@ -141,9 +141,33 @@ def test_answers_are_scored(cases, kinds, causes, verdict, reached, expected) ->
     ]
     has = {"elbow_armature": 1.0} if "armature" in kinds else {}
     drives = {"shoulder": "drive_1", "elbow": "drive_2"}
-    label = {"effects": effects, "parameters": has, "drives": drives}
-    answer = {"verdict": verdict, "causes": list(causes)}
+    label = {"effects": effects, "parameters": has, "drives": drives, "planted": []}
+    answer = {"verdict": verdict, "causes": list(causes), "parameters": {}}
     assert cases.outcome(answer, label, reached) == expected
+
+
+@pytest.mark.parametrize(
+    ("prior", "value", "expected"),
+    [
+        (1.0, 2.3, "right"),  # 1 + 1.5 is true
+        (1.0, 1.5, "open"),
+        (8.0, 9.4, "open"),  # the file was near already
+    ],
+)
+def test_friction_that_a_file_has_is_refitted(cases, prior, value, expected) -> None:
+    label = {
+        "effects": [{"kind": "friction", "joints": ["elbow"]}],
+        "parameters": {},
+        "drives": {"elbow": "drive_2"},
+        "planted": [{"kind": "frictionloss", "joint": "elbow", "size": 1.5}],
+    }
+    estimate = {"value": value, "low": value, "high": value, "prior": prior}
+    answer = {
+        "verdict": "no-structural-gap",
+        "causes": [],
+        "parameters": {"elbow_frictionloss_n_m": estimate},
+    }
+    assert cases.outcome(answer, label, True) == expected
 
 
 @pytest.mark.parametrize(
