@@ -15,7 +15,7 @@ BASES = {
     "effects": "",
     "networks": "(Network)",
     "exports/forms": "FORM = ",
-    "replications/papers": "OPTIONS = ",
+    "api/replications/papers": "OPTIONS = ",
     "trial/machines": "MACHINE = ",
 }
 
@@ -27,8 +27,10 @@ def _files(folder: str) -> list[Path]:
     """
     return [
         file
-        for file in sorted((PACKAGE / folder).glob("*.py"))
-        if not file.stem.startswith("_") and BASES[folder] in file.read_text(encoding="utf-8")
+        for file in sorted((PACKAGE / folder).iterdir())  # `glob` is silent without the folder
+        if file.suffix == ".py"
+        and not file.stem.startswith("_")
+        and BASES[folder] in file.read_text(encoding="utf-8")
     ]
 
 
@@ -61,7 +63,7 @@ def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
 @lru_cache
 def papers() -> dict[str, tuple[tuple[str, ...], str]]:
     """The papers that can be reproduced: their special options, and a line about each."""
-    files = _files("replications/papers")
+    files = _files("api/replications/papers")
     return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
 
 
