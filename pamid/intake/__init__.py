@@ -1,1 +1,1 @@
-"""What happens to a recording before a fit: raw logs in, and checks of what came out."""
+"""Raw logs to recordings, and checks of recordings and rig files before a fit."""
