@@ -159,6 +159,22 @@ def test_a_job_that_always_kills_its_worker_fails_alone(address: str) -> None:
         assert [f.job for f in pool.failed] == ["sum 5"]
 
 
+def test_a_job_queued_beside_a_deadly_one_is_done(address: str) -> None:
+    """With these settings a worker takes all jobs at once, so that its death is blamed on all."""
+    table = np.ones((4, 4))
+    with cluster(address) as executor:
+        executor.client.run_on_scheduler(_saturate)
+        try:
+            outcomes = WorkerPool(executor=executor).run(_Deadly(table, 5), list(range(12)))
+        finally:
+            executor.client.run_on_scheduler(_saturate, 1.1)
+    assert [i for i, outcome in enumerate(outcomes) if isinstance(outcome, Failed)] == [5]
+
+
+def _saturate(saturation: float = float("inf"), *, dask_scheduler: Any) -> None:
+    dask_scheduler.WORKER_SATURATION = saturation
+
+
 def test_the_command(
     address: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,8 @@
 What a job needs, recordings and fitted models, goes to the scheduler once and from there to every
 worker that requests it; a worker that dies is replaced by another, and only the jobs it held
 are done again. A job that ends its workers `distributed.scheduler.allowed-failures` + 1 times
-(four, unless the scheduler is configured otherwise) is given up.
+(four, unless the scheduler is configured otherwise) is given up; where several are suspected, each
+is first done again alone.
 
 Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results
 are pickles, which run code where they are unpacked, on the workers and here. At a tls:// address
@@ -19,7 +20,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -152,21 +153,39 @@ class Cluster:
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "2GiB"}):
             parts = {f.name: self._part(getattr(work, f.name)) for f in fields(work) if f.compare}  # type: ignore[arg-type]
             kind = _pickled(type(work))
-            once = time.monotonic_ns()
             executor = self.client.get_executor(pure=False)
-            waiting: dict[Future[Packed | Failed], int] = {
-                executor.submit(
-                    _done, kind, parts, _pickled(item), code_sha256(), key=f"{work.what}-{i}-{once}"
-                ): i
-                for i, item in enumerate(items)
-            }
+
+            def submit(i: int) -> Future[Packed | Failed]:
+                key = f"{work.what}-{i}-{time.monotonic_ns()}"
+                packed = _pickled(items[i])
+                return executor.submit(_done, kind, parts, packed, code_sha256(), key=key)
+
+            waiting = {submit(i): i for i in range(len(items))}
+        suspects: dict[int, Packed | Failed] = {}
+        for i, future in self._ended(waiting, executor):
+            outcome = self._outcome(future, work.label(items[i]))
+            if _killed(future):
+                suspects[i] = outcome
+            else:
+                yield i, outcome
+        if len(suspects) == 1:
+            yield from suspects.items()
+            return
+        # the scheduler blames a worker's death on every job that was queued there
+        for suspect in suspects:
+            for i, future in self._ended({submit(suspect): suspect}, executor):
+                yield i, self._outcome(future, work.label(items[i]))
+
+    def _ended(
+        self, waiting: dict[Future[Packed | Failed], int], executor: Executor
+    ) -> Iterator[tuple[int, Future[Packed | Failed]]]:
+        """Jobs as they end, by their item's number. PamidError if the cluster is lost."""
         alone = 0.0
         try:
             while waiting:
                 ended = wait(waiting, LISTEN_S, FIRST_COMPLETED).done
                 for future in ended:
-                    i = waiting.pop(future)
-                    yield i, self._outcome(future, work.label(items[i]))
+                    yield waiting.pop(future), future
                 if self.client.status != "running":
                     raise self._lost()
                 there = ended or self.client.scheduler_info(n_workers=-1)["workers"]
@@ -190,15 +209,13 @@ class Cluster:
         return self.sent[key]
 
     def _outcome(self, future: Future[Packed | Failed], label: str) -> Packed | Failed:
-        from distributed import KilledWorker
-
         if future.cancelled():
             raise self._lost()
         error = future.exception()
         if error is None:
             return future.result()
-        if isinstance(error, KilledWorker):
-            times = error.allowed_failures + 1
+        if _killed(future):
+            times = error.allowed_failures + 1  # type: ignore[attr-defined]
             return Failed(label, f"its worker was killed {times} times, perhaps for lack of memory")
         return Failed(label, f"{type(error).__name__}: {error}")
 
@@ -208,6 +225,13 @@ class Cluster:
             "Continue with --resume; finished jobs are kept.",
             code="cluster",
         )
+
+
+def _killed(future: Future[Any]) -> bool:
+    """Whether a job was given up because its workers died."""
+    from distributed import KilledWorker
+
+    return not future.cancelled() and isinstance(future.exception(), KilledWorker)
 
 
 def _pickled(value: Any) -> bytes:
