@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from small_cart import cart_evidence, record_cart
 
@@ -11,7 +12,7 @@ from pamid.estimation import window_length
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.problem import SHORTEST, Problem, free_parameters
-from pamid.estimation.window_length import first_step_helps, with_linear_windows
+from pamid.estimation.window_length import cost_ratio_of_first_step, with_linear_windows
 from pamid.simulation.data_split import DataSplit
 
 
@@ -24,7 +25,7 @@ def test_a_step_of_a_damped_machine_lowers_its_misfit(cart: DataSplit) -> None:
     assembly = model_with(cart, (), observed_sizes(cart))
     tracks = cart.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    assert first_step_helps(problem)
+    assert cost_ratio_of_first_step(problem) < 1.0
     assert with_linear_windows(cart).timescale_s == cart.timescale_s
 
 
@@ -34,23 +35,29 @@ def test_windows_are_halved_until_a_step_lowers_the_misfit(
 ) -> None:
     slow = replace(cart, timescale_s=8.0 * cart.timescale_s)
 
-    def helps(problem: Problem) -> bool:
-        return problem.tracks[0].timescale_s <= longest * slow.timescale_s
+    def ratio(problem: Problem) -> float:
+        return 0.5 if problem.tracks[0].timescale_s <= longest * slow.timescale_s else 2.0
 
-    monkeypatch.setattr(window_length, "first_step_helps", helps)
+    monkeypatch.setattr(window_length, "cost_ratio_of_first_step", ratio)
     share = with_linear_windows(slow).timescale_s / slow.timescale_s
     assert share == {1.0: 1.0, 0.6: 0.5, 0.3: 0.25}[longest]
 
 
-def test_windows_stay_where_no_length_helps(
+def test_the_window_length_of_the_lowest_ratio_decides_where_no_step_lowers_the_misfit(
     cart: DataSplit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lengths: list[int] = []
+    slow = replace(cart, timescale_s=8.0 * cart.timescale_s)
+    ratios: list[float] = []
+    windows: list[int] = []
 
-    def never(problem: Problem) -> bool:
-        lengths.append(problem.window)
-        return False
+    def ratio(problem: Problem) -> float:
+        windows.append(problem.window)
+        return ratios[len(windows) - 1]
 
-    monkeypatch.setattr(window_length, "first_step_helps", never)
-    assert with_linear_windows(cart) is cart
-    assert min(lengths) >= 0.7 * SHORTEST
+    monkeypatch.setattr(window_length, "cost_ratio_of_first_step", ratio)
+    ratios[:] = [9.0, 2.0, np.inf, 3.0, *[np.inf] * 9]
+    assert with_linear_windows(slow).timescale_s == slow.timescale_s / 2.0
+    assert min(windows) >= 0.7 * SHORTEST
+    windows.clear()
+    ratios[:] = [np.inf] * 13
+    assert with_linear_windows(slow).timescale_s == slow.timescale_s
