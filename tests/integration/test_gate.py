@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run
 from small_cart import RIG, record_cart
 from virtual_joint import record
 
-from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import DataError
 from pamid.base.progress import silent

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run
 from small_cart import RIG
 
-from cli.frame import run
 from pamid.recording.overlap import overlaps
 from pamid.recording.recording import Recording, read_recording, write_recording
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run
 from small_cart import RIG, record_cart
 
-from cli.frame import run
 from pamid.base.errors import FileError
 from pamid.base.run_folder import Run
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli import frame
 
-from cli import frame
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from pamid_cli.frame import run
 
 import pamid
-from cli.frame import run
 from pamid.base.errors import UsageError
 
 PENDULUM = '''

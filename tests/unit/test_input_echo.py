@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run
 from small_cart import PERIOD_S, RIG
 
-from cli.frame import run
 from pamid.engine.symbolic.vocabulary import Number, tanh
 from pamid.intake.checks.findings import QualityIssue
 from pamid.intake.checks.recording_quality import before_a_fit

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pamid_cli.frame import run
 from virtual_recordings import virtual_recording
 
-from cli.frame import run
 from pamid.estimation.fit_files import fit_json, residual_table
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli import frame
 
-from cli import frame
 from pamid.base.run_folder import Run
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.planning.experiment_ways import NEXT_FILES, Predictions, Way

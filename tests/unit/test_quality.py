@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run
 from virtual_recordings import virtual_recording
 
-from cli.frame import run
 from pamid.intake.checks.findings import QualityIssue
 from pamid.intake.checks.recording_quality import examine
 from pamid.model import registry as library

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pamid_cli import frame
 
-from cli import frame
 from pamid.base.errors import UsageError
 from pamid.recording.recording import read_recording
 from pamid.simulation.excitation.waveforms import (

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.frame import run as pamid
 from pendulum import Declared, swing
 from virtual_joint import record
 
-from cli.frame import run as pamid
 from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
