@@ -20,6 +20,7 @@ from pamid.estimation.weights import Weights, residual_weights
 from pamid.simulation.data_split import DataSplit
 
 SEEN = 60.0  # length of the data on which the step is tried, in correlation times
+TIE = 2.0  # cost ratios that differ by no more do not justify shorter windows
 
 
 def with_linear_windows(evidence: DataSplit) -> DataSplit:
@@ -32,25 +33,28 @@ def with_linear_windows(evidence: DataSplit) -> DataSplit:
 
     Returns
     -------
-    The evidence with a shorter correlation time. If every step raises the misfit, the one that
-    raises it least decides; if the model diverges in all of them, the evidence is unchanged.
+    The evidence with a shorter correlation time. If every step raises the misfit, the longest
+    windows decide in which it rises to no more than `TIE` times the lowest ratio. If the model
+    diverges in all of them, the evidence is unchanged.
     """
     excerpt = evidence.excerpt(SEEN, SEEN)
     assembly = model_with(excerpt, (), observed_sizes(excerpt))
     tracks = excerpt.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    best_s, lowest = evidence.timescale_s, np.inf
+    ratios: dict[float, float] = {}
     divisor = 1.0
     while problem.window / divisor >= SHORTEST:
         timescale_s = evidence.timescale_s / divisor
         shorter_tracks = tuple(replace(t, timescale_s=timescale_s) for t in tracks)
-        ratio = cost_ratio_of_first_step(replace(problem, tracks=shorter_tracks))
-        if ratio < lowest:
-            best_s, lowest = timescale_s, ratio
-        if ratio <= 1.0:
-            break
+        ratios[timescale_s] = cost_ratio_of_first_step(replace(problem, tracks=shorter_tracks))
+        if ratios[timescale_s] <= 1.0:
+            return replace(evidence, timescale_s=timescale_s)
         divisor *= 2.0
-    return replace(evidence, timescale_s=best_s)
+    lowest = min(ratios.values(), default=np.inf)
+    if np.isinf(lowest):
+        return evidence
+    longest = max(time for time, ratio in ratios.items() if ratio <= TIE * lowest)
+    return replace(evidence, timescale_s=longest)
 
 
 def cost_ratio_of_first_step(problem: Problem) -> float:
