@@ -83,21 +83,10 @@ class WrittenModel:
 def write_back(
     mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
-    """Write values and effects into the mechanism's file.
+    """Write values (SI, by parameter) and effects into the mechanism's file.
 
-    Parameters
-    ----------
-    mechanism
-        Mechanism of the file.
-    values
-        Values (SI) by parameter. Those of a `BodyShape` change the whole inertia of its body.
-    effects
-        Effects to add.
-
-    Raises
-    ------
-    FileError
-        The file can no longer be read.
+    Values of a `BodyShape` change the whole inertia of its body. FileError if the file can no
+    longer be read.
     """
     path = Path(mechanism.path)
     text, file = path.read_bytes(), open_mujoco(path)
@@ -371,7 +360,25 @@ class _Writer:
         if terms.behind is not None:
             self._behind(tag, j, joint, terms.behind)
         for attribute, values in terms.motors:
-            self._add_motor(tag, j, attribute, values)
+            # a motor without a command only has friction or a periodic torque
+            name = self.file.name("joint", j)
+            self.edits.set(tag, "name", name)
+            stem = f"{name}_{'friction' if attribute == 'lugre' else attribute}"
+            used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
+            motor = numbered(stem, used_names, "")
+            self.motors.add(motor)
+            words = {
+                "name": motor,
+                "joint": name,
+                "input": "none",
+                "gear": "1",
+                "armature": "0",
+                "damping": "0",
+                "motorconst": "0",
+                "resistance": "1",
+                attribute: numbers(values),
+            }
+            self.passive.append(element_text("dcmotor", words))
 
     def _write_onset(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """Write the onset of the friction of a joint without a loss in the file.
@@ -508,7 +515,14 @@ class _Writer:
         separate body behind the second joint, with all that follows the joint in the text.
         """
         body = self.bodies[joint.body]
-        part = min(near / _inertia_about(body, joint), MOSTLY_BEHIND)
+        whole = body.mass_kg  # at a slide; at a hinge, the inertia about its axis, kg m2
+        if joint.kind != "slide":
+            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
+            arm = np.cross(axis, np.array(body.centre) - joint.anchor)
+            central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
+            whole = central + body.mass_kg * float(arm @ arm)
+        part = min(near / whole, MOSTLY_BEHIND)
         place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
 
         def inertial(share: float) -> str:
@@ -528,27 +542,6 @@ class _Writer:
         )
         self.edits.add_last(outer, "</body>")
         self.done.add(self.parameters["body", joint.body, "mass"].parameter.name)
-
-    def _add_motor(self, tag: Tag, j: int, attribute: str, values: Sequence[float]) -> None:
-        """Add a motor without a command that only has friction or a periodic torque."""
-        joint = self.file.name("joint", j)
-        self.edits.set(tag, "name", joint)
-        stem = f"{joint}_{'friction' if attribute == 'lugre' else attribute}"
-        used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
-        name = numbered(stem, used_names, "")
-        self.motors.add(name)
-        words = {
-            "name": name,
-            "joint": joint,
-            "input": "none",
-            "gear": "1",
-            "armature": "0",
-            "damping": "0",
-            "motorconst": "0",
-            "resistance": "1",
-            attribute: numbers(values),
-        }
-        self.passive.append(element_text("dcmotor", words))
 
     # ---- actuators and sensors -------------------------------------------------------------------
 
@@ -618,7 +611,7 @@ class _Writer:
             self.edits.rename(tag, "general")
             for attribute in ("kp", "kv", "dampratio", "timeconst", "inheritrange"):
                 self.edits.set(tag, attribute, None)
-            if m.actuator_ctrllimited[i] and not {"ctrlrange"} & set(tag.attributes):
+            if m.actuator_ctrllimited[i] and "ctrlrange" not in tag.attributes:
                 self.edits.set(tag, "ctrlrange", numbers(m.actuator_ctrlrange[i]))
         for word, value in types.items():
             self.edits.set(tag, word, value)
@@ -835,17 +828,6 @@ def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
         **dict(zip(shape.centre_names, body.centre, strict=True)),
         **{n: float(full[i, k]) for n, (i, k) in zip(shape.inertia_names, PAIRS, strict=True)},
     }
-
-
-def _inertia_about(body: Body, joint: MechanismJoint) -> float:
-    """Inertia of a body about a hinge, kg m2; its mass at a slide."""
-    if joint.kind == "slide":
-        return body.mass_kg
-    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-    turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
-    central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
-    arm = np.cross(axis, np.array(body.centre) - joint.anchor)
-    return central + body.mass_kg * float(arm @ arm)
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
