@@ -76,7 +76,23 @@ def _ports() -> dict[str, Port]:
     for i in MUSCLES:
         ports |= _ports_at(i, pair.MUSCLE_PORTS)
     for j in JOINTS:
-        ports |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
+        size = _JOINT_SIZES[j]
+        ports[f"joint_{j}"] = Port(
+            "motion",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "load": "N"},
+            size=size,
+            general=False,
+        )
+        ports[f"arm_{j}"] = Port(
+            "transmission",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
+            group=f"structure_{j}",
+            size={k: size[k] for k in ("value", "velocity", "position")},
+            general=False,
+        )
+        ports |= _ports_at(j, _JOINT_SENSORS)
     for i in MUSCLES:
         ports |= _ports_at(i, _MUSCLE_SENSORS)
     return ports
@@ -94,28 +110,6 @@ def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
             general=False,
         )
         for name, port in table.items()
-    }
-
-
-def _motion_ports(j: str) -> dict[str, Port]:
-    """The torque at a joint, and what of it accelerates the inertia about it."""
-    size = _JOINT_SIZES[j]
-    return {
-        f"joint_{j}": Port(
-            "motion",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "load": "N"},
-            size=size,
-            general=False,
-        ),
-        f"arm_{j}": Port(
-            "transmission",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
-            group=f"structure_{j}",
-            size={k: size[k] for k in ("value", "velocity", "position")},
-            general=False,
-        ),
     }
 
 
