@@ -188,9 +188,8 @@ class ExcitationBench:
                     guilty = tuple(sorted(drivers)) or everything
                     return LimitViolation(f"{name} would touch {other}", at, guilty)
         q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
-        for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
-            :1
-        ]:
+        beyond = (q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED)
+        for k in np.flatnonzero(beyond)[:1]:
             j = self.ranged[int(k)]
             low, high = m.joints[j].range or (0.0, 0.0)
             message = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"

@@ -163,14 +163,13 @@ class PlainModel:
             sensor = named[column]
             if sensor.adr >= 0:
                 readings.append(sensed[:, :, sensor.adr])
-                continue
-            if sensor.mount is not None:
+            elif sensor.mount is not None:
                 readings.append(self._attitude(states, sensor.mount.body)[sensor.component])
-                continue
-            joint = m.joints[sensor.of]
-            velocity = sensor.kind == "jointvel"
-            place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
-            readings.append(states[:, :, place])
+            else:
+                joint = m.joints[sensor.of]
+                velocity = sensor.kind == "jointvel"
+                place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
+                readings.append(states[:, :, place])
         return np.stack(readings, axis=2)
 
     def _attitude(self, states: Array, body: int) -> Array:

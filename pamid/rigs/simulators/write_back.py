@@ -303,17 +303,11 @@ class _Writer:
             matches = [tag for tag in kind_tags if tag.attributes.get("name") == name]
         else:
             line = self.file.line(kind, i)
-            same = [
-                k
-                for k in range(len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s"))))
-                if self.file.line(kind, k) == line
-            ]
-            matches = [
-                tag for tag in kind_tags if tag.line == line and "name" not in tag.attributes
-            ]
-            matches = (
-                matches[same.index(i) : same.index(i) + 1] if len(matches) == len(same) else []
-            )
+            count = len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s")))
+            same = [k for k in range(count) if self.file.line(kind, k) == line]
+            matches = [t for t in kind_tags if t.line == line and "name" not in t.attributes]
+            # elements of a line stand in the order of their numbers
+            matches = [matches[same.index(i)]] if len(matches) == len(same) else []
         if len(matches) == 1:
             return matches[0], ""
         return None, f"the {kind} {of!r} does not stand by itself in the text of the file"
