@@ -45,7 +45,7 @@ from pamid.rigs.simulators.mechanism import (
 )
 from pamid.rigs.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.rigs.simulators.mechanism_pose import mechanism_pose
-from pamid.rigs.simulators.motor_equations import MotorEquations
+from pamid.rigs.simulators.motor_equations import motor_equations
 from pamid.rigs.simulators.soft_constraints import (
     LEAST_SOFTNESS,
     SoftCoupling,
@@ -235,7 +235,7 @@ class MechanismEquations:
         """Rates of the states of an actuator."""
         a = self.m.actuators[i]
         if a.motor is not None:
-            return self.motor(i).rates
+            return self.motor(i)[1]
         if not a.states:
             return {}
         rate, state = self.command(i), getattr(self.x, a.states[0][0])
@@ -248,11 +248,11 @@ class MechanismEquations:
             rate = where(state <= low, maximum(rate, 0.0), rate)
         return {a.states[0][0]: rate}
 
-    def motor(self, i: int) -> MotorEquations:
-        """Equations of an actuator with a winding."""
+    def motor(self, i: int) -> tuple[Expr, dict[str, Expr]]:
+        """Torque of an actuator with a winding, and the rates of its states."""
         a = self.m.actuators[i]
         assert a.motor is not None
-        return MotorEquations(
+        return motor_equations(
             a,
             a.motor,
             lambda attribute, stated: self.rig.value(self.p, "actuator", i, attribute, stated),
@@ -277,7 +277,7 @@ class MechanismEquations:
         """Scalar force of an actuator, before its gear."""
         a = self.m.actuators[i]
         if a.motor is not None:
-            return self.motor(i).torque
+            return self.motor(i)[0]
         length, rate = self.travel(i)
         activation = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
         gain, bias = [list(map(expression, row)) for row in (a.gain, a.bias)]
