@@ -92,6 +92,14 @@ MUSCLE_SENSORS = {
         "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 700.0}, general=False
     ),
 }
+ANGLE_SENSOR = Port(
+    "reading",
+    "rad",
+    {"rate": "rad/s"},
+    group="sensor",
+    size={"value": 0.7, "rate": 2.0},
+    general=False,
+)
 
 LENGTH = Parameter.held("length", 0.250, 0.05, 2.0, "m").with_source("data sheet, nominal length")
 SUPPLY_PARAMETERS = (
@@ -138,6 +146,25 @@ COMPENSATOR = tuple(
 )
 
 WARMING_S = 60.0  # until a muscle has drifted by half of what it will: estimate
+
+
+def joint_ports(
+    joint: str, arm: str, size: dict[str, float], group: str = "structure"
+) -> dict[str, Port]:
+    """The torque at a joint, and what of it accelerates the inertia about it (arm)."""
+    turn = {"position": "rad", "velocity": "rad/s"}
+    turning = {name: usual for name, usual in size.items() if name != "load"}
+    return {
+        joint: Port("motion", "N m", {**turn, "load": "N"}, size=size, general=False),
+        arm: Port(
+            "transmission",
+            "N m",
+            {**turn, "inertia": "kg m2"},
+            group=group,
+            size=turning,
+            general=False,
+        ),
+    }
 
 
 def force_map(name: str = "force_map") -> SmoothGain:

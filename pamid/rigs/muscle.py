@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -45,11 +44,10 @@ class CoefficientLaw:
 
 def law_with(law: Law, p: Any) -> Law:
     """The law with the coefficients that p holds by name; a law without coefficients as it is."""
-    return partial(_formed, law.form, p) if isinstance(law, CoefficientLaw) else law
-
-
-def _formed(form: Callable[..., Expr], p: Any, contraction: Expr, pressure: Expr) -> Expr:
-    return form(contraction, pressure, p)
+    if not isinstance(law, CoefficientLaw):
+        return law
+    form = law.form
+    return lambda contraction, pressure: form(contraction, pressure, p)
 
 
 class StaticForce:

@@ -145,15 +145,6 @@ def _quick_release(b: Bench) -> Columns:
     return b.open_loop(np.zeros(len(t)), through(t, *knots))
 
 
-def _pressure_hold(b: Bench) -> Columns:
-    wave = pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])
-    return dict.fromkeys(b.command, wave)  # every muscle's pressure is watched: all at once
-
-
-def _valve_pulses(b: Bench) -> Columns:
-    return b.open_loop(paired_pulses(b.clock(PULSED_S)))
-
-
 def _staircase(b: Bench) -> Columns:
     t = b.clock(16.0)
     levels = np.array([0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.22, 0.3])
@@ -209,7 +200,8 @@ EXPERIMENTS = (
         "pressure-hold",
         3.0,
         "vent a little, shut all valves and wait: a leak falls for ever, heat settles within 2 s",
-        _pressure_hold,
+        # every muscle's pressure is watched: all at once
+        lambda b: dict.fromkeys(b.command, pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])),
         commanded=True,
     ),
     Experiment(
@@ -224,7 +216,7 @@ EXPERIMENTS = (
         "valve-pulses",
         3.0,
         "pulses of 30 to 500 ms on the valves, past the controller",
-        _valve_pulses,
+        lambda b: b.open_loop(paired_pulses(b.clock(PULSED_S))),
         commanded=True,
         in_turn=True,
     ),

@@ -49,15 +49,9 @@ GRAVITY_M_S2 = 9.81
 MUSCLE_SIDE = 1.0  # the side of the only muscle
 
 
-def _without_side(signals: dict[str, Any]) -> dict[str, Any]:
+def _without_side(signals: Any) -> dict[str, Any]:
     """Signals of a port without the side: there is no pair of muscles."""
     return {name: symbol for name, symbol in signals.items() if name != "side"}
-
-
-def _alone(port: Port) -> Port:
-    """A port of a muscle without an antagonist."""
-    assert isinstance(port.signals, dict)
-    return replace(port, signals=_without_side(port.signals))
 
 
 class MuscleMass(Rig):
@@ -69,7 +63,10 @@ class MuscleMass(Rig):
     outputs = {"position_mm": "m", "pressure_kpa": "Pa", "force_n": "N"}
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
-        **{name: _alone(port) for name, port in pair.MUSCLE_PORTS.items()},
+        **{
+            name: replace(port, signals=_without_side(port.signals))
+            for name, port in pair.MUSCLE_PORTS.items()
+        },
         "guide": Port(
             "motion",
             "N",

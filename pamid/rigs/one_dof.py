@@ -53,29 +53,10 @@ class OneDof(Rig):
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
         **_both(pair.MUSCLE_PORTS),
-        "joint": Port(
-            "motion",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "load": "N"},
-            size={"value": 10.0, "velocity": 2.0, "position": 0.7, "load": 1000.0},
-            general=False,
+        **pair.joint_ports(
+            "joint", "arm", {"value": 10.0, "velocity": 2.0, "position": 0.7, "load": 1000.0}
         ),
-        "arm": Port(
-            "transmission",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
-            group="structure",
-            size={"value": 10.0, "velocity": 2.0, "position": 0.7},
-            general=False,
-        ),
-        "angle_sensor": Port(
-            "reading",
-            "rad",
-            {"rate": "rad/s"},
-            group="sensor",
-            size={"value": 0.7, "rate": 2.0},
-            general=False,
-        ),
+        "angle_sensor": pair.ANGLE_SENSOR,
         **_both(pair.MUSCLE_SENSORS),
     }
     states = (

@@ -55,11 +55,6 @@ _MUSCLE_SENSORS = {
     "contraction_sensor": Port("reading", "", {"rate": "1/s"}, group="sensor", size={"value": 0.2}),
     **pair.MUSCLE_SENSORS,
 }
-_JOINT_SENSORS = {
-    "angle_sensor": Port(
-        "reading", "rad", {"rate": "rad/s"}, group="sensor", size={"value": 0.7, "rate": 2.0}
-    )
-}
 # N m, rad/s, rad, N
 _JOINT_SIZES = {
     "1": {"value": 15.0, "velocity": 2.0, "position": 0.5, "load": 1000.0},
@@ -76,7 +71,8 @@ def _ports() -> dict[str, Port]:
     for i in MUSCLES:
         ports |= _ports_at(i, pair.MUSCLE_PORTS)
     for j in JOINTS:
-        ports |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
+        ports |= pair.joint_ports(f"joint_{j}", f"arm_{j}", _JOINT_SIZES[j], f"structure_{j}")
+        ports |= _ports_at(j, {"angle_sensor": pair.ANGLE_SENSOR})
     for i in MUSCLES:
         ports |= _ports_at(i, _MUSCLE_SENSORS)
     return ports
@@ -97,45 +93,19 @@ def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
     }
 
 
-def _motion_ports(j: str) -> dict[str, Port]:
-    """The torque at a joint, and what of it accelerates the inertia about it."""
-    size = _JOINT_SIZES[j]
-    return {
-        f"joint_{j}": Port(
-            "motion",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "load": "N"},
-            size=size,
-            general=False,
-        ),
-        f"arm_{j}": Port(
-            "transmission",
-            "N m",
-            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
-            group=f"structure_{j}",
-            size={k: size[k] for k in ("value", "velocity", "position")},
-            general=False,
-        ),
-    }
-
-
 def _link(
     number: str, mass: float, centre: float, inertia: float, length: float
 ) -> tuple[Parameter, ...]:
+    known = (
+        Parameter.positive(f"link_{number}_mass", mass, 0.1, 20.0, "kg", factor=1.25),
+        Parameter.positive(f"link_{number}_centre", centre, 0.01, 1.0, "m", factor=1.2),
+        Parameter.positive(f"link_{number}_inertia", inertia, 1e-5, 2.0, "kg m2", factor=1.35),
+    )
+    measured = Parameter.held(f"link_{number}_length", length, 0.05, 2.0, "m")
     source = "estimate: weighing and CAD, off by 15-25 % for want of muscles, chains and screws"
     return (
-        Parameter.positive(f"link_{number}_mass", mass, 0.1, 20.0, "kg", factor=1.25).with_source(
-            source
-        ),
-        Parameter.positive(f"link_{number}_centre", centre, 0.01, 1.0, "m", factor=1.2).with_source(
-            source
-        ),
-        Parameter.positive(
-            f"link_{number}_inertia", inertia, 1e-5, 2.0, "kg m2", factor=1.35
-        ).with_source(source),
-        Parameter.held(f"link_{number}_length", length, 0.05, 2.0, "m").with_source(
-            "estimate, tape measure"
-        ),
+        *(p.with_source(source) for p in known),
+        measured.with_source("estimate, tape measure"),
     )
 
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -135,8 +136,9 @@ class BodyShape:
 
     def deformed(self, values: Mapping[str, float], mass: float) -> Body:
         """Return the body with these parameter values, by name, SI."""
-        p = _Values(values)
-        full = _symmetric([float(v) for v in self.inertia(p, mass)])
+        p, full = SimpleNamespace(**values), np.zeros((3, 3))
+        for (i, k), value in zip(PAIRS, self.inertia(p, mass), strict=True):
+            full[i, k] = full[k, i] = float(value)
         centre = tuple(float(v) for v in self.centre(p))
         return with_full_inertia(replace(self.body, mass_kg=mass, centre=centre), full)
 
@@ -173,14 +175,6 @@ def tool_body(mechanism: Mechanism, shapes: Sequence[BodyShape]) -> BodyShape | 
     return max(last, key=lambda shape: shape.body.mass_kg, default=None)
 
 
-class _Values:
-    def __init__(self, values: Mapping[str, float]) -> None:
-        self._values = values
-
-    def __getattr__(self, name: str) -> float:
-        return self._values[name]
-
-
 def second_moments(body: Body) -> tuple[Array, list[float]]:
     """Principal axes as columns (3, 3), and the second moments of mass along them.
 
@@ -205,13 +199,6 @@ def full_inertia(body: Body) -> Array:
     """Inertia about the centre along the body's axes (3, 3), kg m2."""
     axes = rotation(body.inertia_quaternion)
     return axes @ np.diag(body.inertia) @ axes.T
-
-
-def _symmetric(values: list[float]) -> Array:
-    full = np.zeros((3, 3))
-    for (i, k), value in zip(PAIRS, values, strict=True):
-        full[i, k] = full[k, i] = value
-    return full
 
 
 def with_full_inertia(body: Body, full: Array) -> Body:

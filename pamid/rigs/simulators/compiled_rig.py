@@ -45,7 +45,7 @@ from pamid.rigs.simulators.mechanism import (
 )
 from pamid.rigs.simulators.mechanism_log_names import log_names_of, vector_sizes_of
 from pamid.rigs.simulators.mechanism_pose import mechanism_pose
-from pamid.rigs.simulators.motor_equations import MotorEquations
+from pamid.rigs.simulators.motor_equations import motor_equations
 from pamid.rigs.simulators.soft_constraints import (
     LEAST_SOFTNESS,
     SoftCoupling,
@@ -171,9 +171,8 @@ def _states(m: Mechanism) -> Iterator[State]:
     for joint in m.joints:
         if joint.spring_state:
             low, high = (joint.reference + s * joint.spring_yield for s in (-1.0, 1.0))
-            relaxed = min(
-                max(joint.spring_reference, low), high
-            )  # a larger deflection yields at once
+            # a larger deflection yields at once
+            relaxed = min(max(joint.spring_reference, low), high)
             yield State(joint.spring_state, joint.unit, relaxed)
 
 
@@ -189,7 +188,12 @@ def _amplitude(m: Mechanism, actuator: Actuator) -> float:
     if actuator.kind in ("position", "velocity"):
         far = 0.5 if actuator.force_unit == "N m" else 0.1
         return far if actuator.kind == "position" else 2.0 * far
-    inertia = max((m.joints[j].typical_inertia for j in _driven(m, actuator)), default=1.0)
+    driven: tuple[int, ...] = (actuator.joint,)
+    if actuator.mount is not None:
+        driven = m.chain(actuator.mount.body)
+    elif actuator.tendon >= 0:
+        driven = m.tendons[actuator.tendon].joints
+    inertia = max((m.joints[j].typical_inertia for j in driven), default=1.0)
     return 10.0 * inertia / max(abs(actuator.gear * _gain(actuator)), 1e-9)
 
 
@@ -200,12 +204,6 @@ def _gain(actuator: Actuator) -> float:
         return actuator.gain[0]
     per_input = {"voltage": motor.constant / motor.resistance, "pos": motor.controller[0]}
     return {**per_input, "vel": motor.controller[2]}.get(motor.input, 1.0)
-
-
-def _driven(m: Mechanism, actuator: Actuator) -> tuple[int, ...]:
-    if actuator.mount is not None:
-        return m.chain(actuator.mount.body)
-    return m.tendons[actuator.tendon].joints if actuator.tendon >= 0 else (actuator.joint,)
 
 
 class MechanismEquations:
@@ -237,7 +235,7 @@ class MechanismEquations:
         """Rates of the states of an actuator."""
         a = self.m.actuators[i]
         if a.motor is not None:
-            return self.motor(i).rates
+            return self.motor(i)[1]
         if not a.states:
             return {}
         rate, state = self.command(i), getattr(self.x, a.states[0][0])
@@ -250,11 +248,11 @@ class MechanismEquations:
             rate = where(state <= low, maximum(rate, 0.0), rate)
         return {a.states[0][0]: rate}
 
-    def motor(self, i: int) -> MotorEquations:
-        """Equations of an actuator with a winding."""
+    def motor(self, i: int) -> tuple[Expr, dict[str, Expr]]:
+        """Torque of an actuator with a winding, and the rates of its states."""
         a = self.m.actuators[i]
         assert a.motor is not None
-        return MotorEquations(
+        return motor_equations(
             a,
             a.motor,
             lambda attribute, stated: self.rig.value(self.p, "actuator", i, attribute, stated),
@@ -279,14 +277,9 @@ class MechanismEquations:
         """Scalar force of an actuator, before its gear."""
         a = self.m.actuators[i]
         if a.motor is not None:
-            return self.motor(i).torque
+            return self.motor(i)[0]
         length, rate = self.travel(i)
         activation = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
-        gain, bias = self._law(i, a)
-        force = _affine(gain, length, rate) * activation + _affine(bias, length, rate)
-        return force if a.force_range is None else clip(force, *a.force_range)
-
-    def _law(self, i: int, a: Actuator) -> tuple[list[Expr], list[Expr]]:
         gain, bias = [list(map(expression, row)) for row in (a.gain, a.bias)]
         first = {"position": "kp", "velocity": "kv"}.get(a.kind, "gain")
         gain[0] = self.rig.value(self.p, "actuator", i, first, a.gain[0])
@@ -295,7 +288,8 @@ class MechanismEquations:
             bias[2] = -self.rig.value(self.p, "actuator", i, "kv", -a.bias[2])
         elif a.kind == "velocity":
             bias[2] = -gain[0]
-        return gain, bias
+        force = _affine(gain, length, rate) * activation + _affine(bias, length, rate)
+        return force if a.force_range is None else clip(force, *a.force_range)
 
     # ---- joints and tendons ----------------------------------------------------------------------
 
@@ -598,10 +592,8 @@ class MechanismEquations:
                 before = turned.get(j, (ZERO, ZERO))
                 turned[j] = before[0] + angle, before[1] + rate
                 beyond = self.tree(turned)
-                near, there = (
-                    met[-1],
-                    self.load(beyond, applied, j, self.frictionless_accelerations(beyond, applied)),
-                )
+                near, moving = met[-1], self.frictionless_accelerations(beyond, applied)
+                there = self.load(beyond, applied, j, moving)
                 met.append(there)
                 return there if torque is near.torque else there.under(torque - near.torque)
 

@@ -79,37 +79,23 @@ class ExcitationBench:
 
     def limits(self) -> tuple[str, ...]:
         """Limits that were checked, as text."""
-        sentences = []
-        stops = [
-            m.name
-            for k, j in enumerate(self.ranged)
-            for m in [self.m.joints[j]]
-            if not np.isfinite(self.ends[k]).all()
+        joints = [joint.name for joint in self.m.joints]
+        actuators = [self.m.actuators[i].name for i in self.forces]
+        sentences = [
+            f"{what} of {', '.join(names)}"
+            for what, names in (
+                ("range", [joints[j] for j in self.ranged]),
+                ("speed", [joints[j] for j in self.fast]),
+                ("force", actuators),
+                ("force", [joints[j] for j in self.efforts]),
+            )
+            if names
         ]
-        for what, names in (
-            ("range", [self.m.joints[j].name for j in self.ranged]),
-            ("speed", [self.m.joints[j].name for j in self.fast]),
-            ("force", [self.m.actuators[i].name for i in self.forces]),
-            ("force", [self.m.joints[j].name for j in self.efforts]),
-        ):
-            if names:
-                sentences.append(f"{what} of {', '.join(names)}")
+        open_ends = ~np.isfinite(self.ends).all(axis=1)
+        stops = [joints[j] for j, is_open in zip(self.ranged, open_ends, strict=True) if is_open]
         if stops:
             sentences.append(f"except the end of the range at which {', '.join(stops)} starts")
         return (*sentences, "bodies that touch")
-
-    def _require_start(self) -> None:
-        """Raise DataError if the model starts outside its ranges."""
-        for joint in (self.m.joints[j] for j in self.ranged):
-            low, high = joint.range or (0.0, 0.0)
-            if not low - ROUNDED <= joint.reference <= high + ROUNDED:
-                raise DataError(
-                    f"{self.m.path}: joint {joint.name} starts at {joint.reference:.4g}, outside "
-                    f"its range {low:.4g} .. {high:.4g}.",
-                    "Give the joint a reference (ref) within the range, or use the signal "
-                    "without limits (--no-limits).",
-                    code="no-room",
-                )
 
     def require_held(self, trouble: LimitViolation) -> None:
         """Raise DataError if a joint moves to its end by itself.
@@ -127,8 +113,20 @@ class ExcitationBench:
             )
 
     def rest(self, first: Mapping[int, Array]) -> None:
-        """Note contacts at the start, and those with the surroundings under the first command."""
-        self._require_start()
+        """Note contacts at the start, and those with the surroundings under the first command.
+
+        DataError if the model starts outside its ranges.
+        """
+        for joint in (self.m.joints[j] for j in self.ranged):
+            low, high = joint.range or (0.0, 0.0)
+            if not low - ROUNDED <= joint.reference <= high + ROUNDED:
+                raise DataError(
+                    f"{self.m.path}: joint {joint.name} starts at {joint.reference:.4g}, outside "
+                    f"its range {low:.4g} .. {high:.4g}.",
+                    "Give the joint a reference (ref) within the range, or use the signal "
+                    "without limits (--no-limits).",
+                    code="no-room",
+                )
         data = self._begin()
         self.usual = {pair for pair, _ in self._pairs(data)}
         length = round(REST_S / self.period_s)
@@ -181,15 +179,17 @@ class ExcitationBench:
             return LimitViolation("the run becomes unstable", at, everything)
         if data.ncon:
             for pair, (name, other) in self._pairs(data):
-                if learn and self._is_fixed(pair):
+                bodies = [int(self.model.geom_bodyid[geom]) for geom in pair]
+                if learn and any(self.model.body_weldid[body] == 0 for body in bodies):
                     self.usual.add(pair)
                 elif pair not in self.usual:
-                    guilty = self._movers(pair)
+                    first, second = (set(m.chain(body)) for body in bodies)
+                    drivers = {i for j in first ^ second for i in self._drivers(j)}
+                    guilty = tuple(sorted(drivers)) or everything
                     return LimitViolation(f"{name} would touch {other}", at, guilty)
         q = data.qpos[[m.joints[j].qpos for j in self.ranged]]
-        for k in np.flatnonzero((q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED))[
-            :1
-        ]:
+        beyond = (q < self.ends[:, 0] - ROUNDED) | (q > self.ends[:, 1] + ROUNDED)
+        for k in np.flatnonzero(beyond)[:1]:
             j = self.ranged[int(k)]
             low, high = m.joints[j].range or (0.0, 0.0)
             message = f"joint {m.joints[j].name} would leave {low:.4g} .. {high:.4g}"
@@ -235,26 +235,14 @@ class ExcitationBench:
         body = self.m.bodies[int(self.model.geom_bodyid[geom])].name
         return str(name) if name else f"a geom of {body}"
 
-    def _is_fixed(self, pair: tuple[int, int]) -> bool:
-        """True if either is a part of the surroundings."""
-        return any(self.model.body_weldid[self.model.geom_bodyid[g]] == 0 for g in pair)
-
-    def _movers(self, pair: tuple[int, int]) -> tuple[int, ...]:
-        """Actuators of the joints between two geoms."""
-        first, second = (set(self.m.chain(int(self.model.geom_bodyid[g]))) for g in pair)
-        drivers = {i for j in first ^ second for i in self._drivers(j)}
-        return tuple(sorted(drivers)) or self.m.commanded
-
     def _drivers(self, joint: int) -> tuple[int, ...]:
         """Actuators of a joint; all actuators if it has none."""
-        m = self.m
-        actuators = [
-            i
-            for i in m.commanded
-            for a in [m.actuators[i]]
-            if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints)
-        ]
-        return tuple(actuators) or m.commanded
+        m, drivers = self.m, []
+        for i in m.commanded:
+            a = m.actuators[i]
+            if a.joint == joint or (a.tendon >= 0 and joint in m.tendons[a.tendon].joints):
+                drivers.append(i)
+        return tuple(drivers) or m.commanded
 
 
 def _stated_speeds(file: MujocoFile, joints: Sequence[str]) -> dict[str, float]:

@@ -116,28 +116,11 @@ def step_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Co-simulation: advance every copy by h.
+    """Co-simulation: advance every copy by h (s), except those with a failure.
 
-    Parameters
-    ----------
-    m
-        The FMU.
-    handles
-        Instance of each copy.
-    saved
-        Addresses of saved states, 0 if each copy has an instance.
-    standing
-        Copy in the single instance, -1 for none.
-    times
-        Time of each copy, s.
-    f
-        Inputs (copies, inputs).
-    h
-        Step, s.
-    y
-        Outputs (copies, outputs), overwritten.
-    statuses
-        Status of each copy, updated. Copies with a failure stay.
+    handles: instances of the copies; saved: addresses of saved states, 0 if each copy has an
+    instance; standing: copy in the single instance, -1 for none; times (s), f (inputs), y (outputs,
+    overwritten) and statuses (updated): a row for each copy.
     """
     n = len(handles)
     for k in range(n):
@@ -164,18 +147,8 @@ def step_copies(
 def settle(m: FmiModel, c: int, inside: bool, due: Array) -> int:
     """Iterate events until nothing changes, then enter continuous time.
 
-    m.report[1] is 1 if states changed.
-
-    Parameters
-    ----------
-    m
-        The FMU.
-    c
-        Instance.
-    inside
-        True if the instance is in event mode already.
-    due
-        (1,) time of the next event, infinite if unknown; overwritten.
+    inside: True if the instance is in event mode already; due: (1,) time of the next event,
+    overwritten, infinite if unknown. m.report[1] is 1 if states changed.
     """
     status = 0
     if not inside:
@@ -319,27 +292,11 @@ def exchange(
     due: Array,
     grid: Array,
 ) -> int:
-    """Advance x by h seconds from `begin` under f.
+    """Advance the states x by h seconds from `begin` under the inputs f.
 
-    m.report[2] is the number of events within.
-
-    Parameters
-    ----------
-    m
-        The FMU.
-    c
-        Instance.
-    begin, h
-        Time and length, s.
-    f
-        Inputs.
-    x
-        States, overwritten.
-    due
-        (1,) time of the next event, overwritten.
-    grid
-        Ends of the steps from `begin`, up to a zero. If it begins with a zero, the steps are
-        chosen, and noted there.
+    due: (1,) time of the next event, overwritten; grid: ends of the steps from `begin`, up to a
+    zero. If it begins with a zero, the steps are chosen, and noted there. m.report[2] is the number
+    of events within.
     """
     # an event between two exchanges belongs to the later exchange, so that it gets the new inputs
     near = ROUNDING * h
@@ -430,18 +387,9 @@ def exchange_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Model exchange of copies: `step_copies` with states.
+    """Model exchange of copies: `step_copies` with states x, overwritten, and times of next events.
 
     All copies take the steps of the first copy, because differences between copies are smooth then.
-
-    Parameters
-    ----------
-    m, handles, saved, standing, times, f, h, y, statuses
-        As in `step_copies`.
-    x
-        States (copies, states), overwritten.
-    due
-        Times of the next events (copies, 1), overwritten.
     """
     n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):

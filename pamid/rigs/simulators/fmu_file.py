@@ -233,7 +233,15 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
         )
     )
     saves = bool(offers.canGetAndSetFMUstate)
-    seen = exchange and _is_seen(described, derivatives, chosen)
+    # numbers that only events change are further memory; booleans follow from the states
+    remembered = any(
+        v.variability == "discrete"
+        and v.type != "Boolean"
+        and v.causality not in ("input", "parameter")
+        for v in variables
+    )
+    is_whole = bool(derivatives) and None not in derivatives and not remembered
+    seen = exchange and is_whole and chosen.seen is not False
     events = described.numberOfEventIndicators if version == 2 else len(described.eventIndicators)
     proposed = described.defaultExperiment and described.defaultExperiment.stepSize
     return FmuFile(
@@ -286,21 +294,6 @@ def _kind(file: Path, described: Any, chosen: FmuChoices) -> tuple[bool, list[st
     ]
 
 
-def _is_seen(described: Any, states: list[Any], chosen: FmuChoices) -> bool:
-    """True if the continuous states are the whole memory.
-
-    Numbers that only events change are further memory. Booleans follow from the states.
-    """
-    if not states or None in states or chosen.seen is False:
-        return False
-    return not any(
-        v.variability == "discrete"
-        and v.type != "Boolean"
-        and v.causality not in ("input", "parameter")
-        for v in described.modelVariables
-    )
-
-
 def _remarks(
     variables: list[Any],
     reals: list[Any],
@@ -339,14 +332,22 @@ def _remarks(
 
 
 def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
+    """A variable of the description under an unused name.
+
+    used_names: names, with the number of variables that requested each.
+    """
     declared = v.unit or (v.declaredType.unit if v.declaredType else None) or ""
     symbol = declared.replace(".", " ")
     symbol = symbol if is_unit(symbol) and unit(symbol).symbol != NONE else ""
     name = named_with(_word(v.name), symbol) if symbol else _word(v.name)
-    name = _fresh_name(name, used_names)
+    fresh = name  # "x", "x_", "x_3", "x_4" ...
+    while fresh in used_names:
+        used_names[name] += 1
+        fresh = f"{name}_{used_names[name]}" if used_names[name] > 2 else f"{name}_"
+    used_names[fresh] = 1
     start = v.start[0] if isinstance(v.start, list | tuple) else v.start
     return FmuVariable(
-        name,
+        fresh,
         v.name,
         int(v.valueReference),
         symbol,
@@ -354,19 +355,6 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
         v.variability == "tunable",
         v.description or "",
     )
-
-
-def _fresh_name(name: str, used_names: dict[str, int]) -> str:
-    """Unused name that resembles the given name: "x", "x_", "x_3", "x_4" ...
-
-    used_names: names, with the number of variables that requested each.
-    """
-    fresh = name
-    while fresh in used_names:
-        used_names[name] += 1
-        fresh = f"{name}_{used_names[name]}" if used_names[name] > 2 else f"{name}_"
-    used_names[fresh] = 1
-    return fresh
 
 
 def _word(name: str) -> str:

@@ -77,9 +77,8 @@ class FmuHost(Carrier):
         self.statuses = np.zeros(0, np.int64)
         self.kept: dict[int, _Copy] = {}
         self.count = 0
-        self.went = (
-            False  # True after a complete run: a later failure is due to the trial parameters
-        )
+        # True after a complete run: a later failure is due to the trial parameters
+        self.went = False
         self.of_values: dict[bytes, FmuInstance] = {}
         self.programs: dict[int, Any] = {}  # received programs (`pamid.rigs.simulators.fmu_runs`)
 
@@ -229,9 +228,8 @@ class FmuHost(Carrier):
     def with_values(self, p: Array) -> FmuInstance:
         """Instance with these parameters."""
         key = p.tobytes()
-        instance = self.of_values.pop(
-            key, None
-        )  # moved to the end: the least recently used is restarted
+        # moved to the end: the least recently used is restarted
+        instance = self.of_values.pop(key, None)
         if instance is None:
             if len(self.of_values) >= self.instance_limit:
                 instance = self.of_values.pop(next(iter(self.of_values)))
@@ -241,7 +239,16 @@ class FmuHost(Carrier):
                 instance = FmuInstance(self.about, len(self.of_values))
             instance.restart(self.m, p)
             if not self.went:
-                self._refuse_clocks(instance)
+                # rates and outputs that change with the time alone are those of a clock
+                rows = []
+                for at_s in (0.0, LATER_S):
+                    rates = np.zeros(len(instance.x))
+                    status = rates_at(self.m, instance.handle, at_s, instance.x, rates)
+                    instance.check(self.m, status, at_s)
+                    rows.append([*rates, *instance.outputs(self.m)])
+                same = np.array_equal(rows[0], rows[1], equal_nan=True)
+                if np.isfinite(instance.due[0]) or not same:
+                    raise RuntimeError(TIMED)
         self.of_values[key] = instance
         return instance
 
@@ -284,15 +291,6 @@ class FmuHost(Carrier):
         if status and (not self.went or status == FATAL):
             raise RuntimeError(why(table.model, status, h))
         self.went = self.went or not status
-
-    def _refuse_clocks(self, instance: FmuInstance) -> None:
-        rows = []
-        for at_s in (0.0, LATER_S):
-            rates = np.zeros(len(instance.x))
-            instance.check(self.m, rates_at(self.m, instance.handle, at_s, instance.x, rates), at_s)
-            rows.append([*rates, *instance.outputs(self.m)])
-        if np.isfinite(instance.due[0]) or not np.array_equal(rows[0], rows[1], equal_nan=True):
-            raise RuntimeError(TIMED)
 
     def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
         """States and outputs after h."""

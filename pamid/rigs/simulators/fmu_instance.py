@@ -139,7 +139,10 @@ class FmuInstance:
     # ---- failures --------------------------------------------------------------------------------
 
     def _call(self, m: FmiModel, place: int, *given: Any) -> None:
-        kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, *map(type_of, given))
+        types = (
+            ctypes.c_size_t if isinstance(a, ctypes.c_size_t) else ctypes.c_void_p for a in given
+        )
+        kind = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, *types)
         status = kind(int(m.at[place]))(self.handle, *given)
         if status >= 2:
             m.report[0] = place
@@ -148,11 +151,6 @@ class FmuInstance:
     def check(self, m: FmiModel, status: int, at_s: float | None = None) -> None:
         if status != 0:
             raise RuntimeError(why(m, status, at_s))
-
-
-def type_of(given: Any) -> Any:
-    """Type for ctypes."""
-    return type(given) if isinstance(given, ctypes.c_size_t) else ctypes.c_void_p
 
 
 def why(m: FmiModel, status: int, at_s: float | None = None) -> str:

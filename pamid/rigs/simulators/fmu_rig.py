@@ -59,7 +59,10 @@ class FmuRig(StepRig):
 
     def __init__(self, file: FmuFile | None = None) -> None:
         untyped: Any = self  # these tables usually are class attributes
-        self.file = f = file or read_fmu(_beside(type(self), self.path))
+        if file is None:  # a path in a rig file is relative to the folder of that file
+            home = getattr(sys.modules.get(type(self).__module__), "__file__", None)
+            file = read_fmu(Path(os.path.dirname(home) if home else "") / self.path)
+        self.file = f = file
         untyped.name = f.name if type(self) is FmuRig else type(self).name
         untyped.carries = not f.seen
         untyped.motion, untyped.free = self.motion or f.motion, self.free or f.free
@@ -77,23 +80,27 @@ class FmuRig(StepRig):
         untyped.readings = {name: si for name, si in self.outputs.items() if name not in shown}
         self._check_names()
         untyped.parameters = tuple(map(self._parameter, f.parameters.variables))
-        untyped.remarks = (*f.remarks, *self._undeclared())
+        choices_file = choices_path(Path(f.path)).name
+        undeclared = [
+            f"{name} [{si}] may be a force at a moving part: for friction, springs "
+            f"and drag to act there, write into {choices_file}: [ports.{name}] with position and "
+            f"velocity, of {', '.join(self._moving)}"
+            for name, si in self.inputs.items()
+            if si in FORCES and name not in self.motion
+        ]
+        untyped.remarks = (*f.remarks, *undeclared)
         untyped.period_s = f.period_s or type(self).period_s
-        untyped.ports = {f"at_{v.name}": self._way_in(v) for v in f.inputs.variables} | {
-            f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables
-        }
+        untyped.ports = {f"at_{name}": Port("command", si) for name, si in self.inputs.items()}
+        for name, signals in self.motion.items():
+            position, velocity = (self._moving[signal] for signal in signals)
+            offered = {"position": position, "velocity": velocity}
+            untyped.ports[f"at_{name}"] = Port("motion", self.inputs[name], offered)
+        untyped.ports |= {f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables}
 
     def _parameter(self, v: FmuVariable) -> Parameter:
         count = len(self.file.parameters.variables)
         wanted = v.name in self.free if self.free else count <= MOST_FREE
-        parameter = stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
-        return parameter
-
-    def _way_in(self, v: FmuVariable) -> Port:
-        if v.name not in self.motion:
-            return Port("command", v.si)
-        position, velocity = (self._moving[name] for name in self.motion[v.name])
-        return Port("motion", v.si, {"position": position, "velocity": velocity})
+        return stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
 
     @property
     def _moving(self) -> dict[str, str]:
@@ -102,27 +109,19 @@ class FmuRig(StepRig):
 
     def _check_names(self) -> None:
         """Check the names in the user's tables."""
-        choices_file = choices_path(Path(self.file.path))
-        where = (
-            choices_file
-            if self.motion is self.file.motion and choices_file.exists()
-            else self.file.path
-        )
+        table, where = choices_path(Path(self.file.path)), self.file.path
+        if self.motion is self.file.motion and table.exists():
+            where = str(table)
+        parameters = [v.name for v in self.file.parameters.variables]
+        moving = [signal for signals in self.motion.values() for signal in signals]
         known = [(name, list(self.inputs), "input") for name in self.motion]
-        known += [
-            (signal, list(self._moving), "output")
-            for signals in self.motion.values()
-            for signal in signals
-        ]
-        known += [
-            (name, [v.name for v in self.file.parameters.variables], "parameter")
-            for name in self.free
-        ]
+        known += [(signal, list(self._moving), "output") for signal in moving]
+        known += [(name, parameters, "parameter") for name in self.free]
         for name, names, what in known:
             if name not in names:
-                table = "free" if what == "parameter" else "motion"
+                section = "free" if what == "parameter" else "motion"
                 raise FileError(
-                    f"{where}: {table} names {name!r}, but the FMU has no such {what}",
+                    f"{where}: {section} names {name!r}, but the FMU has no such {what}",
                     nearest(name, names) or f"{what}s: {', '.join(names)}",
                 )
         for name, (position, velocity) in self.motion.items():
@@ -133,17 +132,6 @@ class FmuRig(StepRig):
                     f"[{self._moving[position]}], which {name!r} acts along",
                     f"a velocity there is in {rate}",
                 )
-
-    def _undeclared(self) -> list[str]:
-        """Inputs that are forces or torques without a declared place."""
-        names = [n for n, si in self.inputs.items() if si in FORCES and n not in self.motion]
-        choices_file = choices_path(Path(self.file.path)).name
-        return [
-            f"{name} [{self.inputs[name]}] may be a force at a moving part: for friction, springs "
-            f"and drag to act there, write into {choices_file}: [ports.{name}] with position and "
-            f"velocity, of {', '.join(self._moving)}"
-            for name in names
-        ]
 
     # ---- equations -------------------------------------------------------------------------------
 
@@ -184,9 +172,3 @@ class FmuRig(StepRig):
 
     def reads(self, x: Array, p: Array) -> Array:
         return self._seen.reads(x, p)
-
-
-def _beside(kind: type, path: str) -> Path:
-    """Path in a rig file, relative to the folder of that file."""
-    home = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return Path(os.path.dirname(home) if home else "") / path

@@ -22,9 +22,8 @@ COMPILE_MEMORY = 1536 * MIB
 MODEL_TEXT = 32 * MIB  # of an MJCF or URDF file; of the description in an FMU
 FMU_UNPACKED = 512 * MIB  # total size of an FMU
 FMU_FILES = 20_000  # in an FMU
-MODEL_ELEMENTS = (
-    1000  # of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
-)
+# of a kind: joints, actuators, sensors, tendons; inputs and outputs of an FMU
+MODEL_ELEMENTS = 1000
 RAISED = (
     f"Check that this is the intended file. If you trust the file, set {VARIABLE}=4 in the "
     "environment: the limit is then four times as large."

@@ -38,25 +38,20 @@ def accelerations(
 
     Models that differ in their readings alone share it, so that it is built once.
 
-    Parameters
-    ----------
-    force
-        Force at each joint, without c and friction.
-    passed
-        Force that reaches a joint, if it is not force - c but derived from `force - tree.holding`;
-        otherwise None.
+    force: at each joint, without c and friction; passed: force that reaches a joint, if it is not
+    force - c but derived from `force - tree.holding`, otherwise None.
     """
     reaching = [
         f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
     ]
-    solution = solve_joint_friction(CoupledSystem(tree, couplings), reaching, friction)
-    still = [held(v) for v in solution.value]
+    value, added, rubbing, system = solve_joint_friction(
+        CoupledSystem(tree, couplings), reaching, friction
+    )
+    still = [held(v) for v in value]
     moving = tree.inverse_dynamics(still)
     change = []
     for i in range(tree.n):
-        diagonal = (
-            moving[i] + still[i] * (tree.armature[i] + solution.added[i]) - solution.friction[i]
-        )
+        diagonal = moving[i] + still[i] * (tree.armature[i] + added[i]) - rubbing[i]
         if passed[i] is None:
             change.append(diagonal - force[i])
         else:
@@ -65,11 +60,8 @@ def accelerations(
         force_along = coupling.force(still)
         for j, slope in coupling.slopes.items():
             change[j] = change[j] - slope * force_along
-    inverse = [solution.system.column(i) for i in range(tree.n)]
+    inverse = [system.column(i) for i in range(tree.n)]
     return [
-        tangent(
-            solution.value[i],
-            -sum((held(inverse[j][i]) * c for j, c in enumerate(change)), ZERO),
-        )
+        tangent(value[i], -sum((held(inverse[j][i]) * c for j, c in enumerate(change)), ZERO))
         for i in range(tree.n)
     ]

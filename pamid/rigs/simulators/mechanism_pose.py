@@ -28,7 +28,17 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     # imported late, because the import takes a seventh of a first fit, which draws nothing
     from scipy.spatial.transform import Rotation
 
-    positions = _positions(m, y)
+    positions = {}
+    for k, joint in enumerate(m.joints):
+        column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
+        if column is None or joint.kind not in ("hinge", "slide"):
+            raise DataError(
+                f"{m.name!r} cannot be drawn: no sensor reads the position of joint "
+                f"{joint.name!r}.",
+                "Give the model a jointpos sensor for every hinge and slide.",
+                code="no-pose",
+            )
+        positions[k] = y[column]
     size = len(next(iter(positions.values()), np.zeros(1)))
     places = [np.zeros((size, 3))]
     turns = [np.broadcast_to(np.eye(3), (size, 3, 3))]
@@ -66,22 +76,6 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
         )[:, :, [right, up]]
         for last in _ends(m)
     }
-
-
-def _positions(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[int, FloatArray]:
-    """Joint -> position at every sample."""
-    positions = {}
-    for k, joint in enumerate(m.joints):
-        column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
-        if column is None or joint.kind not in ("hinge", "slide"):
-            raise DataError(
-                f"{m.name!r} cannot be drawn: no sensor reads the position of joint "
-                f"{joint.name!r}.",
-                "Give the model a jointpos sensor for every hinge and slide.",
-                code="no-pose",
-            )
-        positions[k] = y[column]
-    return positions
 
 
 def _ends(m: Mechanism) -> list[int]:

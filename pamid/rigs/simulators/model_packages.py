@@ -71,7 +71,17 @@ def model_packages(**folders: PathLike) -> Iterator[None]:
     The folders are in force within the block, here and in processes that begin there. They precede
     every other place. UsageError if a folder does not exist.
     """
-    stated = [f"{name}={_whole_folder(name, folder)}" for name, folder in folders.items()]
+    stated = []
+    for name, folder in folders.items():
+        place = Path(folder).expanduser().absolute()
+        if not place.is_dir() or os.pathsep in str(place):
+            more = f", or has {os.pathsep!r} in its path" if os.pathsep in str(place) else ""
+            raise UsageError(
+                f"package {name}: {folder} is not a folder{more}.",
+                f"Give the folder that holds the meshes of {name}, the one with its "
+                f"{_PACKAGE_FILE}.",
+            )
+        stated.append(f"{name}={place}")
     before = os.environ.get(PACKAGES_VARIABLE)
     os.environ[PACKAGES_VARIABLE] = os.pathsep.join([*stated, *([before] if before else [])])
     try:
@@ -97,18 +107,6 @@ def split_package(pair: str) -> tuple[str, str]:
     return name, folder
 
 
-def _whole_folder(name: str, folder: PathLike) -> str:
-    """Absolute path of a package's folder. UsageError if the folder does not exist."""
-    place = Path(folder).expanduser().absolute()
-    if not place.is_dir() or os.pathsep in str(place):
-        more = f", or has {os.pathsep!r} in its path" if os.pathsep in str(place) else ""
-        raise UsageError(
-            f"package {name}: {folder} is not a folder{more}.",
-            f"Give the folder that holds the meshes of {name}, the one with its {_PACKAGE_FILE}.",
-        )
-    return str(place)
-
-
 def package_of(name: str) -> str:
     """Package in the name of a file, "" if there is none."""
     match = re.match(r"(?:package|model):/+([^/]+)", name)
@@ -120,17 +118,8 @@ def places_of(
 ) -> Iterator[Path]:
     """Possible places of a file that a model names, the most plausible first.
 
-    Parameters
-    ----------
-    name
-        As the model writes it: `package://NAME/...`, `model://NAME/...`, `file://...`, a path of
-        this system or of Windows.
-    file
-        The model.
-    folders
-        Folders that plain names are relative to: that of the model, and its `meshdir`.
-    packages
-        Search places for packages.
+    name: as the model writes it: `package://NAME/...`, `model://NAME/...`, `file://...`, a path of
+    this system or of Windows; file: the model; folders: those that plain names are relative to.
     """
     package = package_of(name)
     plain = name.replace("\\", "/")

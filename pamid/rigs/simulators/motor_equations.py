@@ -29,91 +29,77 @@ Value = Callable[[str, float], Expr]
 LEAST = 1e-15  # divisor, MuJoCo's mjMINVAL
 
 
-class MotorEquations:
+def motor_equations(
+    actuator: Actuator,
+    motor: WindingMotor,
+    value: Value,
+    states: Mapping[str, Expr],
+    command: Expr,
+    travel: tuple[Expr, Expr],
+) -> tuple[Expr, dict[str, Expr]]:
     """Torque of a motor with this command, length and velocity, and the rates of its states."""
+    length, velocity = travel
+    rates: dict[str, Expr] = {}
 
-    def __init__(
-        self,
-        actuator: Actuator,
-        motor: WindingMotor,
-        value: Value,
-        states: Mapping[str, Expr],
-        command: Expr,
-        travel: tuple[Expr, Expr],
-    ) -> None:
-        self.actuator, self.motor, self.value, self.command = actuator, motor, value, command
-        self.length, self.velocity = travel
-        self.rates: dict[str, Expr] = {}
-        self._states = states
-        wound = self._wound()
-        limits = actuator.force_range
-        self.torque = (wound if limits is None else clip(wound, *limits)) + self._passive()
-
-    def _name(self, word: str) -> str:
+    def named(word: str) -> str:
         """Name of a state, "" if the motor has none."""
-        name = f"{self.actuator.name}_{word}"
-        return name if name in self._states else ""
+        name = f"{actuator.name}_{word}"
+        return name if name in states else ""
 
-    def _wound(self) -> Expr:
-        """Torque of the winding."""
-        motor, value = self.motor, self.value
-        resistance = value("resistance", motor.resistance)
-        constant = value("motorconst", motor.constant)
-        hot, heat = resistance, self._name("temperature")
-        if heat:
-            _, _, ambient, reference, coefficient = motor.heating
-            hot = hot * (1.0 + coefficient * (self._states[heat] + (ambient - reference)))
-        current = (self._voltage(resistance, constant) - constant * self.velocity) / hot
-        if slow := self._name("current"):
-            lag = value("time_constant", self.actuator.time_constant_s)
-            change = (current - self._states[slow]) / lag
-            most = motor.current_rate
-            self.rates[slow] = clip(change, -most, most) if most > 0.0 else change
-            current = self._states[slow]
-        if heat:
-            lost = self._states[heat] / value("thermal_resistance", motor.heating[0])
-            capacitance = value("thermal_capacitance", motor.heating[1])
-            self.rates[heat] = (hot * current * current - lost) / capacitance
-        return constant * current
+    resistance = value("resistance", motor.resistance)
+    constant = value("motorconst", motor.constant)
+    hot, heat = resistance, named("temperature")
+    if heat:
+        _, _, ambient, reference, coefficient = motor.heating
+        hot = hot * (1.0 + coefficient * (states[heat] + (ambient - reference)))
 
-    def _voltage(self, resistance: Expr, constant: Expr) -> Expr:
-        motor = self.motor
-        if motor.input in ("voltage", "none"):
-            return self.command
+    voltage = command
+    if motor.input not in ("voltage", "none"):
         kp, ki, kd = (
-            self.value(word, stated)
+            value(word, stated)
             for word, stated in zip(("kp", "ki", "kd"), motor.controller, strict=True)
         )
-        aim = {motor.input: self.command}
-        torque = aim.get("ff", ZERO) + kp * (aim.get("pos", ZERO) - self.length)
-        torque = torque + kd * (aim.get("vel", ZERO) - self.velocity)
-        if name := self._name("integral"):
-            grown, rate = self._states[name], self.command - self.length
+        aim = {motor.input: command}
+        torque = aim.get("ff", ZERO) + kp * (aim.get("pos", ZERO) - length)
+        torque = torque + kd * (aim.get("vel", ZERO) - velocity)
+        if name := named("integral"):
+            grown, rate = states[name], command - length
             torque = torque + ki * grown
             if (most := motor.integral_limit) > 0.0:
                 rate = where(grown >= most, minimum(rate, 0.0), rate)
                 rate = where(grown <= -most, maximum(rate, 0.0), rate)
-            self.rates[name] = rate
-        voltage = resistance / constant * torque + constant * self.velocity
-        most = motor.voltage_limit
-        return clip(voltage, -most, most) if most > 0.0 else voltage
+            rates[name] = rate
+        voltage = resistance / constant * torque + constant * velocity
+        if (most := motor.voltage_limit) > 0.0:
+            voltage = clip(voltage, -most, most)
 
-    def _passive(self) -> Expr:
-        """Torque of cogging and bristles."""
-        force, value = ZERO, self.value
-        amplitude, periods, phase = self.motor.cogging
-        if amplitude:
-            force = value("cogging", amplitude) * sin(periods * self.length + phase)
-        if name := self._name("bristle"):
-            words = ("stiffness", "damping", "coulomb", "static", "stribeck")
-            stiffness, damping, sliding, static, speed = (
-                value(f"lugre_{word}", stated)
-                for word, stated in zip(words, self.motor.bristles, strict=True)
-            )
-            ratio = self.velocity / maximum(speed, LEAST)
-            level = maximum(sliding + (static - sliding) * exp(-ratio * ratio), LEAST)
-            bent = self._states[name]
-            rate = self.velocity - stiffness * absolute(self.velocity) / level * bent
-            self.rates[name] = rate
-            force = force - stiffness * bent - damping * rate
-        return force
+    current = (voltage - constant * velocity) / hot
+    if slow := named("current"):
+        lag = value("time_constant", actuator.time_constant_s)
+        change, most = (current - states[slow]) / lag, motor.current_rate
+        rates[slow] = clip(change, -most, most) if most > 0.0 else change
+        current = states[slow]
+    if heat:
+        lost = states[heat] / value("thermal_resistance", motor.heating[0])
+        capacitance = value("thermal_capacitance", motor.heating[1])
+        rates[heat] = (hot * current * current - lost) / capacitance
+    torque = constant * current
+    if actuator.force_range is not None:
+        torque = clip(torque, *actuator.force_range)
+
+    passive = ZERO
+    amplitude, periods, phase = motor.cogging
+    if amplitude:
+        passive = value("cogging", amplitude) * sin(periods * length + phase)
+    if name := named("bristle"):
+        words = ("stiffness", "damping", "coulomb", "static", "stribeck")
+        stiffness, damping, sliding, static, speed = (
+            value(f"lugre_{word}", stated)
+            for word, stated in zip(words, motor.bristles, strict=True)
+        )
+        ratio = velocity / maximum(speed, LEAST)
+        level = maximum(sliding + (static - sliding) * exp(-ratio * ratio), LEAST)
+        bent = states[name]
+        rates[name] = velocity - stiffness * absolute(velocity) / level * bent
+        passive = passive - stiffness * bent - damping * rates[name]
+    return torque + passive, rates

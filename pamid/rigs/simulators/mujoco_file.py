@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -63,17 +63,13 @@ class MujocoFile:
 
     def name(self, kind: str, number: int) -> str:
         """Name of an element; without a name, its kind and number."""
-        kinds = self.mujoco.mjtObj
-        name = self.mujoco.mj_id2name(self.model, _object(kinds, kind), number)
+        which = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+        name = self.mujoco.mj_id2name(self.model, which, number)
         return str(name) if name else f"{kind}_{number}"
 
     def word(self, enum: str, value: Any) -> str:
         """MuJoCo's word for a value of any of its enumerations: ("mjtJoint", 3) -> "hinge"."""
         return str(getattr(self.mujoco, enum)(int(value)).name).split("_", 1)[1].lower()
-
-
-def _object(kinds: Any, kind: str) -> Any:
-    return getattr(kinds, f"mjOBJ_{kind.upper()}")
 
 
 def mujoco_package(path: PathLike) -> ModuleType:
@@ -94,13 +90,9 @@ def mujoco_package(path: PathLike) -> ModuleType:
             code="missing-extra",
         ) from error
     if mujoco.get_mju_user_warning() is None:
-        mujoco.set_mju_user_warning(_dropped)
+        mujoco.set_mju_user_warning(lambda _: None)
     module: ModuleType = mujoco
     return module
-
-
-def _dropped(_: str) -> None:
-    pass
 
 
 def open_mujoco(path: PathLike, *, visual: bool = True) -> MujocoFile:
@@ -201,9 +193,10 @@ def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) ->
     for kind in ("joint", "tendon", "actuator", "sensor"):
         require_few(file, f"{kind}s", len(kinds[kind]))
     lines = {
-        key: line
-        for kind, element_lines in kinds.items()
-        for key, line in _lines(kind, element_lines)
+        (kind, int(element.id)): line
+        for kind, elements in kinds.items()
+        for element in elements
+        if (line := _line(element)) and element.id >= 0
     }
     require_finite(MujocoFile(file, mujoco, model, lines))
     for text in warnings:
@@ -220,18 +213,6 @@ def compiled(path: str, packages: dict[str, Any], folder: Path, visual: bool) ->
     }
 
 
-def _without_base_contacts(spec: Any) -> Any:
-    """Model of a URDF without contacts between its base and the links on it.
-
-    Neighbours in a tree never collide in MuJoCo, with one exception: the world, of which the base
-    of a URDF becomes a part. The collision shapes of neighbours overlap in most URDF files. MuJoCo
-    makes the base a part of the world when it compiles, so that the spec is compiled before.
-    """
-    for link in spec.worldbody.bodies:
-        spec.add_exclude(bodyname1="world", bodyname2=link.name)
-    return spec.compile()
-
-
 def translated(path: str, packages: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Text of a file as MJCF; `mjcf_of` calls it in a separate process."""
     spec, _, _ = _compile(Path(path), packages, True)
@@ -246,7 +227,11 @@ def _compile(file: Path, packages: dict[str, Any], visual: bool) -> tuple[Any, A
     try:
         spec, model = assets.compiled()
         if file.suffix.lower() == ".urdf":
-            model = _without_base_contacts(spec)
+            # neighbours in a tree never collide in MuJoCo, but for the world, of which the
+            # compiled base of a URDF is a part: shapes of neighbours overlap in most of them
+            for link in spec.worldbody.bodies:
+                spec.add_exclude(bodyname1="world", bodyname2=link.name)
+            model = spec.compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise FileError(f"{file}: {_reason(error)}", _hint(str(error)), code="model") from error
     return spec, model, assets.note()
@@ -293,13 +278,6 @@ def _owner(file: MujocoFile, array: str, row: int) -> str:
         return ""
     line = file.line(kind, row)
     return f"{kind} {file.name(kind, row)!r}{f', line {line}' if line else ''}: "
-
-
-def _lines(kind: str, elements: Iterable[Any]) -> Iterable[tuple[tuple[str, int], int]]:
-    for element in elements:
-        line = _line(element)
-        if line and element.id >= 0:
-            yield (kind, int(element.id)), line
 
 
 def _line(element: Any) -> int:

@@ -36,19 +36,9 @@ _HARMLESS_FLAGS = (
 
 
 def findings_of(file: MujocoFile, share: float, met: str) -> tuple[ModelFinding, ...]:
-    """All findings on a file, hindrances first.
-
-    Parameters
-    ----------
-    file
-        Loaded file.
-    share, met
-        Result of `contact_share`.
-    """
+    """All findings on a file, hindrances first; share, met: result of `contact_share`."""
     findings = [
-        *_warnings(file),
-        *_free(file),
-        *_first_link(file),
+        *_notes(file),
         *_joints(file),
         *_bodies(file),
         *_tendons(file),
@@ -273,7 +263,12 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
             yield _finding(file, "sensor", i, "its delay is left out", hinders=False)
 
 
-def _free(file: MujocoFile) -> Iterator[ModelFinding]:
+def _notes(file: MujocoFile) -> Iterator[ModelFinding]:
+    """Findings of reading the file, none of which hinders."""
+    if file.left_out:
+        yield ModelFinding(file.left_out, "model", "", 0, False)
+    for text in file.warnings:
+        yield ModelFinding(f"MuJoCo warns: {text}", "model", "", 0, False)
     for name, line, text in file.free.notes:
         yield ModelFinding(text, "joint", name, line, False)
     read = {
@@ -287,19 +282,9 @@ def _free(file: MujocoFile) -> Iterator[ModelFinding]:
             "body, and record them"
         )
         yield ModelFinding(text, "sensor", "", 0, False)
-
-
-def _first_link(file: MujocoFile) -> Iterator[ModelFinding]:
     if file.first_link is not None:
         text = (
             "it stands still, as MuJoCo holds the first link of a URDF; a base that floats hangs "
             'on a massless first link by <joint type="floating">'
         )
         yield ModelFinding(text, "link", *file.first_link, False)
-
-
-def _warnings(file: MujocoFile) -> Iterator[ModelFinding]:
-    if file.left_out:
-        yield ModelFinding(file.left_out, "model", "", 0, False)
-    for text in file.warnings:
-        yield ModelFinding(f"MuJoCo warns: {text}", "model", "", 0, False)

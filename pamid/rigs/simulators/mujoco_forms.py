@@ -211,9 +211,7 @@ def forms_of(mechanism: Mechanism, effects: Sequence[IdentifiedEffect]) -> Forms
     """All effects in MuJoCo's elements."""
     forms = Forms()
     for effect in effects:
-        notes: list[str] = []
-        for port in effect.ports:
-            notes.append(_at_port(forms, mechanism, effect, port))
+        notes = [_at_port(forms, mechanism, effect, port) for port in effect.ports]
         forms.notes += [f"{effect.label} {note}" for note in dict.fromkeys(notes) if note]
     return forms
 

@@ -325,7 +325,18 @@ def _actuators(
         states: tuple[tuple[str, str], ...] = ()
         motor = winding_motor(m, i) if law == "dcmotor" else None
         if motor is not None:
-            states = tuple(_motor_states(m, i, name, units[0]))
+            gains, dynamics = m.actuator_gainprm[i], m.actuator_dynprm[i]
+            states = tuple(
+                (f"{name}_{word}", si)
+                for word, si, size in (  # in the order of MuJoCo's activations
+                    ("slew", "", dynamics[7]),
+                    ("integral", f"{units[0]} s", gains[5]),
+                    ("temperature", "K", dynamics[2]),
+                    ("bristle", units[0], dynamics[5]),
+                    ("current", "A", dynamics[0]),
+                )
+                if size > 0.0
+            )
         elif how != "none":
             states = ((f"{name}_activation", ""),)
         commanded = int(m.actuator_ctrladr[i]) if column else -1
@@ -384,21 +395,6 @@ def winding_motor(model: Any, i: int) -> WindingMotor:
         dynamics[8],
         gain[7],
     )
-
-
-def _motor_states(model: Any, i: int, name: str, length: str) -> Iterator[tuple[str, str]]:
-    """States of a motor in the order of MuJoCo's activations."""
-    gain, dynamics = model.actuator_gainprm[i], model.actuator_dynprm[i]
-    if dynamics[7] > 0.0:
-        yield f"{name}_slew", ""
-    if gain[5] > 0.0:
-        yield f"{name}_integral", f"{length} s"
-    if dynamics[2] > 0.0:
-        yield f"{name}_temperature", "K"
-    if dynamics[5] > 0.0:
-        yield f"{name}_bristle", length
-    if dynamics[0] > 0.0:
-        yield f"{name}_current", "A"
 
 
 def _bare(joints: tuple[MechanismJoint, ...], followers: set[int]) -> Iterator[Actuator]:
@@ -477,7 +473,9 @@ def _sensors(
             for k, word in enumerate(words):
                 stem = f"{_stem(name, unit)}_{word}"
                 add(f"{name}_{word}", kind, of, unit, stem, adr=adr + k, component=k, **more)
-        elif kind in SENSORS and not _is_quaternion(kind, of, joints):
+        elif kind in SENSORS and not (
+            kind.startswith("joint") and joints[of].kind not in ("hinge", "slide")
+        ):
             element, place = SENSORS[kind]
             at = {"joint": (of, -1), "tendon": (-1, of)}.get(element, (-1, -1))
             if element == "actuator":
@@ -517,7 +515,3 @@ def _stem(name: str, unit: str) -> str:
     """Name without a unit at its end, if that is the unit to be appended."""
     stem, written = split_column(name)
     return stem if written != NONE and with_unit(stem, unit) == name.lower() else name
-
-
-def _is_quaternion(kind: str, of: int, joints: tuple[MechanismJoint, ...]) -> bool:
-    return kind.startswith("joint") and joints[of].kind not in ("hinge", "slide")

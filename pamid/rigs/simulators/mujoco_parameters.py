@@ -47,7 +47,7 @@ def parameters_of(
     ]
     for i, joint in enumerate(joints):
         if joint.kind in ("hinge", "slide") and not joint.is_base:
-            parameters += _of_joint(i, joint, _strength(i, actuators))
+            parameters += _of_joint(i, joint, [a for a in actuators if a.joint == i])
     for i, tendon in enumerate(tendons):
         parameters += _of_tendon(i, tendon, joints)
     for i, actuator in enumerate(actuators):
@@ -57,43 +57,19 @@ def parameters_of(
 
 def stated_parameter(name: str, value: float, unit: str, *, fitted: bool = True) -> Parameter:
     """Parameter for a number in the file, known within 20 %."""
-    size = abs(value)
-    if value > 0.0:
-        return Parameter(
-            name,
-            value,
-            value / BOUND_FACTOR,
-            value * BOUND_FACTOR,
-            unit,
-            spread=STATED_FACTOR,
-            log=True,
-            fitted=fitted,
-            source="the model file, correct within 20 %",
-        )
+    size, positive = abs(value), bool(value > 0.0)
+    near, far = size / BOUND_FACTOR, BOUND_FACTOR * size
+    low, high = (near, far) if positive else (-far, -near)
     return Parameter(
         name,
         value,
-        -BOUND_FACTOR * size,
-        -size / BOUND_FACTOR,
+        low,
+        high,
         unit,
-        spread=(STATED_FACTOR - 1.0) * size,
+        spread=STATED_FACTOR if positive else (STATED_FACTOR - 1.0) * size,
+        log=positive,
         fitted=fitted,
         source="the model file, correct within 20 %",
-    )
-
-
-def _absent(name: str, size: float, unit: str, fitted: bool) -> Parameter:
-    """Parameter for a number that is zero in the file."""
-    spread = ABSENT_SHARE * size
-    return Parameter(
-        name,
-        0.0,
-        0.0,
-        5.0 * BOUND_FACTOR * spread,
-        unit,
-        spread=spread,
-        fitted=fitted,
-        source=f"0 in the model file; prior of the actuator's size, {spread:.3g}",
     )
 
 
@@ -108,10 +84,20 @@ def _number(
     typical: float = 1.0,
 ) -> ModelParameter:
     name = f"{of}_{attribute}" if element != "tendon" else f"{of}_tendon_{attribute}"
-    released = attribute in RELEASED
-    parameter = (
-        stated_parameter(name, value, unit) if value else _absent(name, typical, unit, released)
-    )
+    if value:
+        parameter = stated_parameter(name, value, unit)
+    else:
+        spread = ABSENT_SHARE * typical
+        parameter = Parameter(
+            name,
+            0.0,
+            0.0,
+            5.0 * BOUND_FACTOR * spread,
+            unit,
+            spread=spread,
+            fitted=attribute in RELEASED,
+            source=f"0 in the model file; prior of the actuator's size, {spread:.3g}",
+        )
     return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
 
 
@@ -122,19 +108,13 @@ def _mass(i: int, body: Body) -> ModelParameter:
     return _number("body", body.name, i, "mass", body.mass_kg, "kg", mass, *inertia)
 
 
-def _strength(joint: int, actuators: tuple[Actuator, ...]) -> float:
-    """Largest force or torque of a joint's actuators; 0 without limits."""
-    return sum(abs(a.gear) * max(map(abs, _limits(a))) for a in actuators if a.joint == joint)
-
-
-def _limits(a: Actuator) -> tuple[float, ...]:
-    if a.force_range is not None:
-        return a.force_range
-    commanded = a.command_range if a.kind == "motor" and a.command_range else (0.0, 0.0)
-    return tuple(a.gain[0] * command for command in commanded)
-
-
-def _of_joint(i: int, joint: MechanismJoint, strength: float) -> list[ModelParameter]:
+def _of_joint(i: int, joint: MechanismJoint, actuators: list[Actuator]) -> list[ModelParameter]:
+    strength = 0.0  # largest force or torque of the actuators, 0 without limits
+    for a in actuators:
+        limits = a.force_range
+        if limits is None and a.kind == "motor" and a.command_range:
+            limits = a.gain[0] * a.command_range[0], a.gain[0] * a.command_range[1]
+        strength += abs(a.gear) * max(map(abs, limits or (0.0, 0.0)))
     # inertia for the actuator: that of its largest load
     inertia = max(joint.typical_inertia, strength / TYPICAL_ACCELERATION, 1e-9)
     force, length, dof = joint.force_unit, joint.unit, joint.dof

@@ -36,14 +36,7 @@ def ports_of(
     A coupled joint has no transmission, because its load does not give way by itself. The base has
     no motor.
 
-    Parameters
-    ----------
-    joints, tendons, actuators, sensors
-        Elements of the mechanism.
-    couplings
-        Couplings between joints or tendons.
-    mounted
-        Numbers of the joints that actuators at bodies move.
+    mounted: numbers of the joints that actuators at bodies move.
     """
     ports: list[ModelPort] = []
     coupled = coupled_joints(couplings, tendons)
@@ -51,9 +44,24 @@ def ports_of(
     driven = {a.joint for a in drives} | mounted
     driven.update(j for a in drives if a.tendon >= 0 for j in tendons[a.tendon].joints)
     for i, joint in enumerate(joints):
-        if joint.kind in ("hinge", "slide"):
-            whole = i not in coupled and not joint.is_base
-            ports += _at_joint(i, joint, i in driven)[: 2 if whole else 1]
+        if joint.kind not in ("hinge", "slide"):
+            continue
+        force = joint.force_unit
+        motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
+        # a joint that only gravity moves has no drive force
+        usual = max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION
+        size = () if i in driven else (("value", usual),)
+        ports.append(ModelPort(joint.name, "motion", force, motion, "joint", i, size))
+        if i not in coupled and not joint.is_base:
+            name = f"{joint.name}_transmission"
+            signals = (
+                *motion,
+                ("inertia", "kg m2" if joint.kind == "hinge" else "kg"),
+                ("free_fall", f"{joint.unit}/s2"),
+                ("behind", ""),
+                ("driven", ""),
+            )
+            ports.append(ModelPort(name, "transmission", force, signals, "joint", i))
     used_names = {port.name for port in ports}
     for i, actuator in enumerate(actuators):
         if not actuator.column:
@@ -67,30 +75,6 @@ def ports_of(
         offered = (("rate", rates[sensor.unit]),) if place else ()
         ports.append(ModelPort(name, "reading", sensor.unit, offered, "sensor", i))
     return tuple(ports)
-
-
-def _at_joint(i: int, joint: MechanismJoint, driven: bool) -> list[ModelPort]:
-    inertia = "kg m2" if joint.kind == "hinge" else "kg"
-    motion = (("position", joint.unit), ("velocity", f"{joint.unit}/s"))
-    # a joint that only gravity moves has no drive force
-    size = () if driven else (("value", max(joint.typical_inertia, 1e-9) * TYPICAL_ACCELERATION),)
-    return [
-        ModelPort(joint.name, "motion", joint.force_unit, motion, "joint", i, size),
-        ModelPort(
-            f"{joint.name}_transmission",
-            "transmission",
-            joint.force_unit,
-            (
-                *motion,
-                ("inertia", inertia),
-                ("free_fall", f"{joint.unit}/s2"),
-                ("behind", ""),
-                ("driven", ""),
-            ),
-            "joint",
-            i,
-        ),
-    ]
 
 
 def numbered(name: str, used_names: set[str], mark: str = "_") -> str:

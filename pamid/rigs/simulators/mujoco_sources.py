@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from types import ModuleType
@@ -272,7 +272,9 @@ class ModelAssets:
         Returns the path, or None and the reason.
         """
         name = asset.file
-        place = next(filter(_is_there, self._places(name)), None)
+        place = next(
+            filter(_is_there, places_of(name, self.path, self.folders, self.packages)), None
+        )
         if place is None:
             package = package_of(name)
             unknown = package and not any(self.packages.folders(package, self.path))
@@ -281,9 +283,6 @@ class ModelAssets:
         if stripped or not any(_is_there(base / name) for base in self.folders):
             asset.file = str(place)
         return place, ""
-
-    def _places(self, name: str) -> Iterator[Path]:
-        return places_of(name, self.path, self.folders, self.packages)
 
     def _why_unread(self, name: str) -> str:
         """Reason why MuJoCo cannot read a mesh by itself, "" if it can."""
@@ -307,8 +306,23 @@ class ModelAssets:
             absent = self.absent.get(geom.meshname)
             if absent is None:
                 continue
-            if _is_moving(geom.parent) and self._has_mass_from(geom):
-                raise self._needed(geom.parent.name, absent)
+            body, moving = geom.parent, False
+            while body is not None and not moving:
+                moving, body = len(body.joints) > 0, body.parent
+            if moving and self._has_mass_from(geom):
+                name, package = geom.parent.name, package_of(absent.name)
+                cure = (
+                    f"Give the folder of the package (--package {package}=DIR)"
+                    if package
+                    else "Put the file in its place (the model's folder, meshdir) as .stl, .obj or "
+                    ".msh"
+                )
+                raise FileError(
+                    f"{self.path}: {name!r} has no <inertial>, so its mass comes from the mesh "
+                    f"{absent.name}, which cannot be read: {absent.reason}.",
+                    f"{cure}, or write the mass of {name!r} as <inertial> into the model.",
+                    code="model",
+                )
             if geom.contype or geom.conaffinity:
                 self.bodies[geom.parent.name] = None
             spec.delete(geom)
@@ -327,29 +341,7 @@ class ModelAssets:
         weightless = geom.mass == 0.0 or (geom.mass != geom.mass and geom.density == 0.0)
         return low <= geom.group <= high and not weightless
 
-    def _needed(self, body: str, absent: AbsentFile) -> FileError:
-        package = package_of(absent.name)
-        cure = (
-            f"Give the folder of the package (--package {package}=DIR)"
-            if package
-            else "Put the file in its place (the model's folder, meshdir) as .stl, .obj or .msh"
-        )
-        return FileError(
-            f"{self.path}: {body!r} has no <inertial>, so its mass comes from the mesh "
-            f"{absent.name}, which cannot be read: {absent.reason}.",
-            f"{cure}, or write the mass of {body!r} as <inertial> into the model.",
-            code="model",
-        )
-
 
 def _mesh_name(mesh: Any) -> str:
     """Name by which shapes refer to a mesh; without a name, that of its file."""
     return str(mesh.name or PureWindowsPath(mesh.file).stem)
-
-
-def _is_moving(body: Any) -> bool:
-    while body is not None:
-        if len(body.joints):
-            return True
-        body = body.parent
-    return False

@@ -163,14 +163,13 @@ class PlainModel:
             sensor = named[column]
             if sensor.adr >= 0:
                 readings.append(sensed[:, :, sensor.adr])
-                continue
-            if sensor.mount is not None:
+            elif sensor.mount is not None:
                 readings.append(self._attitude(states, sensor.mount.body)[sensor.component])
-                continue
-            joint = m.joints[sensor.of]
-            velocity = sensor.kind == "jointvel"
-            place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
-            readings.append(states[:, :, place])
+            else:
+                joint = m.joints[sensor.of]
+                velocity = sensor.kind == "jointvel"
+                place = 1 + (self.model.nq + joint.dof if velocity else joint.qpos)
+                readings.append(states[:, :, place])
         return np.stack(readings, axis=2)
 
     def _attitude(self, states: Array, body: int) -> Array:
@@ -226,16 +225,14 @@ class PlainModel:
                 back = np.minimum(np.ceil(-times / period - 1e-6).astype(int), len(past) - 1)
                 self.mujoco.mj_initCtrlHistory(m, d, i, times, past[len(past) - 1 - back])
         for sensor in self.mechanism.sensors:
-            number = self._sensor_number(sensor.adr)
+            # the last sensor that begins there or before: a sensor may have several values
+            number = int(np.searchsorted(m.sensor_adr, sensor.adr, "right")) - 1
+            number = number if sensor.adr >= 0 else -1
             size = int(m.sensor_history[number, 0]) if number >= 0 else 0
             if size and sensor.column in stretch.readings:
                 value = np.nan_to_num(stretch.readings[sensor.column][0])
                 times = -step * np.arange(size, 0, -1)
                 self.mujoco.mj_initSensorHistory(m, d, number, times, np.full(size, value), 0.0)
-
-    def _sensor_number(self, adr: int) -> int:
-        # the last sensor that begins there or before: a sensor may have several values
-        return int(np.searchsorted(self.model.sensor_adr, adr, "right")) - 1 if adr >= 0 else -1
 
     # ---- the state at the start ------------------------------------------------------------------
 

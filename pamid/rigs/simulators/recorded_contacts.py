@@ -77,18 +77,8 @@ class RecordedContacts:
 def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> RecordedContacts:
     """Contacts and ends of ranges along recordings, in their order, up to the first.
 
-    Parameters
-    ----------
-    mechanism
-        The model; its file is opened again.
-    recordings
-        Recordings with readings that are linear in the joint positions: of joints, actuators and
-        tendons.
-
-    Raises
-    ------
-    FileError
-        The file can no longer be opened.
+    The readings must be linear in the joint positions: of joints, actuators and tendons. The file
+    is opened again. FileError if that is no longer possible.
     """
     paths: list[tuple[Recording, Array]] = []
     for recording in recordings:
@@ -102,8 +92,15 @@ def recorded_contacts(mechanism: Mechanism, recordings: Sequence[Recording]) -> 
     poses = _Poses(open_mujoco(mechanism.path), mechanism, travel)
     nearest: GeomPair | None = None
     for recording, q in paths:
-        if limit := _limit_reached(mechanism, recording, q):
-            return RecordedContacts(limit=limit)
+        for j, joint in enumerate(mechanism.joints):
+            low, high = joint.range or (-np.inf, np.inf)
+            beyond = (q[:, j] < low) | (q[:, j] > high)
+            if beyond.any():
+                time = float(recording.time[int(beyond.argmax())])
+                return RecordedContacts(
+                    limit=f"joint {joint.name!r} is at an end of its range, {low:.4g} .. "
+                    f"{high:.4g} {joint.unit}, in {recording.path}, first at {time:.3g} s"
+                )
         contacts = poses.along(recording, q)
         if contacts is not None and contacts.touch:
             return RecordedContacts(touching=contacts, share=poses.share(q))
@@ -116,8 +113,22 @@ def joint_positions(mechanism: Mechanism, recording: Recording) -> tuple[Array, 
     """Positions (samples, joints) from the readings, and the joints without a position."""
     rows, read = [], []
     for sensor in mechanism.sensors:
-        row = _linear_in_positions(mechanism, sensor.kind, sensor.of)
-        if row is not None and recording.has(sensor.column):
+        if not recording.has(sensor.column):
+            continue
+        row, factor, tendon, joint = np.zeros(len(mechanism.joints)), 1.0, -1, -1
+        if sensor.kind == "tendonpos":
+            tendon = sensor.of
+        elif sensor.kind == "jointpos":
+            joint = sensor.of
+        elif sensor.kind == "actuatorpos":
+            a = mechanism.actuators[sensor.of]
+            tendon, joint, factor = a.tendon, a.joint, a.gear
+        if joint >= 0:
+            row[joint] = factor
+        elif tendon >= 0:
+            t = mechanism.tendons[tendon]
+            row[list(t.joints)] = factor * np.array(t.coefficients)
+        if row.any():
             rows.append(row)
             read.append(recording.si(sensor.column))
     names = [j.name for j in mechanism.joints]
@@ -131,39 +142,6 @@ def joint_positions(mechanism: Mechanism, recording: Recording) -> tuple[Array, 
         return np.empty((len(recording), 0)), tuple(np.array(names)[loose].tolist())
     q, *_ = np.linalg.lstsq(matrix, np.stack(read), rcond=None)
     return np.ascontiguousarray(q.T), ()
-
-
-def _linear_in_positions(m: Mechanism, kind: str, of: int) -> Array | None:
-    """Reading of a sensor per unit of every joint's position; None for another kind of sensor."""
-    row = np.zeros(len(m.joints))
-    factor = 1.0
-    tendon = of if kind == "tendonpos" else -1
-    joint = of if kind == "jointpos" else -1
-    if kind == "actuatorpos":
-        a = m.actuators[of]
-        tendon, joint, factor = a.tendon, a.joint, a.gear
-    if joint >= 0:
-        row[joint] = factor
-    elif tendon >= 0:
-        t = m.tendons[tendon]
-        row[list(t.joints)] = factor * np.array(t.coefficients)
-    return row if row.any() else None
-
-
-def _limit_reached(m: Mechanism, recording: Recording, q: Array) -> str:
-    """First joint beyond an end of its range, with recording and time."""
-    for j, joint in enumerate(m.joints):
-        if joint.range is None:
-            continue
-        low, high = joint.range
-        beyond = (q[:, j] < low) | (q[:, j] > high)
-        if beyond.any():
-            time = float(recording.time[int(beyond.argmax())])
-            return (
-                f"joint {joint.name!r} is at an end of its range, {low:.4g} .. {high:.4g} "
-                f"{joint.unit}, in {recording.path}, first at {time:.3g} s"
-            )
-    return ""
 
 
 class _Poses:

@@ -138,21 +138,9 @@ def safe_excitation(
 ) -> SafeExcitation:
     """Bring an excitation within the limits of the model.
 
-    Parameters
-    ----------
-    columns
-        Commands in the units of their columns, every period_s.
-    centres
-        Centres of commands that do not swing about 0.
-    speeds
-        Further limits, joint -> rad/s or m/s.
-
-    Raises
-    ------
-    UsageError
-        A joint does not exist.
-    DataError
-        No motion is left (code "no-room").
+    columns: commands in their units, every period_s; centres: those of commands that do not swing
+    about 0; speeds: further limits, joint -> rad/s or m/s. UsageError for a joint that does not
+    exist, DataError (code "no-room") if no motion is left.
     """
     bench = ExcitationBench(mechanism, period_s, dict(speeds or {}))
     courses = {
@@ -170,8 +158,12 @@ def safe_excitation(
             nearest(next(iter(columns)), list(mechanism.inputs)),
         )
     for i, course in courses.items():
-        _within_range(mechanism.actuators[i], course)
-        _within_joint(mechanism, mechanism.actuators[i], course)
+        a = mechanism.actuators[i]
+        _within_range(a, course)
+        if (allowed := _place_range(mechanism, a)) is not None:
+            joint = mechanism.joints[a.joint]
+            low, high = joint.range or (0.0, 0.0)
+            _fit(course, *allowed, f"joint {joint.name} lies within {low:.4g} .. {high:.4g}")
     bench.rest({i: course.sent()[:1] for i, course in courses.items()})
     moved: set[int] = set()
     while True:
@@ -230,15 +222,6 @@ def _place_range(m: Mechanism, a: Actuator) -> tuple[float, float] | None:
     if a.command_range is not None:
         ends = [max(ends[0], a.command_range[0]), min(ends[1], a.command_range[1])]
     return (ends[0], ends[1]) if ends[1] > ends[0] else None
-
-
-def _within_joint(m: Mechanism, a: Actuator, course: _CommandCourse) -> None:
-    allowed = _place_range(m, a)
-    if allowed is not None:
-        low, high = m.joints[a.joint].range or (0.0, 0.0)
-        _fit(
-            course, *allowed, f"joint {m.joints[a.joint].name} lies within {low:.4g} .. {high:.4g}"
-        )
 
 
 def _recentre(m: Mechanism, courses: Mapping[int, _CommandCourse], trouble: LimitViolation) -> bool:

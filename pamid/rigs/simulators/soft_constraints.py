@@ -169,47 +169,32 @@ def _solved_dense(matrix: Sequence[Sequence[Expr]], right: Sequence[Expr]) -> li
     return solution
 
 
-@dataclass(frozen=True)
-class FrictionSolution:
-    """Accelerations and friction forces of the joints.
-
-    value     q''
-    added     additional inertia of creeping joints
-    friction  remaining friction force
-    system    system with the addition
-    """
-
-    value: list[Expr]
-    added: list[Expr]
-    friction: list[Expr]
-    system: CoupledSystem
-
-
 def solve_joint_friction(
     system: CoupledSystem, reaching: Sequence[Expr], friction: Sequence[SoftFriction | None]
-) -> FrictionSolution:
-    """Accelerations under the forces at each joint, with friction.
+) -> tuple[list[Expr], list[Expr], list[Expr], CoupledSystem]:
+    """Accelerations q'', inertia that creeping joints add, friction left, system with the addition.
 
-    Parameters
-    ----------
-    system
-        Tree with its couplings.
-    reaching
-        Force at each joint without friction, less the bias (n,).
-    friction
-        Friction of each joint; None without a loss.
+    reaching: force at each joint without friction, less the bias (n,); friction: that of each
+    joint, None without a loss.
     """
     none = [ZERO] * system.tree.n
     value = system.accelerations(reaching)
     where_ = {i: f for i, f in enumerate(friction) if f is not None}
     if not where_:
-        return FrictionSolution(value, none, none, system)
+        return value, none, none, system
     aims = _gauss_seidel(system, value, where_)
-    solution = FrictionSolution(value, none, none, system)
+    added, more, loaded = none, none, system
     for _ in range(SOLVES if len(where_) > 1 else 1):
-        solution = _solved(system, reaching, where_, aims)
-        aims = {i: solution.value[i] + f.rate * f.velocity for i, f in where_.items()}
-    return solution
+        added, more = list(none), list(none)
+        for i, f in where_.items():
+            creeps = absolute(aims[i]) < f.softness * f.loss
+            slides = where(aims[i] > 0.0, -f.loss, f.loss)
+            added[i] = where(creeps, 1.0 / f.softness, 0.0)
+            more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
+        loaded = CoupledSystem(system.tree, system.couplings, added)
+        value = loaded.accelerations([r + m for r, m in zip(reaching, more, strict=True)])
+        aims = {i: value[i] + f.rate * f.velocity for i, f in where_.items()}
+    return value, added, more, loaded
 
 
 def _gauss_seidel(
@@ -236,21 +221,3 @@ def _gauss_seidel(
         reached = absolute(force[i]) >= f.loss
         slopes[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
     return slopes
-
-
-def _solved(
-    system: CoupledSystem,
-    reaching: Sequence[Expr],
-    friction: dict[int, SoftFriction],
-    aims: dict[int, Expr],
-) -> FrictionSolution:
-    n = system.tree.n
-    added, more = [ZERO] * n, [ZERO] * n
-    for i, f in friction.items():
-        creeps = absolute(aims[i]) < f.softness * f.loss
-        slides = where(aims[i] > 0.0, -f.loss, f.loss)
-        added[i] = where(creeps, 1.0 / f.softness, 0.0)
-        more[i] = where(creeps, -(f.rate / f.softness) * f.velocity, slides)
-    loaded = CoupledSystem(system.tree, system.couplings, added)
-    value = loaded.accelerations([r + m for r, m in zip(reaching, more, strict=True)])
-    return FrictionSolution(value, added, more, loaded)

@@ -57,7 +57,15 @@ class SteppedMechanism(StepRig, CompiledMechanism):
 
     def __init__(self, mechanism: Mechanism) -> None:
         CompiledMechanism.__init__(self, mechanism)
-        _refuse_quaternions(mechanism)
+        for joint in mechanism.joints:
+            if joint.kind not in ("hinge", "slide"):
+                line = f", line {joint.line}" if joint.line else ""
+                raise FileError(
+                    f"{mechanism.path}: joint {joint.name!r}{line} is a {joint.kind} joint, whose "
+                    "quaternion pamid cannot carry as states.",
+                    "Write it as hinges and slides, or hold the body.",
+                    code="model",
+                )
         untyped: Any = self
         port_names = {p.name for p in mechanism.ports if p.kind != "transmission"}
         untyped.ports = {name: port for name, port in self.ports.items() if name in port_names}
@@ -101,10 +109,12 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         }
         # actuators with a law in the description; those that pamid puts in the place of actuators,
         # where the file has none, go in from outside
+        lawless = {f.name for f in m.hindrances if f.element == "actuator"}
         known = [
             i
             for i, a in enumerate(m.actuators)
-            if (a.joint >= 0 or a.tendon >= 0) and not self._has_no_law(i)
+            if (a.joint >= 0 or a.tendon >= 0)
+            and (a.is_bare or self._stepper.actuator_names[i] not in lawless)
         ]
         inside = equations.known_forces(i for i in known if not m.actuators[i].is_bare)
         for j, force in enumerate(equations.known_forces(known)):
@@ -112,14 +122,6 @@ class SteppedMechanism(StepRig, CompiledMechanism):
             passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
             into[f"{m.joints[j].name}_force"] = passed - inside[j]
         return into
-
-    def _has_no_law(self, actuator: int) -> bool:
-        """True if the description has no law for this actuator."""
-        return any(
-            f.element == "actuator" and f.name == self._stepper.actuator_names[actuator]
-            for f in self.mechanism.hindrances
-            if not self.mechanism.actuators[actuator].is_bare
-        )
 
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
@@ -130,18 +132,6 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         self, p: Array, h: float, into: tuple[str, ...]
     ) -> AbstractContextManager[LibraryStep | None]:
         return self._stepper.in_c(p, h)
-
-
-def _refuse_quaternions(m: Mechanism) -> None:
-    for joint in m.joints:
-        if joint.kind not in ("hinge", "slide"):
-            line = f", line {joint.line}" if joint.line else ""
-            raise FileError(
-                f"{m.path}: joint {joint.name!r}{line} is a {joint.kind} joint, whose "
-                "quaternion pamid cannot carry as states.",
-                "Write it as hinges and slides, or hold the body.",
-                code="model",
-            )
 
 
 class _Stepper:
@@ -307,9 +297,8 @@ class _Stepper:
     def with_values(self, row: Array, timestep_s: float) -> Any:
         """Model with these parameters."""
         key = row.tobytes()
-        model = self.model_of_values.pop(
-            key, None
-        )  # put back as the last: the first is written anew
+        # put back as the last: the first is written anew
+        model = self.model_of_values.pop(key, None)
         if model is None:
             if len(self.model_of_values) < MOST_MODELS:
                 model = self.mujoco.MjModel.__copy__(self.model)

@@ -7,7 +7,7 @@ M, which has no fill-in for a tree (Featherstone 2008, Rigid Body Dynamics Algor
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -147,7 +147,7 @@ class Tree:
             last.append(at)
             if at >= 0 and body.mass_kg:
                 shape = self.shapes.get(number)
-                local = _of_file(body, frame) if shape is None else _deformed(*shape, frame)
+                local = _local_inertia(body, shape, frame)
                 self.bodies[at].append(
                     _Mass(number, self.masses[number], local, frame, shape is not None)
                 )
@@ -383,18 +383,15 @@ class Tree:
             for mass, force in self._forces_per_mass(i, acceleration, forces[i]):
                 for j in self.path(i):
                     by(j, self.axis[j].dot(force), mass)
-            for force in self._forces_of_deformed(i, acceleration):
-                for j in self.path(i):
-                    change[j] = change[j] + self.axis[j].mapped(held).dot(force)
+            # the force on a deformed body only changes with its inertia
+            a, v = acceleration[i].mapped(held), self.velocity[i].mapped(held)
+            for body in self.bodies[i]:
+                if body.is_deformed:
+                    inertia = body.at_rest()
+                    force = inertia.momentum(a) + v.cross_force(inertia.momentum(v))
+                    for j in self.path(i):
+                        change[j] = change[j] + self.axis[j].mapped(held).dot(force)
         return change
-
-    def _forces_of_deformed(self, i: int, acceleration: list[Spatial]) -> Iterator[Spatial]:
-        """Forces on the deformed bodies of a link, which only change with their inertia."""
-        a, v = acceleration[i].mapped(held), self.velocity[i].mapped(held)
-        for body in self.bodies[i]:
-            if body.is_deformed:
-                inertia = body.at_rest()
-                yield inertia.momentum(a) + v.cross_force(inertia.momentum(v))
 
     def _second(self, i: int, acceleration: list[Spatial]) -> Spatial:
         below = self._below(self.velocity, i, AT_REST)
@@ -482,24 +479,21 @@ def _aligned(axis: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _of_file(body: Body, frame: _Frame) -> Inertia:
-    """Inertia of a body in the frame's `turn` per unit of its mass, as in the file."""
-    about = frame.fixed @ full_inertia(body) @ frame.fixed.T / body.mass_kg
-    centre = frame.fixed @ np.array(body.centre)
-    about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
-    return _per_mass(constant(centre), constant(about))
+def _local_inertia(body: Body, shape: tuple[Vec, Mat] | None, frame: _Frame) -> Inertia:
+    """Inertia of a body in the frame's `turn` per unit of its mass, as in the file without a shape.
 
-
-def _deformed(centre: Vec, second: Mat, frame: _Frame) -> Inertia:
-    """Inertia of a body with this centre and these second moments about it, in the body's frame."""
-    turn = constant(frame.fixed)
-    centre = turn @ centre
-    second = turn @ second @ turn.T
-    outer = np.stack([times(c, centre) for c in centre])
-    return _per_mass(centre, inertia_per_mass(second + outer))
-
-
-def _per_mass(first: Vec, s: Mat) -> Inertia:
+    shape: centre, and second moments about it, in the body's frame.
+    """
+    if shape is None:
+        about = frame.fixed @ full_inertia(body) @ frame.fixed.T / body.mass_kg
+        centre = frame.fixed @ np.array(body.centre)
+        about = about + (centre @ centre) * np.eye(3) - np.outer(centre, centre)
+        about = np.where(np.abs(about) < 1e-15 * np.abs(about).max(), 0.0, about)
+        first, second = constant(centre), constant(about)
+    else:
+        turn = constant(frame.fixed)
+        first, moments = turn @ shape[0], turn @ shape[1] @ turn.T
+        second = inertia_per_mass(moments + np.stack([times(c, first) for c in first]))
     # the lower half equals the upper half, up to rounding
-    return Inertia(expression(1.0), first, np.where(np.tri(3, k=-1) > 0, s.T, s))
+    lower = np.tri(3, k=-1) > 0
+    return Inertia(expression(1.0), first, np.where(lower, second.T, second))

@@ -38,6 +38,7 @@ from pamid.rigs.simulators.mujoco_forms import (
     IdentifiedEffect,
     JointTerms,
     ReadingTerms,
+    Stop,
     forms_of,
 )
 from pamid.rigs.simulators.mujoco_mechanism import mechanism_of, winding_motor
@@ -82,28 +83,21 @@ class WrittenModel:
 def write_back(
     mechanism: Mechanism, values: Mapping[str, float], effects: Sequence[IdentifiedEffect] = ()
 ) -> WrittenModel:
-    """Write values and effects into the mechanism's file.
+    """Write values (SI, by parameter) and effects into the mechanism's file.
 
-    Parameters
-    ----------
-    mechanism
-        Mechanism of the file.
-    values
-        Values (SI) by parameter. Those of a `BodyShape` change the whole inertia of its body.
-    effects
-        Effects to add.
-
-    Raises
-    ------
-    FileError
-        The file can no longer be read.
+    Values of a `BodyShape` change the whole inertia of its body. FileError if the file can no
+    longer be read.
     """
     path = Path(mechanism.path)
     text, file = path.read_bytes(), open_mujoco(path)
     forms = forms_of(mechanism, effects)
     weights: dict[str, float] = {}
     # limits and soft friction are in units of the inverse inertia, which the other changes decide
-    for _ in range(2 if any(_is_weighted(t) for t in forms.joints.values()) else 1):
+    weighted = any(
+        t.stop or t.onset or (t.behind is not None and t.behind.half_gap > 0.0)
+        for t in forms.joints.values()
+    )
+    for _ in range(2 if weighted else 1):
         writer = _Writer(file, mechanism, text, forms, dict(values), weights)
         written = writer.write()
         file_again = read_text(path, written)
@@ -113,22 +107,25 @@ def write_back(
             for j in range(m.njnt)
         }
     reread = mechanism_of(file_again)
+    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
+    sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
+    for shape in shapes_of(reread):
+        read |= inertia_values(shape, shape.body)
+        sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
+        sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
     left, changed = list(writer.left), dict(writer.changed)
-    for name, why in _differences(reread, {n: now for n, (_, now) in changed.items()}):
-        del changed[name]
-        left.append(f"{name}: {why}")
+    for name, (_, value) in writer.changed.items():
+        got = read.get(name, 0.0)
+        if abs(got - value) > SAME * max(abs(value), sizes.get(name, 1e-12)):
+            del changed[name]
+            left.append(f"{name}: MuJoCo makes {got:.6g} of {value:.6g} (a setting of <compiler>?)")
+
+    # a command of <general> has no unit
+    columns = {a.name: a.column for a in mechanism.actuators}
+    actuators = tuple(replace(a, column=columns.get(a.name, a.column)) for a in reread.actuators)
     notes = (*forms.notes, *writer.notes)
-    reread = _with_columns(reread, mechanism)
+    reread = replace(reread, actuators=actuators)
     return WrittenModel(written, changed, tuple(left), notes, file_again, reread)
-
-
-def _with_columns(new: Mechanism, old: Mechanism) -> Mechanism:
-    """New model with the columns of the old model, because a command of <general> has no unit."""
-    columns = {a.name: a.column for a in old.actuators}
-    return replace(
-        new,
-        actuators=tuple(replace(a, column=columns.get(a.name, a.column)) for a in new.actuators),
-    )
 
 
 def read_text(path: Path, text: bytes) -> MujocoFile:
@@ -153,24 +150,6 @@ def stored_text(path: Path, text: bytes) -> Iterator[Path]:
         yield Path(copy.name)
 
 
-def _differences(reread: Mechanism, wanted: Mapping[str, float]) -> list[tuple[str, str]]:
-    """Values that MuJoCo does not return as written."""
-    read = {p.parameter.name: p.parameter.value * p.parameter.factor for p in reread.parameters}
-    sizes: dict[str, float] = {}  # products of inertia and centres may be next to zero
-    for shape in shapes_of(reread):
-        read |= inertia_values(shape, shape.body)
-        sizes |= dict.fromkeys(shape.centre_names, shape.radius_m)
-        sizes |= dict.fromkeys(shape.inertia_names, max(shape.body.inertia))
-    losses = []
-    for name, value in wanted.items():
-        got = read.get(name, 0.0)
-        if abs(got - value) > SAME * max(abs(value), sizes.get(name, 1e-12)):
-            losses.append(
-                (name, f"MuJoCo makes {got:.6g} of {value:.6g} (a setting of <compiler>?)")
-            )
-    return losses
-
-
 def number(value: float) -> str:
     """Shortest text of a number that keeps all significant digits."""
     return f"{value:.10g}"
@@ -182,20 +161,14 @@ def numbers(values: Sequence[float] | Array) -> str:
 
 def element_text(name: str, words: Mapping[str, str]) -> str:
     """Element without content."""
-    return (
-        f"<{name} {' '.join(f'{key}={chr(34)}{value}{chr(34)}' for key, value in words.items())}/>"
-    )
+    attributes = " ".join(f'{key}="{value}"' for key, value in words.items())
+    return f"<{name} {attributes}/>"
 
 
 def _trimmed(values: Array) -> str:
     """Numbers without the zeros at the end; the first digit stays."""
     last = int(np.max(np.flatnonzero(values), initial=0))
     return numbers(values[: last + 1])
-
-
-def _is_weighted(terms: JointTerms) -> bool:
-    gap = terms.behind is not None and terms.behind.half_gap > 0.0
-    return bool(terms.stop or terms.onset or gap)
 
 
 class _Writer:
@@ -254,8 +227,21 @@ class _Writer:
             self._whole_inertia(shape)
         for parameter in self.mechanism.parameters:
             self._write(parameter)
-        self._add_passive()
-        self._extend_keyframes()
+        # motors without a command stand behind all others, so that commands keep their order
+        sections = [t for t in self.tags if t.name == "actuator" and t.parent == 0]
+        if sections and sections[-1].closing > sections[-1].begin:
+            for text in self.passive:
+                self.edits.add_last(sections[-1], text)
+        elif self.passive:
+            self.edits.add_last(self.tags[0], f"<actuator>{' '.join(self.passive)}</actuator>")
+
+        for key in (t for t in self.tags if t.name == "key"):
+            for place, attribute in enumerate(("qpos", "qvel")):
+                parts = key.attributes.get(attribute, "").split()
+                if parts and self.added_joints:
+                    for at in sorted((pair[place] for pair in self.added_joints), reverse=True):
+                        parts.insert(at, "0")
+                    self.edits.set(key, attribute, " ".join(parts))
         return self.edits.made(self.tags)
 
     def _write_all(self, j: int, word: str) -> None:
@@ -317,17 +303,11 @@ class _Writer:
             matches = [tag for tag in kind_tags if tag.attributes.get("name") == name]
         else:
             line = self.file.line(kind, i)
-            same = [
-                k
-                for k in range(len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s"))))
-                if self.file.line(kind, k) == line
-            ]
-            matches = [
-                tag for tag in kind_tags if tag.line == line and "name" not in tag.attributes
-            ]
-            matches = (
-                matches[same.index(i) : same.index(i) + 1] if len(matches) == len(same) else []
-            )
+            count = len(getattr(self.mechanism, _PLURAL.get(kind, f"{kind}s")))
+            same = [k for k in range(count) if self.file.line(kind, k) == line]
+            matches = [t for t in kind_tags if t.line == line and "name" not in t.attributes]
+            # elements of a line stand in the order of their numbers
+            matches = [matches[same.index(i)]] if len(matches) == len(same) else []
         if len(matches) == 1:
             return matches[0], ""
         return None, f"the {kind} {of!r} does not stand by itself in the text of the file"
@@ -370,11 +350,29 @@ class _Writer:
         if terms.spring.any():
             self._spring(tag, j, joint, terms)
         if terms.stop is not None:
-            self._stop(tag, joint, terms)
+            self._stop(tag, joint, terms.stop)
         if terms.behind is not None:
             self._behind(tag, j, joint, terms.behind)
         for attribute, values in terms.motors:
-            self._add_motor(tag, j, attribute, values)
+            # a motor without a command only has friction or a periodic torque
+            name = self.file.name("joint", j)
+            self.edits.set(tag, "name", name)
+            stem = f"{name}_{'friction' if attribute == 'lugre' else attribute}"
+            used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
+            motor = numbered(stem, used_names, "")
+            self.motors.add(motor)
+            words = {
+                "name": motor,
+                "joint": name,
+                "input": "none",
+                "gear": "1",
+                "armature": "0",
+                "damping": "0",
+                "motorconst": "0",
+                "resistance": "1",
+                attribute: numbers(values),
+            }
+            self.passive.append(element_text("dcmotor", words))
 
     def _write_onset(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
         """Write the onset of the friction of a joint without a loss in the file.
@@ -382,15 +380,17 @@ class _Writer:
         Dry friction is as hard as the step allows. Friction with an onset has its slope b / R at
         rest (documentation, Computation, Constraint model, friction loss).
         """
-        m = self.file.model
-        finest = 2.0 * float(m.opt.timestep) / (FINER_STEPS if self._is_safe() else 1)
+        option = self.file.model.opt
+        unsafe = int(option.disableflags) & int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+        # MuJoCo itself keeps time constants of constraints above two steps
+        finest = 2.0 * float(option.timestep) / (1 if unsafe else FINER_STEPS)
         if not terms.onset:
             self.edits.set(tag, "solreffriction", numbers([finest, 1.0]))
             return
         weight = self._weight(joint)
         # b / R = 2 / (time constant * (1 - impedance) * weight)
         wanted = 2.0 * terms.onset / (weight * terms.friction)
-        impedance, least = SOFT, 2.0 * float(m.opt.timestep)
+        impedance, least = SOFT, 2.0 * float(option.timestep)
         constant = wanted / (1.0 - impedance)
         if constant < least:
             constant, impedance = least, min(max(1.0 - wanted / least, SOFT), 0.9999)
@@ -401,11 +401,6 @@ class _Writer:
         """Inverse inertia at a joint."""
         name = self.file.name("joint", self.mechanism.joints.index(joint))
         return self.weights.get(name, float(self.file.model.dof_invweight0[joint.dof]))
-
-    def _is_safe(self) -> bool:
-        """True if MuJoCo itself keeps time constants of constraints above two steps."""
-        off = int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
-        return not int(self.file.model.opt.disableflags) & off
 
     def _angle(self, joint: MechanismJoint, value: float) -> str:
         turned = self.degrees and joint.kind == "hinge"
@@ -433,10 +428,8 @@ class _Writer:
         self.edits.set(tag, "springref", self._angle(joint, zero))
         self._write_all(j, "stiffness")
 
-    def _stop(self, tag: Tag, joint: MechanismJoint, terms: JointTerms) -> None:
+    def _stop(self, tag: Tag, joint: MechanismJoint, stop: Stop) -> None:
         """Range that both the file's limits and the buffers leave to the joint."""
-        assert terms.stop is not None
-        stop = terms.stop
         low, high = joint.range or (-np.inf, np.inf)
         if low > stop.low and high < stop.high:
             return  # never reached
@@ -454,12 +447,20 @@ class _Writer:
         name = self.file.name("joint", j)
         load = max(joint.typical_inertia - joint.armature, 1e-12)
         share = 1.0 if behind.share >= MOSTLY_BEHIND else behind.share
-        body = self._body_to_divide(tag, joint) if share < 1.0 else None
-        if share < 1.0 and body is None:
-            self.notes.append(
-                f"{name}: all of the load is behind the second joint, not {share:.0%} of it; the "
-                "rest is an armature"
-            )
+        body = None  # to divide: that of the joint, if it has no other joint
+        if share < 1.0:
+            parent = self.tags[tag.parent] if tag.parent >= 0 else tag
+            alone = sum(other.body == joint.body for other in self.mechanism.joints) == 1
+            if alone and parent.name == "body" and self.mechanism.bodies[joint.body].mass_kg > 0.0:
+                body = parent
+                self.notes.append(
+                    f"{name}: {share:.0%} of its load is written as a body behind a second joint"
+                )
+            else:
+                self.notes.append(
+                    f"{name}: all of the load is behind the second joint, not {share:.0%} of it; "
+                    "the rest is an armature"
+                )
         w = 2.0 * np.pi * behind.frequency
         stiffness = behind.share * load * w * w
         damping = 2.0 * behind.damping_ratio * w * behind.share * load
@@ -468,10 +469,6 @@ class _Writer:
         felt = 1.0 / max(float(self.file.model.dof_invweight0[joint.dof]), 1e-12)
         near = (1.0 - share) * max(felt - joint.armature, 1e-12)
         needed = max(armature + (near if body is None else 0.0), LEAST_ARMATURE * load)
-        if body is not None:
-            self.notes.append(
-                f"{name}: {share:.0%} of its load is written as a body behind a second joint"
-            )
         words = {
             "name": f"{name}_behind",
             "type": joint.kind,
@@ -503,13 +500,6 @@ class _Writer:
             self.new.dof_armature[joint.dof] = needed
             self._write_all(j, "armature")
 
-    def _body_to_divide(self, tag: Tag, joint: MechanismJoint) -> Tag | None:
-        """The <body> of a joint, if it has no other joint."""
-        alone = sum(other.body == joint.body for other in self.mechanism.joints) == 1
-        parent = self.tags[tag.parent] if tag.parent >= 0 else tag
-        has_mass = self.mechanism.bodies[joint.body].mass_kg > 0.0
-        return parent if alone and has_mass and parent.name == "body" else None
-
     def _split_body(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
     ) -> None:
@@ -519,7 +509,14 @@ class _Writer:
         separate body behind the second joint, with all that follows the joint in the text.
         """
         body = self.bodies[joint.body]
-        part = min(near / _inertia_about(body, joint), MOSTLY_BEHIND)
+        whole = body.mass_kg  # at a slide; at a hinge, the inertia about its axis, kg m2
+        if joint.kind != "slide":
+            axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
+            arm = np.cross(axis, np.array(body.centre) - joint.anchor)
+            central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
+            whole = central + body.mass_kg * float(arm @ arm)
+        part = min(near / whole, MOSTLY_BEHIND)
         place = {"pos": numbers(body.centre), "quat": numbers(body.inertia_quaternion)}
 
         def inertial(share: float) -> str:
@@ -539,48 +536,6 @@ class _Writer:
         )
         self.edits.add_last(outer, "</body>")
         self.done.add(self.parameters["body", joint.body, "mass"].parameter.name)
-
-    def _extend_keyframes(self) -> None:
-        """Add positions and velocities of new joints to the keyframes: zero."""
-        for key in (t for t in self.tags if t.name == "key"):
-            for place, attribute in enumerate(("qpos", "qvel")):
-                parts = key.attributes.get(attribute, "").split()
-                if parts and self.added_joints:
-                    for at in sorted((pair[place] for pair in self.added_joints), reverse=True):
-                        parts.insert(at, "0")
-                    self.edits.set(key, attribute, " ".join(parts))
-
-    def _add_motor(self, tag: Tag, j: int, attribute: str, values: Sequence[float]) -> None:
-        """Add a motor without a command that only has friction or a periodic torque."""
-        joint = self.file.name("joint", j)
-        self.edits.set(tag, "name", joint)
-        stem = f"{joint}_{'friction' if attribute == 'lugre' else attribute}"
-        used_names = {t.attributes.get("name", "") for t in self.tags} | self.motors
-        name = numbered(stem, used_names, "")
-        self.motors.add(name)
-        words = {
-            "name": name,
-            "joint": joint,
-            "input": "none",
-            "gear": "1",
-            "armature": "0",
-            "damping": "0",
-            "motorconst": "0",
-            "resistance": "1",
-            attribute: numbers(values),
-        }
-        self.passive.append(element_text("dcmotor", words))
-
-    def _add_passive(self) -> None:
-        """Add the motors without a command behind all others, so that commands keep their order."""
-        if not self.passive:
-            return
-        sections = [t for t in self.tags if t.name == "actuator" and t.parent == 0]
-        if sections and sections[-1].closing > sections[-1].begin:
-            for text in self.passive:
-                self.edits.add_last(sections[-1], text)
-        else:
-            self.edits.add_last(self.tags[0], f"<actuator>{' '.join(self.passive)}</actuator>")
 
     # ---- actuators and sensors -------------------------------------------------------------------
 
@@ -650,7 +605,7 @@ class _Writer:
             self.edits.rename(tag, "general")
             for attribute in ("kp", "kv", "dampratio", "timeconst", "inheritrange"):
                 self.edits.set(tag, attribute, None)
-            if m.actuator_ctrllimited[i] and not {"ctrlrange"} & set(tag.attributes):
+            if m.actuator_ctrllimited[i] and "ctrlrange" not in tag.attributes:
                 self.edits.set(tag, "ctrlrange", numbers(m.actuator_ctrlrange[i]))
         for word, value in types.items():
             self.edits.set(tag, word, value)
@@ -745,7 +700,14 @@ class _Writer:
         value = body.mass_kg
         ratio = value / self.mechanism.bodies[p.number].mass_kg
         if self.is_urdf:
-            return self._urdf_mass(inertial, value, ratio)
+            mass = None if inertial is None else self._inside(inertial, "mass")
+            if inertial is None or mass is None:
+                return "its <link> has no <inertial>"
+            self.edits.set(mass, "value", number(value))
+            if about := self._inside(inertial, "inertia"):
+                for name, key in about.attributes.items():
+                    self.edits.set(about, name, number(ratio * float(key)))
+            return ""
         if inertial is None:
             # the shape stays: principal axes and centre as MuJoCo makes them of the geoms
             words = {
@@ -820,16 +782,6 @@ class _Writer:
                 self.edits.set(part, word, value)
         return ""
 
-    def _urdf_mass(self, inertial: Tag | None, value: float, ratio: float) -> str:
-        mass = None if inertial is None else self._inside(inertial, "mass")
-        if inertial is None or mass is None:
-            return "its <link> has no <inertial>"
-        self.edits.set(mass, "value", number(value))
-        if about := self._inside(inertial, "inertia"):
-            for name, key in about.attributes.items():
-                self.edits.set(about, name, number(ratio * float(key)))
-        return ""
-
     def _urdf_joint(self, tag: Tag, p: ModelParameter) -> str:
         if p.attribute not in _URDF_WORDS:
             return f"URDF has no {p.attribute}"
@@ -870,17 +822,6 @@ def inertia_values(shape: BodyShape, body: Body) -> dict[str, float]:
         **dict(zip(shape.centre_names, body.centre, strict=True)),
         **{n: float(full[i, k]) for n, (i, k) in zip(shape.inertia_names, PAIRS, strict=True)},
     }
-
-
-def _inertia_about(body: Body, joint: MechanismJoint) -> float:
-    """Inertia of a body about a hinge, kg m2; its mass at a slide."""
-    if joint.kind == "slide":
-        return body.mass_kg
-    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-    turn = Rotation.from_quat(body.inertia_quaternion, scalar_first=True)
-    central = float((turn.inv().apply(axis) ** 2) @ body.inertia)
-    arm = np.cross(axis, np.array(body.centre) - joint.anchor)
-    return central + body.mass_kg * float(arm @ arm)
 
 
 def _as_limit(stiffness: float, damping: float, weight: float) -> dict[str, str]:
