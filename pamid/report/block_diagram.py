@@ -225,24 +225,18 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
             row = [_box(g, texts[g], each) for g in groups[start : start + 2]]
             high = max(box.tall for box in row)
             stood = [replace(b, x=j * (each + GAP_Y), y=y, tall=high) for j, b in enumerate(row)]
-            links += _within_row(stood, led)
+            for a, b in pairwise(stood):
+                middle, right, left = a.y + 0.5 * a.tall, a.x + a.wide, b.x
+                if (a.name, b.name) in led:
+                    both = led[a.name, b.name]
+                    links.append(Link((right + 1.0, middle), (left - 2.0, middle), both))
+                elif (b.name, a.name) in led:
+                    both = led[b.name, a.name]
+                    links.append(Link((left - 1.0, middle), (right + 2.0, middle), both))
             placed += stood
             y += high + GAP_Y
         y -= GAP_Y
     return Diagram(wide, y + 2.0, tuple(placed), tuple(links))
-
-
-def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
-    """Arrow between two adjacent blocks of a column, if they are connected."""
-    links = []
-    for a, b in zip(row, row[1:], strict=False):
-        y = a.y + 0.5 * a.tall
-        right, left = a.x + a.wide, b.x
-        if (a.name, b.name) in led:
-            links.append(Link((right + 1.0, y), (left - 2.0, y), led[a.name, b.name]))
-        elif (b.name, a.name) in led:
-            links.append(Link((left - 1.0, y), (right + 2.0, y), led[b.name, a.name]))
-    return links
 
 
 def _box(name: str, text: BlockText, wide: float) -> Box:

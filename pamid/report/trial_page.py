@@ -20,10 +20,19 @@ _SHOWN_FAILURES = 20
 
 def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Picture]) -> Page:
     """The report of a trial with the pictures that were drawn of it."""
+    body = []
+    for score in trial.scored:
+        outcome: Markup | str = ""
+        if score.reached is not None:
+            outcome = "reached" if score.reached else strong("missed")
+        elif score.row.target is not None and score.value is None:
+            outcome = "no cases"
+        body.append([*(signs(cell.replace(" .. ", " to ")) for cell in score.texts), outcome])
+    targets = table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4))
     contents = (
         (
             "Figures and targets",
-            (*figures(pictures, "targets"), _targets(trial)),
+            (*figures(pictures, "targets"), targets),
             "Intervals: Wilson for shares, bootstrap over cases for the others, 95 %.",
         ),
         (
@@ -60,16 +69,6 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         preface=text(clean(summary(trial.content))),
         sections=(*sections, provenance(steps, notes=notes)),
     )
-
-
-def _targets(trial: Trial) -> Markup:
-    body = []
-    for score in trial.scored:
-        outcome = "no cases" if score.row.target is not None and score.value is None else ""
-        if score.reached is not None:
-            outcome = "reached" if score.reached else strong("missed")
-        body.append([*(signs(cell.replace(" .. ", " to ")) for cell in score.texts), outcome])
-    return table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4))
 
 
 def _confusion(trial: Trial) -> tuple[Markup, ...]:
