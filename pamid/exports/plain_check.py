@@ -69,8 +69,12 @@ class PlainCheck:
     @property
     def worst_words(self) -> str:
         """Text on the channel with the largest increase."""
-        channels = self.errors.channels.items()
-        name, c = max(channels, key=lambda item: _ratio(item[1].now, item[1].before))
+        increase = {
+            name: c.now / max(c.before, 1e-300) if np.isfinite(c.now) else float("inf")
+            for name, c in self.errors.channels.items()
+        }
+        name = max(increase, key=lambda channel: increase[channel])
+        c = self.errors.channels[name]
         return (
             f"in MuJoCo ({settings_of(self.errors)}) its held-out errors are larger than those of "
             f"the original file: {name} {c.now:.4g} instead of {c.before:.4g}"
@@ -80,10 +84,6 @@ class PlainCheck:
 def settings_of(record: PlainSettings) -> SimulatorSettings:
     """Step and integrator of a record."""
     return SimulatorSettings(record.timestep_s, record.integrator)
-
-
-def _ratio(new: float, old: float) -> float:
-    return float("inf") if not np.isfinite(new) else new / max(old, 1e-300)
 
 
 def plain_check(
