@@ -51,7 +51,14 @@ def find_modes(
 ) -> Modes:
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
-    poles = _random_poles(np.random.default_rng(seed))
+    random = np.random.default_rng(seed)
+    turn, quality = (
+        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
+        # many poles.
+        low * (high / low) ** random.uniform(size=POOL)
+        for low, high in (TURN, QUALITY)
+    )
+    poles = np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
     # Responses run over all samples, and only then are rows left out: a pole needs its whole past.
     every = max(1, sum(len(t) - washout for _, t in records) // MOST_SCAN_ROWS)
     rows = slice(washout, None, every)
@@ -79,16 +86,6 @@ def find_modes(
         float(weights[0]),
         error,
     )
-
-
-def _random_poles(random: np.random.Generator) -> Complex:
-    turn, quality = (
-        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
-        # many poles.
-        low * (high / low) ** random.uniform(size=POOL)
-        for low, high in (TURN, QUALITY)
-    )
-    return np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
 
 
 def _mode_responses(inputs: Array, pole: complex) -> Array:
