@@ -111,7 +111,17 @@ class RootSums:
                 self._take_up()
         elif np.isfinite(rows).all() and np.isfinite(error).all():
             self._take_up()
-            self._decompose(rows, error)
+            assert self.root is not None
+            # the root of R and a chunk below it, that is larger than R in some direction by far
+            above = np.column_stack([self.root, self.along])
+            stacked = np.vstack([above, np.column_stack([rows, error])])
+            triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+            # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
+            # unique, as a Cholesky factor is.
+            signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
+            triangle = signs[:, None] * triangle
+            self.along = np.ascontiguousarray(triangle[:, -1])
+            self._set_root(np.ascontiguousarray(triangle[:, :-1]))
         else:  # an overflow: it shows in the result
             self.sse = np.inf
 
@@ -136,16 +146,3 @@ class RootSums:
         assert self.root is not None
         self.along = solve_triangular(factor, self.along, trans="T", check_finite=False)
         self._set_root(np.triu(factor @ self.root))
-
-    def _decompose(self, rows: Array, error: Array) -> None:
-        """The root of R and a chunk below it, that is larger than R in some direction by far."""
-        assert self.root is not None
-        above = np.column_stack([self.root, self.along])
-        stacked = np.vstack([above, np.column_stack([rows, error])])
-        triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
-        # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
-        # unique, as a Cholesky factor is.
-        signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
-        triangle = signs[:, None] * triangle
-        self.along = np.ascontiguousarray(triangle[:, -1])
-        self._set_root(np.ascontiguousarray(triangle[:, :-1]))
