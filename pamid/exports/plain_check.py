@@ -222,7 +222,12 @@ def _stretches(
         groups = _groups(window[begin:end], period, horizon_s)
         for first, opening, warm, last in groups:
             a, b = begin + first, begin + last
-            past = max(_contiguous(time, columns["recording"], a), a - round(MOST_PAST_S / period))
+            # the first row from which time continues without a gap, in the same recording
+            steps, usual = np.diff(time[: a + 1]), np.median(np.diff(time[a : a + 3]))
+            broken = np.abs(steps - usual) > 0.5 * usual
+            broken |= np.diff(columns["recording"][: a + 1]) != 0
+            unbroken = int(np.max(np.flatnonzero(broken), initial=-1)) + 1
+            past = max(unbroken, a - round(MOST_PAST_S / period))
             scored = np.ones(b - a, bool)
             scored[:warm] = False
             rows = {c: si[c][a:b] for c in readings}
@@ -255,11 +260,3 @@ def _groups(
         first, scored, end = windows[k]
         last = windows[min(k + per_run, len(windows)) - 1][2]
         yield first, (end if per_run > 1 else scored) - first, scored - first, last
-
-
-def _contiguous(time: Array, recording: Array, at: int) -> int:
-    """First row from which time continues without a gap up to a row, in the same recording."""
-    step = np.diff(time[: at + 1])
-    period = np.median(np.diff(time[at : at + 3]))
-    broken = (np.abs(step - period) > 0.5 * period) | (np.diff(recording[: at + 1]) != 0)
-    return int(np.max(np.flatnonzero(broken), initial=-1)) + 1
