@@ -196,8 +196,17 @@ def _equation(
         f"{act.letter}: the {act.what} without the effect, {act.letter}′ with it. Plain numbers "
         "are in SI units."
     ]
-    meanings = {function: _meaning(function) for function in with_names.functions}
-    texts = [f"{function}: {meaning}" for function, meaning in meanings.items() if meaning]
+    texts = []
+    for function in with_names.functions:
+        meaning = _CALLED.get(function)
+        if meaning is None:  # the first sentence of its docstring
+            name = {"sgn": "sign", "step": "smooth_step"}.get(function, function)
+            of = getattr(equations, name, None)
+            summary = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
+            summary = re.split(r"[;.](?:\s|$)", summary, maxsplit=1)[0]
+            meaning = summary.replace("+-", "± ").replace("half_width", "its second value")
+        if meaning:
+            texts.append(f"{function}: {meaning}")
     if texts:
         legend.append("; ".join(texts) + ".")
     return _figure(title, _scrolled(title, *math), *legend)
@@ -252,12 +261,3 @@ def _shown(act: ActingEffect, values: Mapping[str, Estimate]) -> Any:
         return name(split_column(outside)[0])
 
     return shown
-
-
-def _meaning(function: str) -> str:
-    if function in _CALLED:
-        return _CALLED[function]
-    of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    summary = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
-    summary = re.split(r"[;.](?:\s|$)", summary, maxsplit=1)[0]
-    return summary.replace("+-", "± ").replace("half_width", "its second value")

@@ -3,7 +3,7 @@ trace, and the points of a missing term."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -120,42 +120,33 @@ def load_run(folder: Path) -> RunData:
         free, keys = read_columns(folder / FREE_RUN_FILE) or {}, ("time_s", "recording")
         if all(k in free and np.array_equal(free[k], residual[k]) for k in keys):
             residual |= {name: x for name, x in free.items() if name not in residual}
+        for corrected in (network, *others):
+            # a network that corrects the model in closed loop belongs to another comparison
+            if corrected is not None and corrected.in_loop:
+                stem = "" if corrected.output is None else split_column(corrected.output.name)[0]
+                residual = {
+                    name.replace("_network", "_loop_network")
+                    if name.startswith(f"{stem}_network" if stem else "")
+                    else name: values
+                    for name, values in residual.items()
+                }
     trace = read_columns(folder / TRACE_FILE)
     if trace is not None:
         _require(folder / TRACE_FILE, trace, ("iteration", "mse"))
     missing = read_columns(folder / MISSING_FILE)
     if missing is not None:
         _require(folder / MISSING_FILE, [split_column(name)[0] for name in missing], ("missing",))
-    networks = () if network is None else (network, *others)
     return RunData(
         steps=read_steps(folder / RUN_FILE),
         fit=fit,
         diagnosis=diagnosis,
         network=network,
         other_networks=others,
-        residual=None if residual is None else Residual(_in_loops(residual, networks)),
+        residual=None if residual is None else Residual(residual),
         trace=trace,
         missing=missing,
         added=read_result(folder / ADDED_VARIABLES_FILE, AddedVariablesFile),
     )
-
-
-def _in_loops(
-    columns: dict[str, FloatArray], networks: Sequence[NetworkFile]
-) -> dict[str, FloatArray]:
-    """Columns of residual.csv; those of networks that correct the model in closed loop are called
-    "loop_network", because they belong to another comparison."""
-    for network in networks:
-        if not network.in_loop:
-            continue
-        stem = "" if network.output is None else split_column(network.output.name)[0]
-        columns = {
-            name.replace("_network", "_loop_network")
-            if name.startswith(f"{stem}_network" if stem else "")
-            else name: values
-            for name, values in columns.items()
-        }
-    return columns
 
 
 def _require(path: Path, columns: Collection[str], needed: tuple[str, ...]) -> None:

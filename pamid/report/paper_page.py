@@ -24,7 +24,6 @@ from pamid.base.schemas.paper_files import (
     ArmEstimate,
     ArmPaperFile,
     PaperFile,
-    PaperRow,
     StageEstimate,
 )
 from pamid.base.schemas.run_file import Step
@@ -209,22 +208,16 @@ def _joint(paper: PaperFile, folder: Path) -> Page:
         ),
         *_twin_and_notes(paper.twin.model_extra or {}, paper),
     ]
-    lead = _joint_lead(rows, cases)
-    return _page(lead, "The first paper: a joint", _quick(paper), sections)
-
-
-def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
-    """The last case is the case that no model was trained at."""
-    case = cases[-1]
+    case = cases[-1]  # that no model was trained at
     known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
-    if len(known) < 2:
-        return "The errors of the models on the steps of the first paper."
-    first, best = known[0], min(known[1:], key=lambda item: item[1])
-    return (
-        f"At {clean(case)}, the {clean(first[0])} is off by "
-        f"{formatting.short(first[1])} deg, the "
-        f"{clean(best[0])} by {formatting.short(best[1])} deg."
-    )
+    lead = "The errors of the models on the steps of the first paper."
+    if len(known) > 1:
+        first, best = known[0], min(known[1:], key=lambda item: item[1])
+        lead = (
+            f"At {clean(case)}, the {clean(first[0])} is off by {formatting.short(first[1])} deg, "
+            f"the {clean(best[0])} by {formatting.short(best[1])} deg."
+        )
+    return _page(lead, "The first paper: a joint", _quick(paper), sections)
 
 
 # ---- the second paper --------------------------------------------------------------------------

@@ -29,6 +29,14 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
             outcome = "no cases"
         body.append([*(signs(cell.replace(" .. ", " to ")) for cell in score.texts), outcome])
     targets = table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4))
+    answers = [
+        [
+            effect_label(family),
+            ", ".join(f"{effect_label(answer)} {count(n)}" for answer, n in row.items()),
+        ]
+        for family, row in trial.file.confusion.items()
+    ]
+    in_words = [details("The same in words", table(["planted", "answers"], answers))]
     contents = (
         (
             "Figures and targets",
@@ -43,7 +51,7 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         ),
         (
             "Which effects are confused?",
-            (*figures(pictures, "confusion"), *_confusion(trial)),
+            (*figures(pictures, "confusion"), *(in_words if answers else [])),
             "Visible single faults; in parentheses: answers that name no family.",
         ),
         (
@@ -69,17 +77,6 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         preface=text(clean(summary(trial.content))),
         sections=(*sections, provenance(steps, notes=notes)),
     )
-
-
-def _confusion(trial: Trial) -> tuple[Markup, ...]:
-    body = [
-        [
-            effect_label(family),
-            ", ".join(f"{effect_label(answer)} {count(n)}" for answer, n in row.items()),
-        ]
-        for family, row in trial.file.confusion.items()
-    ]
-    return (details("The same in words", table(["planted", "answers"], body)),) if body else ()
 
 
 def _strata(trial: Trial) -> list[Markup]:
