@@ -92,13 +92,10 @@ def _stages(file: Path) -> tuple[WorkStage, ...]:
         return WORK_STAGES["check"]
     if file.suffix in MODEL_ENDINGS:
         return WORK_STAGES["check a model"]
-    return () if _is_effect(file) else WORK_STAGES["check a rig"]
-
-
-def _is_effect(file: Path) -> bool:
-    """Whether the file defines an effect, judged by its text: the file is not run."""
     try:
         text = file.read_text(encoding="utf-8", errors="replace") if file.suffix == ".py" else ""
     except OSError:
-        return False
-    return re.search(r"^class \w+\([^)]*Effect\)", text, re.MULTILINE) is not None
+        text = ""
+    # judged by its text: the file is not run
+    is_effect = re.search(r"^class \w+\([^)]*Effect\)", text, re.MULTILINE)
+    return () if is_effect else WORK_STAGES["check a rig"]

@@ -153,7 +153,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # matrices are small, so threads of BLAS cost more than they gain; jobs use the cores instead
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    _keep_streams_apart()
+    # The next opened file would get the number of a closed stream, and output would go into it.
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # escapes characters that it cannot encode
+        sys.stdout.reconfigure(errors="backslashreplace")
     words = sys.argv[1:] if arguments is None else arguments
     watch_signals(partial(_print_last_words, "--json" in _flags(words)))
     code = run(words)
@@ -174,20 +181,6 @@ def _print_last_words(as_json: bool) -> None:
         os.write(1, f"{_json(described)}\n".encode())
     else:
         os.write(2, f"pamid: {described['message']}\n  {described['hint']}\n".encode())
-
-
-def _keep_streams_apart() -> None:
-    """Open the null device for each closed stream.
-
-    The next opened file would otherwise get the number of that stream, and output would go into it.
-    """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # escapes characters that it cannot encode
-        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def run(arguments: Sequence[str]) -> int:

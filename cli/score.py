@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pamid.api.options.simulating import ScoreArguments
 from pamid.base.errors import quoted
@@ -37,19 +36,14 @@ def command(arguments: Arguments) -> frame.Result:
     with staged_progress("score") as progress:
         result = score.of(frame.reporting(arguments, progress))
     content = result.to_dict()
+    # of the most complete model over the recordings; None where that model became unstable
+    largest: dict[str, float | None] = {}
+    for row in content["recordings"]:
+        model = next(name for name in reversed(content["models"]) if name in row["mae"])
+        error, before = row["mae"][model], largest.get(row["channel"], 0.0)
+        largest[row["channel"]] = None if error is None or before is None else max(error, before)
     return frame.Result(
         content,
         f"{result.summary()}\nNext: pamid report {quoted(result.run)}",
-        exit_code_of(arguments.conditions, _largest_errors(content)),
+        exit_code_of(arguments.conditions, largest),
     )
-
-
-def _largest_errors(score: dict[str, Any]) -> dict[str, float | None]:
-    """Channel -> largest mean absolute error of the most complete model over the recordings; None
-    if that model became unstable."""
-    largest: dict[str, float | None] = {}
-    for row in score["recordings"]:
-        model = next(name for name in reversed(score["models"]) if name in row["mae"])
-        error, before = row["mae"][model], largest.get(row["channel"], 0.0)
-        largest[row["channel"]] = None if error is None or before is None else max(error, before)
-    return largest

@@ -82,16 +82,11 @@ def _watch(signals: int, last_words: Callable[[], None]) -> None:
         time.sleep(min(_LOOK_S, left))
         if _STATE.lost:
             _thread.interrupt_main(signal.SIGTERM)
-    _kill_children()
-    with contextlib.suppress(Exception):
-        last_words()
-    os._exit(INTERRUPTED)
-
-
-def _kill_children() -> None:
-    """Kill child processes of native code; they ignore the signal and would outlive this
-    process."""
+    # children of native code ignore the signal and would outlive this process
     for task in Path("/proc/self/task").glob("*/children"):  # on Linux
         with contextlib.suppress(OSError):
             for child in task.read_text().split():
                 os.kill(int(child), signal.SIGKILL)
+    with contextlib.suppress(Exception):
+        last_words()
+    os._exit(INTERRUPTED)

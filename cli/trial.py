@@ -149,7 +149,14 @@ def command(arguments: Arguments) -> frame.Result:
     trial = _Trial.of(a)
     with worker_pool(a.jobs, a.cluster) as pool:
         if a.index is not None:
-            return _share(trial, _share_of(a.index), pool)
+            index, slash, shares = a.index.partition("/")
+            numbers = slash and index.isdecimal() and shares.isdecimal()
+            if not (numbers and 1 <= int(index) <= int(shares)):
+                raise UsageError(
+                    f"--index {a.index!r} is not a share.",
+                    "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.",
+                )
+            return _share(trial, (int(index), int(shares)), pool)
         run = trial.replaced() if a.overwrite else trial.begun(a.resume)
         try:
             with progress_line("trial", a.cases) as progress:
@@ -292,16 +299,6 @@ class _Trial:
             if value is not None and name != "machine"
         ]
         return " ".join(["pamid trial", *words, f"--output {quoted(self.output)} --resume"])
-
-
-def _share_of(index: str) -> tuple[int, int]:
-    first, slash, count = index.partition("/")
-    if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
-        raise UsageError(
-            f"--index {index!r} is not a share.",
-            "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.",
-        )
-    return int(first), int(count)
 
 
 def _share(trial: _Trial, share: tuple[int, int], pool: WorkerPool) -> frame.Result:

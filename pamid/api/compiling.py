@@ -44,7 +44,17 @@ def compile_ahead() -> None:
         line.update(0, "networks")
         importlib.import_module(_EAGER)
         line.update(1, "integration in time")
-        _run_once(Assembly(rig))
+        # A single sample; the numbers are of no interest, nor is a state that runs away.
+        assembly = Assembly(rig)
+        program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
+        memory = program.memory(assembly.start(p), period_s=period)
+        u = np.zeros((1, len(program.inputs)))
+        program.rate_matrix(memory, u[0], p, period_s=period)
+        program.run(memory, SampledInputs(u, period), p, stepping=Stepping())
+        lanes = assembly.lane_program
+        state, implicit = assembly.start(p)[:, None], Stepping(1, implicit=True)
+        lanes.run(lanes.memory(state), SampledInputs(u, period), p, stepping=implicit)
+        eliminate(np.ones((1, 1, 1)), np.zeros((0, 1, 1)), np.ones((1, 1, 1)), 0.0)
         for done, (name, model) in enumerate(models.items(), start=2):
             line.update(done, name)
             _compile(model.for_fitting())
@@ -57,20 +67,6 @@ def _compile(assembly: Assembly) -> None:
     program.code.at(p, partials=True)
     x, u = np.zeros((len(lanes.states), 1)), np.zeros((0, len(program.inputs)))
     lanes.run(lanes.memory(x), SampledInputs(u, assembly.rig.period_s), p)
-
-
-def _run_once(assembly: Assembly) -> None:
-    """Run a single sample, which compiles all integrators."""
-    program, p, period = assembly.program, assembly.values(), assembly.rig.period_s
-    memory = program.memory(assembly.start(p), period_s=period)
-    u = np.zeros((1, len(program.inputs)))
-    # the numbers are of no interest, nor is a state that runs away
-    program.rate_matrix(memory, u[0], p, period_s=period)
-    program.run(memory, SampledInputs(u, period), p, stepping=Stepping())
-    lanes = assembly.lane_program
-    x = assembly.start(p)[:, None]
-    lanes.run(lanes.memory(x), SampledInputs(u, period), p, stepping=Stepping(1, implicit=True))
-    eliminate(np.ones((1, 1, 1)), np.zeros((0, 1, 1)), np.ones((1, 1, 1)), 0.0)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pamid.api.options.exporting import ExportArguments
 from pamid.api.options.record import verb
 from pamid.api.workers import OpenedRun
 from pamid.base.progress import tell
-from pamid.base.schemas.command_files import PlainMujoco, WrittenExport
+from pamid.base.schemas.command_files import WrittenExport
 from pamid.exports.exporting import export_model
 from pamid.exports.plain_check import settings_of
 from pamid.model.registry import resolved_rig
@@ -38,8 +38,21 @@ class ExportResult(WrittenExport):
             f"{', '.join(self.effects) or 'no effect'}{network}{built}.",
             f"Every {self.period_s:g} s: {', '.join(self.inputs)} -> {', '.join(self.outputs)}",
         ]
-        if self.plain_mujoco is not None:
-            lines += _errors_in_mujoco(self.plain_mujoco)
+        if (errors := self.plain_mujoco) is not None:
+            used, best = settings_of(errors), settings_of(errors.best)
+            lines.append(f"Mean absolute error on held-out data, in plain MuJoCo ({used}):")
+            for name, c in errors.channels.items():
+                stated = "" if c.stated is None else f"; the run predicts {c.stated:.4g}"
+                lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
+            if best != used:
+                figures = ", ".join(f"{name} {c.best:.4g}" for name, c in errors.channels.items())
+                reach = "reaches" if errors.reached else "is closest to"
+                lines.append(
+                    f"{best.integrator} with {1e3 * best.timestep_s:g} ms {reach} the predicted "
+                    f"error ({figures}): {best.option}"
+                )
+            elif errors.reached is False:
+                lines.append("No other step or integrator is better.")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -96,22 +109,3 @@ def export(arguments: ExportArguments) -> ExportResult:
     if written.check is None:
         return result
     return result.model_copy(update={"plain_mujoco": written.check.errors})
-
-
-def _errors_in_mujoco(errors: PlainMujoco) -> list[str]:
-    """Errors of the old and the new file by channel, then the step that reaches the stated ones."""
-    used, best = settings_of(errors), settings_of(errors.best)
-    lines = [f"Mean absolute error on held-out data, in plain MuJoCo ({used}):"]
-    for name, c in errors.channels.items():
-        stated = "" if c.stated is None else f"; the run predicts {c.stated:.4g}"
-        lines.append(f"  {name}: {c.before:.4g} with the old file, {c.now:.4g} now{stated}")
-    if best != used:
-        figures = ", ".join(f"{name} {c.best:.4g}" for name, c in errors.channels.items())
-        reach = "reaches" if errors.reached else "is closest to"
-        lines.append(
-            f"{best.integrator} with {1e3 * best.timestep_s:g} ms {reach} the predicted error "
-            f"({figures}): {best.option}"
-        )
-    elif errors.reached is False:
-        lines.append("No other step or integrator is better.")
-    return lines

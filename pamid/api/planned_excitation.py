@@ -24,7 +24,7 @@ from pamid.rigs.muscle_experiments import (
     held_pressure,
 )
 from pamid.rigs.simulators.safe_excitation import SafeExcitation
-from pamid.simulation.excitation.aprbs import Coverage, coverage
+from pamid.simulation.excitation.aprbs import coverage
 from pamid.simulation.excitation.experiments import (
     at_rest,
     bounds_of,
@@ -123,13 +123,25 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
         reach = _reach(safe, column, offsets[column], amplitudes[column])
         excited = columns[column][item.turn]
         covers = coverage(excited, period, span=reach)
+        same = [n for n in SignalCoverage.model_fields if n not in ("changes", "sentences")]
+        changes = None
+        if covers.changes is not None:
+            changes = {
+                "size_edges": [0.0, 0.25, 0.5, 0.75, 1.0],
+                "pace_edges_hz": covers.changes.edges_hz,
+                "share_of_time": covers.changes.share,
+            }
         each.append(
             {
                 "column": column,
                 "unit": unit,
                 "range": list(reach),
                 **item.settings,
-                "coverage": _coverage_entry(covers),
+                "coverage": {
+                    **{name: getattr(covers, name) for name in same},
+                    "changes": changes,
+                    "sentences": covers.sentences(),
+                },
             }
         )
         shown.append(
@@ -155,7 +167,21 @@ def _signals(request: ExcitationArguments) -> PlannedExcitation:
         held = at_rest(rig, samples)
         meta = _meta(request, {} if pressure is None else held_pressure(rig, pressure))
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
-    about = _about_signals(request, settings, each, columns, meta)
+    # a single column stands at the top level, several in a list
+    alone = each[0] if len(each) == 1 else {}
+    about: dict[str, Any] = {
+        "signal": signal,
+        "loop": "open" if meta else request.loop,
+        **(
+            {key: alone[key] for key in ("column", "unit", "range")} if alone else {"columns": each}
+        ),
+        **settings,
+        "rate_limit_per_s": limit,
+        **({"seed": request.seed} if signal in SEEDED else {}),
+        **({"known": meta["known"]} if "known" in meta else {}),
+        **_clock(request, columns),
+        **({"coverage": alone["coverage"]} if alone else {}),
+    }
     if safe is not None:
         commands = [asdict(command) for command in safe.commands]
         about["limits"] = {"checked": safe.limits, "commands": commands, "reached": safe.reached}
@@ -188,46 +214,6 @@ def _reach(
         if command.column == column:
             centre, amplitude = centre + command.shift, command.factor * amplitude
     return centre - amplitude, centre + amplitude
-
-
-def _about_signals(
-    request: ExcitationArguments,
-    settings: dict[str, Any],
-    each: list[dict[str, Any]],
-    columns: dict[str, NDArray[Any]],
-    meta: dict[str, Any],
-) -> dict[str, Any]:
-    """JSON entries of the signals: of a single column at the top level, of several in a list."""
-    alone = each[0] if len(each) == 1 else {}
-    return {
-        "signal": request.signal,
-        "loop": "open" if meta else request.loop,
-        **(
-            {key: alone[key] for key in ("column", "unit", "range")} if alone else {"columns": each}
-        ),
-        **settings,
-        "rate_limit_per_s": request.rate_limit,
-        **({"seed": request.seed} if request.signal in SEEDED else {}),
-        **({"known": meta["known"]} if "known" in meta else {}),
-        **_clock(request, columns),
-        **({"coverage": alone["coverage"]} if alone else {}),
-    }
-
-
-def _coverage_entry(covers: Coverage) -> dict[str, Any]:
-    changes = covers.changes
-    same = [name for name in SignalCoverage.model_fields if name not in ("changes", "sentences")]
-    return {
-        **{name: getattr(covers, name) for name in same},
-        "changes": None
-        if changes is None
-        else {
-            "size_edges": [0.0, 0.25, 0.5, 0.75, 1.0],
-            "pace_edges_hz": changes.edges_hz,
-            "share_of_time": changes.share,
-        },
-        "sentences": covers.sentences(),
-    }
 
 
 @dataclass(frozen=True)

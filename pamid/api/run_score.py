@@ -9,6 +9,7 @@ the end. A network that was trained on either comparison is judged by that alone
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -22,7 +23,7 @@ from pamid.base.network_folders import channel_networks
 from pamid.base.progress import tell
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
-from pamid.base.schemas.fit_file import FitFile, RecordingUsed
+from pamid.base.schemas.fit_file import FitFile
 from pamid.base.schemas.score_file import RecordingError, ScoreFile
 from pamid.base.units import from_si, split_column, to_si
 from pamid.model.assembly import Assembly
@@ -90,9 +91,26 @@ def score_run(
     fit = need_result(folder / FIT_FILE, FitFile, also=("model", "cause"))
     models = _models_of(folder, fit, rig, effects)
     outputs = tuple(models.refitted.assembly.rig.outputs)
-    used = _used_again(fit.recordings)
+    # The run's recordings, where they still lie there as they were: a part of one, or one under
+    # another name, is known by its samples.
+    used = []
+    for of_run in fit.recordings:
+        path = Path(of_run.path)
+        try:
+            if path.is_file() and sha256_of(path) == of_run.sha256:
+                used.append(read_recording(path))
+        except (PamidError, OSError):  # it has moved or changed: its digest is what is left
+            continue
     for recording in recordings:
-        _require_fresh(folder, recording, fit.recordings)
+        same = next((r for r in fit.recordings if r.sha256 and r.sha256 == recording.sha256), None)
+        if same is not None:
+            raise DataError(
+                f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a score "
+                "needs new data.",
+                f"Give recordings that the run has not used; `pamid report {folder}` shows the "
+                "errors on the held-out part.",
+                code="overlap",
+            )
         require_apart(outputs, used, [recording])
         remedy = "Record with the model's period, or fit a model with this period."
         require_period(recording, models.refitted, remedy, code="period")
@@ -103,16 +121,24 @@ def score_run(
         tell(f"runs {next(begun)}/{most}: {name.replace('_', ' ')}, {recording.name}")
 
     rows = [row for item in recordings for row in _rows(models, item, say)]
-    form, notes = models.refitted.assembly.rig.forms, _notes(models)
+    notes, corrected = [], models.named.get("with_network")
+    if corrected is not None and corrected.network is not None:
+        in_loop = corrected.network.in_loop
+        where, other = ("closed loop", "replay") if in_loop else ("replay", "")
+        labels, without = ([a.label for a in m.effects] for m in (corrected, models.refitted))
+        model = "model with its causes" if labels != without else "refitted model"
+        text = f"The network was trained in {where}{f' and is not scored in {other}' * bool(other)}"
+        notes.append(f"{text}; it corrects the {model}.")
+    form = models.refitted.assembly.rig.forms
     if form is not None:  # something acts in a recording that the form of the rig leaves out
         texts = (form.left_out(models.refitted.assembly.rig, item) for item in recordings)
-        notes = (*notes, *filter(None, texts))
+        notes += filter(None, texts)
     return ScoreFile(
         run=str(folder),
         rig=models.refitted.name,
         models=tuple(models.named),
         recordings=tuple(rows),
-        notes=notes,
+        notes=tuple(notes),
     )
 
 
@@ -138,44 +164,7 @@ def _models_of(
     return _Models(refitted, named, tuple(fit.channels), others)
 
 
-def _notes(models: _Models) -> tuple[str, ...]:
-    corrected = models.named.get("with_network")
-    if corrected is None or corrected.network is None:
-        return ()
-    where, other = ("closed loop", "replay") if corrected.network.in_loop else ("replay", "")
-    labels, without = ([a.label for a in m.effects] for m in (corrected, models.refitted))
-    model = "model with its causes" if labels != without else "refitted model"
-    text = f"The network was trained in {where}{f' and is not scored in {other}' * bool(other)}"
-    return (f"{text}; it corrects the {model}.",)
-
-
 # ---- what may be judged ------------------------------------------------------------------------
-
-
-def _require_fresh(folder: Path, recording: Recording, used: Sequence[RecordingUsed]) -> None:
-    same = next((name for name in used if name.sha256 and name.sha256 == recording.sha256), None)
-    if same is not None:
-        raise DataError(
-            f"{recording.path} was used in {folder} ({same.role}, as {same.name}): a score needs "
-            "new data.",
-            f"Give recordings that the run has not used; `pamid report {folder}` shows the errors "
-            "on the held-out part.",
-            code="overlap",
-        )
-
-
-def _used_again(used: Sequence[RecordingUsed]) -> list[Recording]:
-    """The run's recordings, where they still lie there as they were: also under another
-    name, or a part of it, is known by its samples."""
-    repeated = []
-    for name in used:
-        path = Path(name.path)
-        try:
-            if path.is_file() and sha256_of(path) == name.sha256:
-                repeated.append(read_recording(path))
-        except (PamidError, OSError):  # it has moved or changed: its digest is what is left
-            continue
-    return repeated
 
 
 # ---- rows --------------------------------------------------------------------------------------
@@ -206,10 +195,16 @@ def _rows(
         measured = data.shown(channel)[scored]
         yield recording_error(recording.name, recording.known, REPLAYED, channel, measured, models)
     if data.runs_in_loop(available.refitted.assembly.rig):
-        loops = {}
+        loops: dict[int, dict[str, Array] | None] = {}
         for name, model in available.every:
             say(name, recording)
-            loops[id(model)] = _loop_of(model, recording)
+            # under the recording's controller, columns in their units; None: it becomes unstable
+            commands = {q.command for q in model.assembly.rig.loops}
+            sent = {n: v for n, v in recording.columns.items() if n not in commands}
+            loops[id(model)] = None
+            with suppress(DataError):
+                simulated = record_identified(model, replace(recording, columns=sent), noise=0.0)
+                loops[id(model)] = {n: np.asarray(v) for n, v in simulated.columns.items()}
         for channel in seen:
             runs = {name: loops[id(model)] for name, model in available.of(channel).items()}
             models = {n: None if run is None else run[channel] for n, run in runs.items()}
@@ -221,18 +216,6 @@ def _rows(
                 data.shown(channel),
                 models,
             )
-
-
-def _loop_of(model: Identified, recording: Recording) -> dict[str, Array] | None:
-    """The model under the recording's controller, columns in their units; None where it becomes
-    unstable."""
-    commands = {q.command for q in model.assembly.rig.loops}
-    sent = {n: v for n, v in recording.columns.items() if n not in commands}
-    try:
-        simulated = record_identified(model, replace(recording, columns=sent), noise=0.0)
-    except DataError:
-        return None
-    return {name: np.asarray(values) for name, values in simulated.columns.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,7 +81,18 @@ class OpenedRun:
         record = Run.open(source).record
         listed = record.get("files")
         names = [n for n in listed if isinstance(n, str)] if isinstance(listed, list) else []
-        content = {name: _content(source, name) for name in names if (source / name).exists()}
+        content = {}
+        for name in names:
+            path, inside = source / name, PurePath(name)
+            if not path.exists():
+                continue
+            if inside.is_absolute() or not is_inside(source, inside) or path.is_symlink():
+                raise FileError(
+                    f"{source / RUN_FILE} lists {name!r}, which is not a file of that folder.",
+                    "Take it out of the list, or copy the folder by hand.",
+                    code="run-folder",
+                )
+            content[name] = read_data(path, TABLE)
         copy = Run.create(
             target,
             command=record.get("command") or "pamid",
@@ -99,17 +110,6 @@ class OpenedRun:
         from pamid.api.plots import figure
 
         return figure(self.data, content)
-
-
-def _content(folder: Path, name: str) -> bytes:
-    path = folder / name
-    if PurePath(name).is_absolute() or not is_inside(folder, PurePath(name)) or path.is_symlink():
-        raise FileError(
-            f"{folder / RUN_FILE} lists {name!r}, which is not a file of that folder.",
-            "Take it out of the list, or copy the folder by hand.",
-            code="run-folder",
-        )
-    return read_data(path, TABLE)
 
 
 @contextmanager

@@ -67,7 +67,18 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     compiler
         C compiler; by default the first of cc, gcc, clang; "" for none.
     """
-    sources = _sources(step, version)
+    name = model_name(step)
+    model = {f"{name}.h": header(step), f"{name}.c": source(step)}
+    token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]
+    shared = Template(asset("fmu.h")).substitute(
+        model=name,
+        MODEL=name.upper(),
+        token=token,
+        starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
+        parameter="c->m.p[k - NU - NY]" if step.parameters else "c->u[NU]",
+    )
+    shim = asset(f"fmi{version}.c")
+    sources = {**model, "fmu.h": shared, f"fmi{version}.c": shim + not_offered(version, shim)}
     cc = (
         next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "")
         if compiler is None
@@ -84,41 +95,25 @@ def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> 
     content = {"modelDescription.xml": _xml(described)}
     content |= {f"sources/{name}": text.encode() for name, text in sources.items()}
     if version == 3:
-        content["sources/buildDescription.xml"] = _xml(_build_description(step, sources))
+        files = (_element("SourceFile", {"name": file}) for file in sources if file.endswith(".c"))
+        content["sources/buildDescription.xml"] = _xml(_element(
+            "fmiBuildDescription", {"fmiVersion": "3.0"},
+            _element("BuildConfiguration", {"modelIdentifier": name},
+                _element("SourceFileSet", {"language": "C99"}, *files)),
+        ))  # fmt: skip
     if binary:
-        content[f"binaries/{folder}/{model_name(step)}.{ending}"] = binary
-    return Fmu(_zipped(content), folder if binary else "", why)
-
-
-def _zipped(content: dict[str, bytes]) -> bytes:
-    """Archive whose bytes only depend on the content."""
+        content[f"binaries/{folder}/{name}.{ending}"] = binary
+    # an archive whose bytes only depend on the content
     archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, data in content.items():
-            entry = zipfile.ZipInfo(name)
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+        for place, data in content.items():
+            entry = zipfile.ZipInfo(place)
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-            file.writestr(entry, data)
-    return archive.getvalue()
+            packed.writestr(entry, data)
+    return Fmu(archive.getvalue(), folder if binary else "", why)
 
 
 # ---- sources and binary ------------------------------------------------------------------------
-
-
-def _sources(step: SampleStep, version: int) -> dict[str, str]:
-    name, model = (
-        model_name(step),
-        {f"{model_name(step)}.h": header(step), f"{model_name(step)}.c": source(step)},
-    )
-    token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]
-    shared = Template(asset("fmu.h")).substitute(
-        model=name,
-        MODEL=name.upper(),
-        token=token,
-        starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
-        parameter="c->m.p[k - NU - NY]" if step.parameters else "c->u[NU]",
-    )
-    shim = asset(f"fmi{version}.c")
-    return {**model, "fmu.h": shared, f"fmi{version}.c": shim + not_offered(version, shim)}
 
 
 def not_offered(version: int, shim: str) -> str:
@@ -336,12 +331,3 @@ def _structure(step: SampleStep) -> list[tuple[int, list[int]]]:
         (len(step.inputs) + i, [places[name] for name in needs])
         for i, needs in enumerate(step.feedthrough())
     ]
-
-
-def _build_description(step: SampleStep, sources: dict[str, str]) -> Element:
-    files = (_element("SourceFile", {"name": name}) for name in sources if name.endswith(".c"))
-    return _element(
-        "fmiBuildDescription", {"fmiVersion": "3.0"},
-        _element("BuildConfiguration", {"modelIdentifier": model_name(step)},
-            _element("SourceFileSet", {"language": "C99"}, *files)),
-    )  # fmt: skip

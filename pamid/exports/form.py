@@ -27,10 +27,6 @@ class Written:
     check: PlainCheck | None = None
 
 
-def _single_file(step: Any, path: Path) -> tuple[Path, ...]:
-    return (path,)
-
-
 @dataclass(frozen=True)
 class Form:
     """An export form.
@@ -44,7 +40,7 @@ class Form:
 
     ending: str
     write: Callable[[Identified, Any, tuple[Path, ...]], Written]
-    files: Callable[[Any, Path], tuple[Path, ...]] = _single_file
+    files: Callable[[Any, Path], tuple[Path, ...]] = lambda _, path: (path,)
     sampled: bool = True
 
 

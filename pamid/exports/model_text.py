@@ -64,8 +64,17 @@ def write_model_text(
         notes.append("the network is not in the file: model files have no networks")
     if check is None:
         notes.append("it was not run, because the run has no held-out data")
-    if rivals := _rivals_note(model):
-        notes.insert(0, rivals)
+    # effects that the recordings cannot separate from the written effect
+    label = model.effects[0].label if model.effects else ""
+    others = {name: chance for name, chance in model.rivals.items() if name != label}
+    if others:
+        named = ", ".join(f"{name} (P {chance:.2f})" for name, chance in others.items())
+        notes.insert(
+            0,
+            f"{label} (P {model.rivals.get(label, 0.0):.2f}) is in the file; these recordings "
+            f"cannot separate it from {named}; --choose {quoted(next(iter(others)))} writes that "
+            "effect",
+        )
     text, unmoved = relocated_text(written.text, path, files[0].parent)
     notes += [unmoved] if unmoved else []
     return Written({files[0]: text}, notes=tuple(notes), check=check)
@@ -87,16 +96,3 @@ def _written(model: Identified, mechanism: Mechanism) -> WrittenModel:
         for a in model.effects
     ]
     return write_back(mechanism, parameters, effects)
-
-
-def _rivals_note(model: Identified) -> str:
-    """Note on the effects that the recordings cannot separate from the written effect."""
-    written = model.effects[0].label if model.effects else ""
-    others = {k: v for k, v in model.rivals.items() if k != written}
-    if not others:
-        return ""
-    named = ", ".join(f"{k} (P {v:.2f})" for k, v in others.items())
-    return (
-        f"{written} (P {model.rivals.get(written, 0.0):.2f}) is in the file; these recordings "
-        f"cannot separate it from {named}; --choose {quoted(next(iter(others)))} writes that effect"
-    )

@@ -37,7 +37,14 @@ def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
 
     UsageError if its network needs the control loop; FileError if onnx is not installed.
     """
-    _require_onnx()
+    try:
+        import onnx  # noqa: F401
+    except ImportError:
+        raise FileError(
+            "ONNX files are written with the package onnx, which is not installed.",
+            "pip install 'pamid[onnx]'",
+            code="missing-extra",
+        ) from None
     network = None if model.network is None else model.network.trained
     in_matrices = network is not None and network.network.in_matrices
     sample = Sampled(step_of(model), network if in_matrices else None)
@@ -96,14 +103,3 @@ def run_and_cell(
         outermost=True,
     )
     return model_bytes(run, words), model_bytes(cell, words)
-
-
-def _require_onnx() -> None:
-    try:
-        import onnx  # noqa: F401
-    except ImportError:
-        raise FileError(
-            "ONNX files are written with the package onnx, which is not installed.",
-            "pip install 'pamid[onnx]'",
-            code="missing-extra",
-        ) from None

@@ -45,7 +45,17 @@ class Implicit:
         matrix = b.add("Sub", b.array(np.eye(self.nx)), b.add("Mul", gh, self.slopes(b, x)))
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
-        accepted = self._damped_step(b, base, gh, x, matrix, change, worst)
+        # a large change is shortened if Newton's next change would not become smaller
+        full, shorter = b.inside(), b.inside()
+        after = full.add("Add", x, change)
+        shortened = self._backtracked(shorter, base, gh, x, matrix, change, worst)
+        large = b.add("Squeeze", b.add("Greater", worst, b.number(DAMPED)))
+        accepted = b.add(
+            "If",
+            large,
+            then_branch=graph_of(shorter, "shortened", {}, {shortened: (self.nx,)}),
+            else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
+        )
         done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
         unfinished = b.add("Not", done)
         boolean = {name: TensorProto.BOOL for name in (going, unfinished, settled, done)}
@@ -69,24 +79,6 @@ class Implicit:
 
     def _residual(self, g: Graph, base: str, gh: str, x: str) -> str:
         return g.add("Sub", g.add("Add", base, g.add("Mul", gh, self.rates(g, x))), x)
-
-    def _damped_step(
-        self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
-    ) -> str:
-        """x + change.
-
-        A large change is shortened if Newton's next change would not become smaller.
-        """
-        full, shorter = g.inside(), g.inside()
-        after = full.add("Add", x, change)
-        accepted = self._backtracked(shorter, base, gh, x, matrix, change, worst)
-        large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
-        return g.add(
-            "If",
-            large,
-            then_branch=graph_of(shorter, "shortened", {}, {accepted: (self.nx,)}),
-            else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
-        )
 
     def _backtracked(
         self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str

@@ -69,8 +69,12 @@ class PlainCheck:
     @property
     def worst_words(self) -> str:
         """Text on the channel with the largest increase."""
-        channels = self.errors.channels.items()
-        name, c = max(channels, key=lambda item: _ratio(item[1].now, item[1].before))
+        increase = {
+            name: c.now / max(c.before, 1e-300) if np.isfinite(c.now) else float("inf")
+            for name, c in self.errors.channels.items()
+        }
+        name = max(increase, key=lambda channel: increase[channel])
+        c = self.errors.channels[name]
         return (
             f"in MuJoCo ({settings_of(self.errors)}) its held-out errors are larger than those of "
             f"the original file: {name} {c.now:.4g} instead of {c.before:.4g}"
@@ -80,10 +84,6 @@ class PlainCheck:
 def settings_of(record: PlainSettings) -> SimulatorSettings:
     """Step and integrator of a record."""
     return SimulatorSettings(record.timestep_s, record.integrator)
-
-
-def _ratio(new: float, old: float) -> float:
-    return float("inf") if not np.isfinite(new) else new / max(old, 1e-300)
 
 
 def plain_check(
@@ -222,7 +222,12 @@ def _stretches(
         groups = _groups(window[begin:end], period, horizon_s)
         for first, opening, warm, last in groups:
             a, b = begin + first, begin + last
-            past = max(_contiguous(time, columns["recording"], a), a - round(MOST_PAST_S / period))
+            # the first row from which time continues without a gap, in the same recording
+            steps, usual = np.diff(time[: a + 1]), np.median(np.diff(time[a : a + 3]))
+            broken = np.abs(steps - usual) > 0.5 * usual
+            broken |= np.diff(columns["recording"][: a + 1]) != 0
+            unbroken = int(np.max(np.flatnonzero(broken), initial=-1)) + 1
+            past = max(unbroken, a - round(MOST_PAST_S / period))
             scored = np.ones(b - a, bool)
             scored[:warm] = False
             rows = {c: si[c][a:b] for c in readings}
@@ -255,11 +260,3 @@ def _groups(
         first, scored, end = windows[k]
         last = windows[min(k + per_run, len(windows)) - 1][2]
         yield first, (end if per_run > 1 else scored) - first, scored - first, last
-
-
-def _contiguous(time: Array, recording: Array, at: int) -> int:
-    """First row from which time continues without a gap up to a row, in the same recording."""
-    step = np.diff(time[: at + 1])
-    period = np.median(np.diff(time[at : at + 3]))
-    broken = (np.abs(step - period) > 0.5 * period) | (np.diff(recording[: at + 1]) != 0)
-    return int(np.max(np.flatnonzero(broken), initial=-1)) + 1

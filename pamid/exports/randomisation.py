@@ -17,7 +17,7 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.base.schemas.estimates import Interval
-from pamid.base.schemas.fit_file import FitFile, Posterior
+from pamid.base.schemas.fit_file import FitFile
 from pamid.base.units import size_to_si, split_column
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.quantities import declared
@@ -38,7 +38,13 @@ def randomisation_yaml(model: Identified) -> bytes:
     nominal values. FileError for a model that was not read from a run, or whose run has no
     posterior.
     """
-    posterior = _posterior(model)
+    fit = _fit(model)
+    saved = fit.cause if model.effects else None
+    if model.rivals and fit.rivals:
+        saved = fit.rivals[model.chosen].model
+    posterior = saved.posterior if saved else fit.posterior
+    if posterior is None:
+        raise FileError("The run has no posterior of this model.", REFIT_REMEDY, code="missing")
     values = dict(zip(model.assembly.keys, model.values.tolist(), strict=True))
     rows = np.zeros((len(posterior.keys), len(posterior.keys)))
     rows[np.tril_indices(len(rows))] = [x for row in posterior.covariance for x in row]
@@ -102,18 +108,6 @@ def _number(value: float) -> str:
     text = f"{value:.9g}"
     mantissa, mark, exponent = text.partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
-
-
-def _posterior(model: Identified) -> Posterior:
-    """Posterior of the model; of a diagnosis, of the model with the causes."""
-    fit = _fit(model)
-    saved = fit.cause if model.effects else None
-    if model.rivals and fit.rivals:
-        saved = fit.rivals[model.chosen].model
-    posterior = saved.posterior if saved else fit.posterior
-    if posterior is None:
-        raise FileError("The run has no posterior of this model.", REFIT_REMEDY, code="missing")
-    return posterior
 
 
 def _fit(model: Identified) -> FitFile:

@@ -165,7 +165,15 @@ def step_of(model: Identified) -> SampleStep:
             "Run it with `pamid simulate --model`, or fit with the input held: "
             f'between = {{"{moving[0]}": "held"}} in the rig file, or [between] in the TOML.',
         )
-    stepping, lowered, owned = model.stepping, model.lowered, _owned(model)
+    stepping, lowered = model.stepping, model.lowered
+    parts = {"": (model.assembly, model.values)}
+    if model.uncorrected:
+        parts[UNCORRECTED] = model.uncorrected
+    owned = [
+        _Owned(prefix + b.key, prefix + b.full_name, b, float(value))
+        for prefix, (assembly, values) in parts.items()
+        for b, value in zip(assembly.parameters, values, strict=True)
+    ]
     h = model.period_s / stepping.substeps
     outside = {symbol("parameter", o.key): o.surface for o in owned}
     settled = {
@@ -222,18 +230,6 @@ def step_of(model: Identified) -> SampleStep:
         tuple((row, column, v) for (row, column, _), v in zip(slopes, partials, strict=True)),
         tuple(lines.values()),
     )
-
-
-def _owned(model: Identified) -> list[_Owned]:
-    parts = {
-        "": (model.assembly, model.values),
-        **({UNCORRECTED: model.uncorrected} if model.uncorrected else {}),
-    }
-    return [
-        _Owned(prefix + b.key, prefix + b.full_name, b, float(value))
-        for prefix, (assembly, values) in parts.items()
-        for b, value in zip(assembly.parameters, values, strict=True)
-    ]
 
 
 def _parameters(roots: Iterable[Expr]) -> set[str]:

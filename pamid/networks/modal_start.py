@@ -51,12 +51,26 @@ def find_modes(
 ) -> Modes:
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
-    poles = _random_poles(np.random.default_rng(seed))
+    random = np.random.default_rng(seed)
+    turn, quality = (
+        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
+        # many poles.
+        low * (high / low) ** random.uniform(size=POOL)
+        for low, high in (TURN, QUALITY)
+    )
+    poles = np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
     # Responses run over all samples, and only then are rows left out: a pole needs its whole past.
     every = max(1, sum(len(t) - washout for _, t in records) // MOST_SCAN_ROWS)
     rows = slice(washout, None, every)
     target = np.concatenate([t[rows] for _, t in records])
-    parts = [np.concatenate([_mode_responses(u, p)[rows] for u, _ in records]) for p in poles]
+    # Regressors of the real and the imaginary parts of the residues of each mode (N, 2 m), divided
+    # by its static gain 1 / |1 - p|, so that slow modes do not look large: the ridge then weighs
+    # the residues of all alike.
+    parts = []
+    for pole in poles:
+        responses = [_from_rest(u, pole) * abs(1.0 - pole) for u, _ in records]
+        columns = [np.concatenate([z.real, -z.imag], axis=1)[rows] for z in responses]
+        parts.append(np.concatenate(columns))
     chosen: list[int] = []
     basis = np.ones((len(target), 1))
     for _ in range(count):
@@ -79,26 +93,6 @@ def find_modes(
         float(weights[0]),
         error,
     )
-
-
-def _random_poles(random: np.random.Generator) -> Complex:
-    turn, quality = (
-        # Uniform on logarithms: time constants of a machine span decades, and each decade gets as
-        # many poles.
-        low * (high / low) ** random.uniform(size=POOL)
-        for low, high in (TURN, QUALITY)
-    )
-    return np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
-
-
-def _mode_responses(inputs: Array, pole: complex) -> Array:
-    """Regressors of the real and the imaginary parts of the residues of a mode (N, 2 m).
-
-    Divided by the static gain 1 / |1 - p|, so that slow modes do not look large: the ridge then
-    weighs the residues of all alike.
-    """
-    z = _from_rest(inputs, pole) * abs(1.0 - pole)
-    return np.concatenate([z.real, -z.imag], axis=1)
 
 
 def _from_rest(inputs: Array | Complex, pole: complex) -> Complex:

@@ -21,6 +21,7 @@ Loan 2013, Matrix Computations, 5.2). A chunk costs a triangular product more th
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,12 +88,21 @@ class RootSums:
         if self.root is None:
             # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
             square = rows.T @ rows
-            if not self.lost or self._is_resolved(square):
+            # the rounding error of J'J with this chunk, below its limit (not for NaN)
+            size = float(np.trace(self.jtj) + np.trace(square))
+            if not self.lost or not self.n * np.finfo(float).eps * size > self.lost:
                 self.jte += error @ rows
                 self.jtj += square
                 return
-            self._begin_root()
-        turned = self._in_coordinates(rows)
+            # the root of the sum so far; the admissible error holds directions without data
+            self.jtj[np.diag_indices(self.n)] += self.lost
+            self._set_root(cholesky(self.jtj, check_finite=False))
+            self.along = solve_triangular(self.root, self.jte, trans="T", check_finite=False)
+        # rows R^-1, by blocks of its columns, whose lower part is zero
+        turned = np.empty_like(rows)
+        cuts = np.linspace(0, self.n, BLOCKS + 1).astype(int).tolist()
+        for a, b in pairwise(cuts):
+            np.matmul(rows[:, :b], self.inverse[:b, a:b], out=turned[:, a:b])
         square = turned.T @ turned
         if np.trace(square) < GROWN:
             self.grown += square
@@ -101,7 +111,17 @@ class RootSums:
                 self._take_up()
         elif np.isfinite(rows).all() and np.isfinite(error).all():
             self._take_up()
-            self._decompose(rows, error)
+            assert self.root is not None
+            # the root of R and a chunk below it, that is larger than R in some direction by far
+            above = np.column_stack([self.root, self.along])
+            stacked = np.vstack([above, np.column_stack([rows, error])])
+            triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
+            # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
+            # unique, as a Cholesky factor is.
+            signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
+            triangle = signs[:, None] * triangle
+            self.along = np.ascontiguousarray(triangle[:, -1])
+            self._set_root(np.ascontiguousarray(triangle[:, :-1]))
         else:  # an overflow: it shows in the result
             self.sse = np.inf
 
@@ -114,30 +134,11 @@ class RootSums:
         left, values, right = np.linalg.svd(self.root)
         return Spectrum(values, np.ascontiguousarray(right.T), left.T @ self.along)
 
-    def _is_resolved(self, square: Array) -> bool:
-        """Whether the rounding error of J'J with this chunk is below its limit (not for NaN)."""
-        trace = float(np.trace(self.jtj) + np.trace(square))
-        return not self.n * np.finfo(float).eps * trace > self.lost
-
-    def _begin_root(self) -> None:
-        """The root of the sum so far. Directions without data are held by the admissible error."""
-        self.jtj[np.diag_indices(self.n)] += self.lost
-        self._set_root(cholesky(self.jtj, check_finite=False))
-        self.along = solve_triangular(self.root, self.jte, trans="T", check_finite=False)
-
     def _set_root(self, root: Array) -> None:
         self.root, self.grown = root, np.eye(self.n)
         self.inverse = np.ascontiguousarray(
             solve_triangular(root, np.eye(self.n), check_finite=False)
         )
-
-    def _in_coordinates(self, rows: Array) -> Array:
-        """rows R^-1, by blocks of its columns, whose lower part is zero."""
-        turned = np.empty_like(rows)
-        cuts = np.linspace(0, self.n, BLOCKS + 1).astype(int).tolist()
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
-            np.matmul(rows[:, :b], self.inverse[:b, a:b], out=turned[:, a:b])
-        return turned
 
     def _take_up(self) -> None:
         """R := chol(G)' R, G := I."""
@@ -145,16 +146,3 @@ class RootSums:
         assert self.root is not None
         self.along = solve_triangular(factor, self.along, trans="T", check_finite=False)
         self._set_root(np.triu(factor @ self.root))
-
-    def _decompose(self, rows: Array, error: Array) -> None:
-        """The root of R and a chunk below it, that is larger than R in some direction by far."""
-        assert self.root is not None
-        above = np.column_stack([self.root, self.along])
-        stacked = np.vstack([above, np.column_stack([rows, error])])
-        triangle = qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][: self.n]
-        # A QR decomposition leaves signs of its rows open. A positive diagonal makes the root
-        # unique, as a Cholesky factor is.
-        signs = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)
-        triangle = signs[:, None] * triangle
-        self.along = np.ascontiguousarray(triangle[:, -1])
-        self._set_root(np.ascontiguousarray(triangle[:, :-1]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import join_words, quoted
-from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Regime, Unknown
+from pamid.base.schemas.diagnosis_file import DiagnosisFile, Unknown
 from pamid.base.schemas.estimates import Estimate
 from pamid.base.share_words import minutes_text, percent_text, percents_text, times_text
 from pamid.base.units import split_column
@@ -209,18 +209,17 @@ def _where(diagnosis: DiagnosisFile) -> Answer:
             f"{', '.join(formatting.span(*window, 's') for window in windows)}"
             f"{f', and {further} more' if further else ''}."
         )
+    points = []
+    for regime in where.regimes:
+        text = regime_label(regime)
+        if regime.share_of_gap is not None:
+            text += f": {percent(regime.share_of_gap)} of the gap"
+            if regime.share_of_time:
+                ratio = times_text(regime.share_of_gap / regime.share_of_time)
+                text += f" in {percent(regime.share_of_time)} of the time, {ratio} times its share"
+        points.append(sentence(text))
     card = join_words(map(with_share, named)), lines
-    return _answer(question, sentence(lead), details, card, list(map(_regime_text, where.regimes)))
-
-
-def _regime_text(regime: Regime) -> str:
-    text = regime_label(regime)
-    if regime.share_of_gap is not None:
-        text += f": {percent(regime.share_of_gap)} of the gap"
-        if regime.share_of_time:
-            ratio = times_text(regime.share_of_gap / regime.share_of_time)
-            text += f" in {percent(regime.share_of_time)} of the time, {ratio} times its share"
-    return sentence(text)
+    return _answer(question, sentence(lead), details, card, points)
 
 
 # ---- which ---------------------------------------------------------------------------------------
@@ -229,7 +228,18 @@ def _regime_text(regime: Regime) -> str:
 def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
     """Cause of the gap, similar effects, and the runner-up."""
     question, verdict = "Which", diagnosis.verdict
-    supplements = _supplements(diagnosis)
+    # parameters that were refitted, inseparable candidates if the lead does not name them, and the
+    # meaning of a probability; the ranking of the page shows the other candidates
+    supplements = []
+    if not diagnosis.remark and (refits := refitted_texts(diagnosis.parameters)):
+        supplements.append(sentence(f"refitted: {'; '.join(refits)}"))
+    if verdict == "cannot-tell" and len(diagnosis.tied) > 1:
+        names = join_words(map(effect_label, diagnosis.tied))
+        supplements.append(f"These recordings cannot separate {names}.")
+    if len(diagnosis.ranking) <= 1:
+        supplements.append("No other candidate was refitted.")
+    if not diagnosis.remark and any(each.probability is not None for each in diagnosis.ranking):
+        supplements.append(f"{PROBABILITY_MEANS}.")
     if diagnosis.remark or verdict == "cannot-tell":
         best = next((each for each in diagnosis.ranking if each.removes is not None), None)
         line = "These recordings do not suffice."
@@ -278,38 +288,33 @@ def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
     details = [*_share_texts(diagnosis), *supplements]
     causes, plots = diagnosis.causes[:_MOST_CAUSES], added_leaders(run)
     several = len(causes) > 1
-    lines = []
+    named, lines = [], []
     for cause in causes:
-        text = _cause_line(cause)
-        lines.append(f"{effect_label(cause.effect)}: {text}" if several and text else text)
+        name, parts = effect_label(cause.effect), []
+        if cause.removes is not None:
+            parts.append(f"removes {percent(cause.removes.share)} of the gap")
+        if cause.probability is not None:
+            parts.append(f"P {chance_figure(cause.probability)}")
+        value = ""
+        if (parameter := first_parameter(cause)) is not None:
+            label, size, unit_text = (
+                channel_label(parameter[0]),
+                parameter[1],
+                channel_unit(parameter[0]),
+            )
+            value = f" {formatting.unbroken(with_unit_text(size.value, unit_text))}"
+            # a number without unit needs the name of its parameter
+            value = value if unit_text else f", {label}{value}"
+            if None not in (size.low, size.high):
+                parts.append(f"{label} {formatting.span(size.low, size.high, unit_text)}")
+        named.append(f"{name}{value}")
+        text = ", ".join(parts)
+        lines.append(f"{name}: {text}" if several and text else text)
     if plots:
         name = f"{effect_label(plots[0].effect)} " if several else ""
         lines.append(name + added_line(plots[0]))
-    named = join_words(map(_with_value, causes), "or" if verdict == "ambiguous" else "and")
-    return _answer(question, sentence(lead), details, (formatting.capital(named), lines))
-
-
-def _with_value(cause: Cause) -> str:
-    name, parameter = effect_label(cause.effect), first_parameter(cause)
-    if parameter is None:
-        return name
-    unit_text = channel_unit(parameter[0])
-    value = formatting.unbroken(with_unit_text(parameter[1].value, unit_text))
-    # a number without unit needs the name of its parameter
-    return f"{name} {value}" if unit_text else f"{name}, {channel_label(parameter[0])} {value}"
-
-
-def _cause_line(cause: Cause) -> str:
-    parts = []
-    if cause.removes is not None:
-        parts.append(f"removes {percent(cause.removes.share)} of the gap")
-    if cause.probability is not None:
-        parts.append(f"P {chance_figure(cause.probability)}")
-    parameter = first_parameter(cause)
-    if parameter is not None and None not in (parameter[1].low, parameter[1].high):
-        span = formatting.span(parameter[1].low, parameter[1].high, channel_unit(parameter[0]))
-        parts.append(f"{channel_label(parameter[0])} {span}")
-    return ", ".join(parts)
+    short_lead = formatting.capital(join_words(named, "or" if verdict == "ambiguous" else "and"))
+    return _answer(question, sentence(lead), details, (short_lead, lines))
 
 
 def _share_texts(diagnosis: DiagnosisFile) -> list[str]:
@@ -343,22 +348,6 @@ def _share_texts(diagnosis: DiagnosisFile) -> list[str]:
         if candidate.effect in named and not candidate.converged
     ]
     return list(map(sentence, texts))
-
-
-def _supplements(diagnosis: DiagnosisFile) -> list[str]:
-    """Parameters that were refitted, inseparable candidates if the lead does not name them, and the
-    meaning of a probability. The ranking of the page shows the other candidates."""
-    details = []
-    if not diagnosis.remark and (refits := refitted_texts(diagnosis.parameters)):
-        details.append(sentence(f"refitted: {'; '.join(refits)}"))
-    if diagnosis.verdict == "cannot-tell" and len(diagnosis.tied) > 1:
-        names = join_words(map(effect_label, diagnosis.tied))
-        details.append(f"These recordings cannot separate {names}.")
-    if len(diagnosis.ranking) <= 1:
-        details.append("No other candidate was refitted.")
-    if not diagnosis.remark and any(each.probability is not None for each in diagnosis.ranking):
-        details.append(f"{PROBABILITY_MEANS}.")
-    return details
 
 
 def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
@@ -584,7 +573,15 @@ def _next_experiment(run: RunData) -> Answer:
     question = "Next experiment"
     if run.diagnosis is None:
         lead = "Run the diagnosis on what is already recorded."
-        return Answer(question, lead, (_diagnose_command(run),))
+        command, recordings = DIAGNOSE_HINT, run.fit.recordings if run.fit is not None else ()
+        if recordings:  # names from the run are quoted as single words
+            words = ["`pamid diagnose"]
+            for recording in recordings:
+                words += ["--held-out"] if recording.role == "held-out" else []
+                words.append(quoted(formatting.clean(recording.path or recording.name)))
+            words += ["--rig", quoted(formatting.clean(run.named_rig))] if run.named_rig else []
+            command = " ".join([*words, "--output diagnosis`"])
+        return Answer(question, lead, (command,))
     experiment = run.diagnosis.next_experiment
     if experiment is None:
         none = "The diagnosis recommends no further experiment."
@@ -627,18 +624,6 @@ def _next_experiment(run: RunData) -> Answer:
         tuple(map(sentence, filter(None, details))),
         tuple(points) if len(runs) > 1 else (),
     )
-
-
-def _diagnose_command(run: RunData) -> str:
-    """Command line to copy. Names from the run are quoted as single words."""
-    if run.fit is None or not run.fit.recordings:
-        return DIAGNOSE_HINT
-    words = ["`pamid diagnose"]
-    for recording in run.fit.recordings:
-        words += ["--held-out"] if recording.role == "held-out" else []
-        words.append(quoted(formatting.clean(recording.path or recording.name)))
-    words += ["--rig", quoted(formatting.clean(run.named_rig))] if run.named_rig else []
-    return " ".join([*words, "--output diagnosis`"])
 
 
 def todo_of(run: RunData) -> str:

@@ -126,11 +126,13 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
     ahead, reached = forward | directed, {b for _, b in forward | directed}
     back = {(a, b) for a, b in every if stage[a] > stage[b] and b not in reached}
     direct = {(a, b) for a, b in ahead if not _leads(a, b, ahead - {(a, b)})}
-    drawn = (
-        {_with_bypass(a, b, back & {(d, c) for c, d in direct}, stage) for a, b in direct}
-        | back
-        | (level - directed)
-    )
+    drawn = back | (level - directed)
+    mutual = sorted(back & {(b, a) for a, b in direct})
+    for a, b in direct:
+        # A force may reach a moving part through further blocks (a muscle, its chain, the joint):
+        # an arrow to the part, and a double arrow between the part and these blocks.
+        ends = (d for c, d in mutual if c == b and stage[a] < stage[d] < stage[b])
+        drawn.add((a, next(ends, b)))
     rank = {name: k for k, name in enumerate(stage)}
     for a, b in sorted(every - ahead - level, key=lambda ab: (rank[ab[0]] - rank[ab[1]], ab)):
         if not _leads(a, b, drawn):
@@ -141,17 +143,6 @@ def links_of(rig: RigMap, columns: dict[str, list[str]]) -> list[tuple[str, str,
         if (b, a) not in drawn or (stage[a], rank[a]) < (stage[b], rank[b])
     ]
     return sorted(links, key=lambda item: (rank[item[0]], rank[item[1]]))
-
-
-def _with_bypass(
-    a: str, b: str, mutual: set[tuple[str, str]], stage: dict[str, int]
-) -> tuple[str, str]:
-    """Arrows of a force that reaches a moving part through further blocks (a muscle, its chain, the
-    joint): an arrow to the part, and a double arrow between the part and these blocks."""
-    for begin, end in sorted(mutual):
-        if begin == b and stage[a] < stage[end] < stage[b]:
-            return a, end
-    return a, b
 
 
 def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
@@ -225,24 +216,18 @@ def narrow_diagram(rig: RigMap, texts: dict[str, BlockText], wide: float) -> Dia
             row = [_box(g, texts[g], each) for g in groups[start : start + 2]]
             high = max(box.tall for box in row)
             stood = [replace(b, x=j * (each + GAP_Y), y=y, tall=high) for j, b in enumerate(row)]
-            links += _within_row(stood, led)
+            for a, b in pairwise(stood):
+                middle, right, left = a.y + 0.5 * a.tall, a.x + a.wide, b.x
+                if (a.name, b.name) in led:
+                    both = led[a.name, b.name]
+                    links.append(Link((right + 1.0, middle), (left - 2.0, middle), both))
+                elif (b.name, a.name) in led:
+                    both = led[b.name, a.name]
+                    links.append(Link((left - 1.0, middle), (right + 2.0, middle), both))
             placed += stood
             y += high + GAP_Y
         y -= GAP_Y
     return Diagram(wide, y + 2.0, tuple(placed), tuple(links))
-
-
-def _within_row(row: list[Box], led: dict[tuple[str, str], bool]) -> list[Link]:
-    """Arrow between two adjacent blocks of a column, if they are connected."""
-    links = []
-    for a, b in zip(row, row[1:], strict=False):
-        y = a.y + 0.5 * a.tall
-        right, left = a.x + a.wide, b.x
-        if (a.name, b.name) in led:
-            links.append(Link((right + 1.0, y), (left - 2.0, y), led[a.name, b.name]))
-        elif (b.name, a.name) in led:
-            links.append(Link((left - 1.0, y), (right + 2.0, y), led[b.name, a.name]))
-    return links
 
 
 def _box(name: str, text: BlockText, wide: float) -> Box:
@@ -275,24 +260,20 @@ def _wide_links(
     return links
 
 
-def _within_column(a: Box, b: Box, both: bool, boxes: Sequence[Box]) -> Link:
-    """Straight to the next block; past others on their left."""
-    high, low = (a, b) if a.y < b.y else (b, a)
-    if any(box.x == a.x and high.y < box.y < low.y for box in boxes):
-        begin, end = (a.x - 1.0, a.y + LOWER * a.tall), (b.x - 2.0, b.y + (1.0 - LOWER) * b.tall)
-        aside = max(0.5, a.x - 2.0 * STUB)
-        return Link(begin, end, both, corners=((aside, begin[1]), (aside, end[1])))
-    middle = a.x + 0.5 * a.wide
-    if a.y < b.y:
-        return Link((middle, a.y + a.tall + 1.0), (middle, b.y - 2.0), both)
-    return Link((middle, a.y - 1.0), (middle, b.y + b.tall + 2.0), both)
-
-
 def _link(a: Box, b: Box, both: bool, boxes: Sequence[Box], aside: int) -> Link:
-    """Arrow from side to side, below a block in its way. aside: arrows that already pass below,
-    each on a separate line."""
+    """Arrow from side to side, below a block in its way; within a column straight to the next
+    block, past others on their left. aside: arrows that already pass below, each on a separate
+    line."""
     if a.x == b.x:
-        return _within_column(a, b, both, boxes)
+        high, low = (a, b) if a.y < b.y else (b, a)
+        if any(box.x == a.x and high.y < box.y < low.y for box in boxes):
+            begin, end = (a.x - 1.0, a.y + LOWER * a.tall), (b.x - 2.0, b.y + (1 - LOWER) * b.tall)
+            left = max(0.5, a.x - 2.0 * STUB)
+            return Link(begin, end, both, corners=((left, begin[1]), (left, end[1])))
+        middle = a.x + 0.5 * a.wide
+        if a.y < b.y:
+            return Link((middle, a.y + a.tall + 1.0), (middle, b.y - 2.0), both)
+        return Link((middle, a.y - 1.0), (middle, b.y + b.tall + 2.0), both)
     way = 1.0 if a.x < b.x else -1.0
     begin = (a.x + a.wide + 1.0 if way > 0.0 else a.x - 1.0, a.y + 0.5 * a.tall)
     end = (b.x - 2.0 if way > 0.0 else b.x + b.wide + 2.0, b.y + 0.5 * b.tall)

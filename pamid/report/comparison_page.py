@@ -10,7 +10,6 @@ from markupsafe import Markup
 
 from pamid.base.errors import UsageError, join_words
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
-from pamid.base.schemas.estimates import Interval
 from pamid.report import formatting
 from pamid.report.answers import Card
 from pamid.report.captions import causes_label, verdict_sentence
@@ -83,11 +82,17 @@ def comparison_page(runs: Sequence[ComparedRun]) -> Page:
         Section("Parameters", _parameters(runs)),
         Section("What changed", (_data(runs, changed), note(differs))),
     )
+    cards = []
+    for run in runs:
+        lines = (clean(verdict_sentence(run.run, run.rows)),)
+        quiet = run.run.diagnosis is None or not run.run.diagnosis.causes
+        lead = formatting.capital(_answer(run))
+        cards.append(Card(run.name, lead, lines, "what-was-found", quiet))
     return Page(
         headline=comparison_sentence(runs),
         subtitle=f"{len(runs)} runs side by side",
         preface=text(differs),
-        cards=tuple(_card(run) for run in runs),
+        cards=tuple(cards),
         sections=tuple(section for section in sections if section.content),
     )
 
@@ -117,13 +122,6 @@ def _answer(compared_run: ComparedRun) -> str:
     }.get(diagnosis.verdict, diagnosis.verdict)
 
 
-def _card(compared_run: ComparedRun) -> Card:
-    lines = (clean(verdict_sentence(compared_run.run, compared_run.rows)),)
-    quiet = compared_run.run.diagnosis is None or not compared_run.run.diagnosis.causes
-    lead = formatting.capital(_answer(compared_run))
-    return Card(compared_run.name, lead, lines, "what-was-found", quiet)
-
-
 # ---- tables: a column per run ----------------------------------------------------------------
 
 
@@ -132,7 +130,11 @@ def _results(runs: Sequence[ComparedRun]) -> Markup:
         "verdict": lambda diagnosis: diagnosis.verdict,
         "causes": _causes,
         "port": lambda diagnosis: port_label(diagnosis.where.port) if diagnosis.where else "",
-        "share of the gap left": _remainder_text,
+        "share of the gap left": lambda diagnosis: (
+            f"{percent(rest.share)}{'' if rest.real else ', within noise and tolerances'}"
+            if (rest := diagnosis.remainder) is not None
+            else ""
+        ),
         "do next": lambda diagnosis: (
             effect_label(diagnosis.next_experiment.name) if diagnosis.next_experiment else ""
         ),
@@ -157,13 +159,6 @@ def _causes(diagnosis: DiagnosisFile) -> str:
         )
         texts.append(f"{effect_label(cause.effect)}{chance}: {values}")
     return "; ".join(texts)
-
-
-def _remainder_text(diagnosis: DiagnosisFile) -> str:
-    rest = diagnosis.remainder
-    if rest is None:
-        return ""
-    return f"{percent(rest.share)}{'' if rest.real else ', within noise and tolerances'}"
 
 
 def _errors(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
@@ -200,7 +195,14 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
             else joined([number(size.value), tag("small", formatting.span(size.low, size.high))])
             for size in known
         ]
-        agreement = _agreement([size for size in known if size is not None])
+        # a parameter differs where two intervals do not overlap
+        sizes = [size for size in known if size is not None]
+        lows = [size.low for size in sizes if size.low is not None]
+        highs = [size.high for size in sizes if size.high is not None]
+        apart = bool(lows and highs) and max(lows) > min(highs)
+        agreement: Markup | str = strong("differs") if apart else "agrees"
+        if len(sizes) < 2:
+            agreement = "in a single run"
         body.append([code(clean(name)), clean(channel_unit(name)) or "-", *cells, agreement])
     if not body:
         return ()
@@ -212,16 +214,6 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
     return table(heads, body, range(2, 2 + len(runs))), note(words)
 
 
-def _agreement(known: Sequence[Interval]) -> str:
-    """Whether all intervals overlap."""
-    if len(known) < 2:
-        return "in a single run"
-    lows = [size.low for size in known if size.low is not None]
-    highs = [size.high for size in known if size.high is not None]
-    apart = bool(lows and highs) and max(lows) > min(highs)
-    return strong("differs") if apart else "agrees"
-
-
 # ---- what changed ----------------------------------------------------------------------------
 
 
@@ -229,11 +221,12 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
     """Settings of a run by name."""
     step = compared_run.run.steps[0]
     recordings = compared_run.run.fit.recordings if compared_run.run.fit is not None else ()
-    options = {
-        _OPTIONS.get(key, f"option {clean(key)}"): _option_text(value)
-        for key, value in step.options.items()
-        if key != "rig"
-    }
+    options = {}
+    for key, value in step.options.items():
+        if key != "rig":
+            items = value if isinstance(value, list | tuple) else () if value is None else (value,)
+            text = ", ".join(clean(str(item)) for item in items)
+            options[_OPTIONS.get(key, f"option {clean(key)}")] = text
     return {
         "rig": clean(compared_run.run.rig),
         "recordings": ", ".join(clean(each.name) for each in recordings),
@@ -243,13 +236,6 @@ def _facts(compared_run: ComparedRun) -> dict[str, str]:
         **options,
         "pamid": clean(step.versions.get("pamid", "")),
     }
-
-
-def _option_text(value: object) -> str:
-    """An option as text: a list by its members, an empty value as a dash."""
-    if isinstance(value, list | tuple):
-        return ", ".join(clean(str(item)) for item in value)
-    return "" if value is None else clean(str(value))
 
 
 def changes_of(runs: Sequence[ComparedRun]) -> list[str]:

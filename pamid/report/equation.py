@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -192,7 +192,24 @@ def _equation(
     if values:
         with_values = Typeset(_shown(act, values))
         math.append(math_html(_rows(act, with_values), _plain(act, values)))
-    return _figure(title, _scrolled(title, *math), *_legend(act, with_names))
+    legend = [
+        f"{act.letter}: the {act.what} without the effect, {act.letter}′ with it. Plain numbers "
+        "are in SI units."
+    ]
+    texts = []
+    for function in with_names.functions:
+        meaning = _CALLED.get(function)
+        if meaning is None:  # the first sentence of its docstring
+            name = {"sgn": "sign", "step": "smooth_step"}.get(function, function)
+            of = getattr(equations, name, None)
+            summary = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
+            summary = re.split(r"[;.](?:\s|$)", summary, maxsplit=1)[0]
+            meaning = summary.replace("+-", "± ").replace("half_width", "its second value")
+        if meaning:
+            texts.append(f"{function}: {meaning}")
+    if texts:
+        legend.append("; ".join(texts) + ".")
+    return _figure(title, _scrolled(title, *math), *legend)
 
 
 def _scrolled(title: str, *math: Markup) -> Markup:
@@ -244,25 +261,3 @@ def _shown(act: ActingEffect, values: Mapping[str, Estimate]) -> Any:
         return name(split_column(outside)[0])
 
     return shown
-
-
-def _legend(act: ActingEffect, typeset: Typeset) -> Iterator[str]:
-    """Meanings of the letters and the functions."""
-    letter = act.letter
-    yield (
-        f"{letter}: the {act.what} without the effect, {letter}′ with it. Plain numbers are "
-        "in SI units."
-    )
-    meanings = {function: _meaning(function) for function in typeset.functions}
-    texts = [f"{function}: {meaning}" for function, meaning in meanings.items() if meaning]
-    if texts:
-        yield "; ".join(texts) + "."
-
-
-def _meaning(function: str) -> str:
-    if function in _CALLED:
-        return _CALLED[function]
-    of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    summary = " ".join((inspect.getdoc(of) or "").split()) if of is not None else ""
-    summary = re.split(r"[;.](?:\s|$)", summary, maxsplit=1)[0]
-    return summary.replace("+-", "± ").replace("half_width", "its second value")

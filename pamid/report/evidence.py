@@ -80,7 +80,7 @@ def evidence_of(
         yield _closed_loop(fit.closed_loop)
     if diagnosis is not None and diagnosis.ranking:
         words = f"All {len(diagnosis.ranking)} candidates that were refitted, and why they lost"
-        tables = _ranking(diagnosis, added_places(run)), _rivals(diagnosis)
+        tables = _ranking(diagnosis, added_places(run))
         yield Section("Comparison of the candidates", (details(words, *tables),), 3)
     notes = (diagnosis or fit).notes if diagnosis or fit else ()  # type: ignore[union-attr]
     if notes:
@@ -99,7 +99,19 @@ def evidence_of(
 
 def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Markup]:
     if rows:
-        yield _mae_table(rows)
+        fields = mae_fields(rows)
+        shrinks = any(row.shrinkage is not None for row in rows)
+        heads = ["channel", "unit", *(MODEL_NAMES[name] for name in fields)]
+        heads += [f"shrinkage ({INTERVAL})"] if shrinks else []
+        body = []
+        for row in rows:
+            cells = [*_channel(row.channel), *(number(row.known().get(name)) for name in fields)]
+            if shrinks:
+                interval = percent_span(row.low, row.high)
+                tail = "" if interval == DASH else f" ({interval})"
+                cells.append(f"{percent(row.shrinkage)}{tail}")
+            body.append(cells)
+        yield table(heads, body, range(2, len(heads)))
     texts = [
         "Mean of |measured − model| over the held-out windows, each model driven by the recorded "
         "command."
@@ -115,23 +127,6 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Markup]:
     if run.residual is None:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     yield note(*texts)
-
-
-def _mae_table(rows: tuple[ChannelErrors, ...]) -> Markup:
-    """Held-out MAE (eq. 11) per channel and model."""
-    fields = mae_fields(rows)
-    shrinks = any(row.shrinkage is not None for row in rows)
-    heads = ["channel", "unit", *(MODEL_NAMES[name] for name in fields)]
-    heads += [f"shrinkage ({INTERVAL})"] if shrinks else []
-    body = []
-    for row in rows:
-        cells = [*_channel(row.channel), *(number(row.known().get(name)) for name in fields)]
-        if shrinks:
-            interval = percent_span(row.low, row.high)
-            tail = "" if interval == DASH else f" ({interval})"
-            cells.append(f"{percent(row.shrinkage)}{tail}")
-        body.append(cells)
-    return table(heads, body, range(2, len(heads)))
 
 
 def _channel(name: str) -> list[str]:
@@ -203,9 +198,9 @@ def _plainly(value: object) -> str:
 # ---- candidates and sensors ----------------------------------------------------------------------
 
 
-def _ranking(diagnosis: DiagnosisFile, places: Mapping[str, str]) -> Markup:
-    """Every candidate that was refitted, best first, with its errors per channel. places: by
-    effect, the figure of the page that its row leads to."""
+def _ranking(diagnosis: DiagnosisFile, places: Mapping[str, str]) -> Iterator[Markup]:
+    """Every candidate that was refitted, best first: with its errors per channel, then with its
+    parameters and why it is not the answer. places: by effect, the figure that its row leads to."""
     channels = list(
         dict.fromkeys(name for candidate in diagnosis.ranking for name in candidate.held_out)
     )
@@ -229,12 +224,8 @@ def _ranking(diagnosis: DiagnosisFile, places: Mapping[str, str]) -> Markup:
                 else f"{number(held.mae_before)} → {number(held.mae_after)}"
             )
         body.append(row)
-    return table(heads, body, range(3, len(heads)))
-
-
-def _rivals(diagnosis: DiagnosisFile) -> Markup:
-    """Every candidate with the parameters it was given, and why it is not the answer."""
-    body = []
+    yield table(heads, body, range(3, len(heads)))
+    reasons = []
     for candidate in diagnosis.ranking:
         values = "; ".join(
             f"{channel_label(name)} {formatting.with_unit_text(size.value, channel_unit(name))}"
@@ -243,8 +234,8 @@ def _rivals(diagnosis: DiagnosisFile) -> Markup:
         bounds = ", ".join(map(channel_label, candidate.at_bound))
         small = tag("small", f"at its bound: {bounds}") if bounds else ""
         parameters = joined([values or DASH, small])
-        body.append([code(clean(candidate.effect)), parameters, _why_not(candidate, diagnosis)])
-    return table(["effect", "its parameters", "why it is not the answer"], body)
+        reasons.append([code(clean(candidate.effect)), parameters, _why_not(candidate, diagnosis)])
+    yield table(["effect", "its parameters", "why it is not the answer"], reasons)
 
 
 def _why_not(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
@@ -323,7 +314,17 @@ def _parameters(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Secti
     if run.fit is not None:
         if run.fit.tied:
             content.append(_combinations(run.fit))
-        content.append(note(_stepping(run.fit)))
+        steps, words = run.fit.stepping, ""
+        if steps is not None and steps.substeps is not None:
+            kind, many = "implicit" if steps.implicit else "explicit", "s" * (steps.substeps != 1)
+            words = f"Simulated with {count(steps.substeps)} {kind} step{many} per sample"
+            if steps.recheck is not None:
+                words += (
+                    "; with steps half as long no output changes by more than "
+                    f"{formatting.number(steps.recheck, 2)} times its noise"
+                )
+            words += "."
+        content.append(note(words))
     yield Section("Parameters", tuple(content), 3)
 
 
@@ -352,20 +353,16 @@ def parameter_table(
             strain = f"{parameter.strain:.1f}".replace("-", formatting.MINUS)
             strained = abs(parameter.strain) > STRAINED
         row.append(strong(strain) if strained else strain)
-        body.append([*row, _remark(parameter, strained)])
+        side = "lower" if parameter.at_bound == "low" else "upper"
+        end = f"at its {side} bound" if parameter.at_bound else ""
+        word = "" if end and parameter.word == "settled" else clean(parameter.word)
+        absorbing = "may be absorbing structure" if strained else ""
+        body.append([*row, ", ".join(filter(None, (word, absorbing, end))) or DASH])
     return table([*heads, "strain", "known"], body, range(2, 6 + compared))
 
 
 def _unit(name: str, estimate: Estimate | Combination) -> str:
     return unit_label(split_column(name)[1] if estimate.unit is None else estimate.unit)
-
-
-def _remark(estimate: Estimate, strained: bool) -> str:
-    side = "lower" if estimate.at_bound == "low" else "upper"
-    end = f"at its {side} bound" if estimate.at_bound else ""
-    word = "" if end and estimate.word == "settled" else clean(estimate.word)
-    strain = "may be absorbing structure" if strained else ""
-    return ", ".join(filter(None, (word, strain, end))) or DASH
 
 
 def _combinations(fit: FitFile) -> Section:
@@ -384,20 +381,6 @@ def _combinations(fit: FitFile) -> Section:
     ]
     heads = ["combination", "unit", "value", INTERVAL, "prior", "ties together"]
     return Section("Known only in combination", (table(heads, body, range(2, 5)),), 4)
-
-
-def _stepping(fit: FitFile) -> str:
-    steps = fit.stepping
-    if steps is None or steps.substeps is None:
-        return ""
-    kind, many = "implicit" if steps.implicit else "explicit", "s" * (steps.substeps != 1)
-    words = f"Simulated with {count(steps.substeps)} {kind} step{many} per sample"
-    if steps.recheck is not None:
-        words += (
-            "; with steps half as long no output changes by more than "
-            f"{formatting.number(steps.recheck, 2)} times its noise"
-        )
-    return f"{words}."
 
 
 def _background(run: RunData, pictures: Mapping[str, Picture]) -> Iterator[Section]:

@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from pamid.base.errors import join_words
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.run_files import FloatArray
-from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile, Where
+from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile
 from pamid.base.units import split_column
 from pamid.diagnosis.verdict.verdict_words import chance_figure, free_families
 from pamid.report import formatting
@@ -123,21 +123,17 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         finish(axes, "share of the structural gap [%]", lines="x")
 
     height = 0.62 + 0.3 * len(shares)
-    return Drawing("ports", _ports_title(where, ordered), draw, height, height)
-
-
-def _ports_title(where: Where, ordered: list[tuple[str, float]]) -> str:
-    """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
-    names another port."""
-    first, named = ordered[0], [entry for entry in ordered if entry[0] == where.port]
-    if named and named[0][1] < first[1]:
-        return (
+    first, at_named = ordered[0], [entry for entry in ordered if entry[0] == where.port]
+    if at_named and at_named[0][1] < first[1]:
+        title = (
             f"{percent(first[1])} of the gap might enter{at_port(first[0])}; the verdict names the "
-            f"{port_label(where.port)} port, with {percent(named[0][1])}"
+            f"{port_label(where.port)} port, with {percent(at_named[0][1])}"
         )
-    (port, share), *others = named + [entry for entry in ordered if entry[0] != where.port]
-    tail = f", {percent(others[0][1])}{at_port(others[0][0])}" if others else ""
-    return f"{percent(share)} of the gap enters{at_port(port)}{tail}"
+    else:
+        (port, share), *others = at_named + [entry for entry in ordered if entry[0] != where.port]
+        tail = f", {percent(others[0][1])}{at_port(others[0][0])}" if others else ""
+        title = f"{percent(share)} of the gap enters{at_port(port)}{tail}"
+    return Drawing("ports", title, draw, height, height)
 
 
 def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
@@ -305,15 +301,22 @@ def ranking_drawing(
         finish(axes, "\n".join(filter(None, (f"{what} [%]", ", ".join(notes)))), lines="x")
 
     height = 1.0 + 0.27 * len(shown)
-    parts = [
-        (f"{part}{row}", entry)
-        for row, entry in enumerate(shown)
-        for part in ("name", "line", "point")
-    ]
-    tips = tuple((part, _candidate_tip(candidate, diagnosis)) for part, candidate in parts)
-    leads = tuple((part, places[c.effect]) for part, c in parts if c.effect in places)
+    tips, leads = [], []
+    for row, entry in enumerate(shown):
+        text = (
+            f"{effect_label(entry.effect)} removes {percent(entry.shrinkage)} of the held-out "
+            f"error{over_channels(diagnosis)}"
+            f"{formatting.interval_tail(formatting.percent_span(entry.low, entry.high))}"
+        )
+        if entry.probability is not None:
+            text += f", probability {formatting.chance(entry.probability)}"
+        if not entry.converged:
+            text += f"; {formatting.not_converged('its fit', entry.why)}"
+        parts = [f"{part}{row}" for part in ("name", "line", "point")]
+        tips += [(part, formatting.sentence(text)) for part in parts]
+        leads += [(part, places[entry.effect]) for part in parts if entry.effect in places]
     title = _ranking_title(diagnosis)
-    return Drawing("ranking", title, draw, height, height, tips=tips, leads=leads)
+    return Drawing("ranking", title, draw, height, height, tips=tuple(tips), leads=tuple(leads))
 
 
 def _candidate(axes: Axes, candidate: Candidate, row: int, role: str) -> None:
@@ -333,20 +336,6 @@ def _candidate(axes: Axes, candidate: Candidate, row: int, role: str) -> None:
         "gid": f"point{row}",
     }
     dot(axes, 100.0 * candidate.shrinkage, row, role, **look)
-
-
-def _candidate_tip(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
-    """Tooltip of a row of the ranking: "Dahl friction removes 53 % of ..."."""
-    interval = formatting.interval_tail(formatting.percent_span(candidate.low, candidate.high))
-    text = (
-        f"{effect_label(candidate.effect)} removes {percent(candidate.shrinkage)} of the held-out "
-        f"error{over_channels(diagnosis)}{interval}"
-    )
-    if candidate.probability is not None:
-        text += f", probability {formatting.chance(candidate.probability)}"
-    if not candidate.converged:
-        text += f"; {formatting.not_converged('its fit', candidate.why)}"
-    return formatting.sentence(text)
 
 
 def _ranking_title(diagnosis: DiagnosisFile) -> str:

@@ -105,17 +105,16 @@ class _Reader:
         if self._at and self._tokens[self._at - 1][0] == "number" and self._peek() == _UNITY:
             self._at += 1
         while True:
+            kind, text = self._peek()
+            # another factor may begin without a sign between
+            begins = kind in ("number", "name", "size") or text == "("
+            begins = begins or (text == "|" and not self._bars)
             if self._take("/"):
                 term = tag("mfrac", term, self._factor())
-            elif self._take("*") or self._begins():
+            elif self._take("*") or begins:
                 term = tag("mrow", term, operator("⋅"), self._factor())
             else:
                 return term
-
-    def _begins(self) -> bool:
-        """Whether the next token can begin another factor without a sign between."""
-        kind, text = self._peek()
-        return kind in ("number", "name", "size") or text == "(" or (text == "|" and not self._bars)
 
     def _factor(self) -> Markup:
         base = self._atom()

@@ -3,8 +3,9 @@ trace, and the points of a missing term."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +84,10 @@ class RunData:
     def named_rig(self) -> str:
         """The rig as it was named to the command, by name or by file; else as the fit names it."""
         first, of_fit = self.steps[0], self.fit.rig if self.fit is not None else ""
-        return first.rig or _option(first.command, "--rig") or of_fit
+        command = first.command
+        words = " ".join(command).split() if len(command) == 1 else command
+        named = (following for word, following in pairwise(words) if word == "--rig")
+        return first.rig or next(named, "") or of_fit
 
     def recording_words(self, number: int) -> str:
         """ " in recording NAME" where there are several of them, else ""; `number` as in
@@ -112,63 +116,40 @@ def load_run(folder: Path) -> RunData:
     residual = read_columns(folder / RESIDUAL_FILE)
     if residual is not None:
         _require(folder / RESIDUAL_FILE, residual, RESIDUAL_KEYS)
-        residual |= _free_runs(folder, residual)
+        # the columns of free-run.csv that residual.csv has not; none where it is of other rows
+        free, keys = read_columns(folder / FREE_RUN_FILE) or {}, ("time_s", "recording")
+        if all(k in free and np.array_equal(free[k], residual[k]) for k in keys):
+            residual |= {name: x for name, x in free.items() if name not in residual}
+        for corrected in (network, *others):
+            # a network that corrects the model in closed loop belongs to another comparison
+            if corrected is not None and corrected.in_loop:
+                stem = "" if corrected.output is None else split_column(corrected.output.name)[0]
+                residual = {
+                    name.replace("_network", "_loop_network")
+                    if name.startswith(f"{stem}_network" if stem else "")
+                    else name: values
+                    for name, values in residual.items()
+                }
     trace = read_columns(folder / TRACE_FILE)
     if trace is not None:
         _require(folder / TRACE_FILE, trace, ("iteration", "mse"))
     missing = read_columns(folder / MISSING_FILE)
     if missing is not None:
         _require(folder / MISSING_FILE, [split_column(name)[0] for name in missing], ("missing",))
-    networks = () if network is None else (network, *others)
     return RunData(
         steps=read_steps(folder / RUN_FILE),
         fit=fit,
         diagnosis=diagnosis,
         network=network,
         other_networks=others,
-        residual=None if residual is None else Residual(_in_loops(residual, networks)),
+        residual=None if residual is None else Residual(residual),
         trace=trace,
         missing=missing,
         added=read_result(folder / ADDED_VARIABLES_FILE, AddedVariablesFile),
     )
 
 
-def _in_loops(
-    columns: dict[str, FloatArray], networks: Sequence[NetworkFile]
-) -> dict[str, FloatArray]:
-    """Columns of residual.csv; those of networks that correct the model in closed loop are called
-    "loop_network", because they belong to another comparison."""
-    for network in networks:
-        if not network.in_loop:
-            continue
-        stem = "" if network.output is None else split_column(network.output.name)[0]
-        columns = {
-            name.replace("_network", "_loop_network")
-            if name.startswith(f"{stem}_network" if stem else "")
-            else name: values
-            for name, values in columns.items()
-        }
-    return columns
-
-
-def _free_runs(folder: Path, residual: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """The columns of free-run.csv that residual.csv has not; none where it is of other rows."""
-    columns = read_columns(folder / FREE_RUN_FILE) or {}
-    keys = ("time_s", "recording")
-    if not all(k in columns and np.array_equal(columns[k], residual[k]) for k in keys):
-        return {}
-    return {name: x for name, x in columns.items() if name not in residual}
-
-
 def _require(path: Path, columns: Collection[str], needed: tuple[str, ...]) -> None:
     missing = [name for name in needed if name not in columns]
     if missing:
         raise FileError(f"{path} lacks the column {missing[0]!r}.", REMEDY, code="damaged")
-
-
-def _option(command: tuple[str, ...], name: str) -> str:
-    words = " ".join(command).split() if len(command) == 1 else list(command)
-    for word, following in zip(words, words[1:], strict=False):
-        if word == name:
-            return following
-    return ""

@@ -18,14 +18,12 @@ from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
 from pamid.base.result_file import REMEDY, read_result
 from pamid.base.run_folder import FIGURES_FOLDER
-from pamid.base.schemas.diagnosis_file import Cause
 from pamid.base.schemas.paper_files import (
     ArmCoupling,
     ArmErrors,
     ArmEstimate,
     ArmPaperFile,
     PaperFile,
-    PaperRow,
     StageEstimate,
 )
 from pamid.base.schemas.run_file import Step
@@ -173,68 +171,15 @@ def _joint(paper: PaperFile, folder: Path) -> Page:
     for name, row in (("published", paper.published.training), ("here", paper.training)):
         training.append((name, *(formatting.short(getattr(row, key)) for key in _JOINT_TRAINING)))
     stills = [(title, words, _still(folder, name, title)) for title, name, words in _JOINT_FIGURES]
-    errors = "Mean absolute error of the angle in the model's control loop, deg."
-    title = "Errors on the steps"
-    sections = [
-        _topic(title, tuple(_joint_rows(rows, cases)), errors, _still(folder, "steps", title)),
-        *(_topic(title, (), words, still) for title, words, still in stills if still is not None),
-    ]
-    title, why = "The network's training", sentence(paper.training.why)
-    sections += [
-        _topic(title, training, why, _still(folder, _TRAINING_STILL, title)),
-        _topic(
-            "What the diagnosis names",
-            _cause_rows(paper.diagnosis.causes),
-            sentence(paper.diagnosis.sentence),
-            left=(1, 4),
-        ),
-        *_twin_and_notes(paper.twin.model_extra or {}, paper),
-    ]
-    lead = _joint_lead(rows, cases)
-    return _page(lead, "The first paper: a joint", _quick(paper), sections)
-
-
-def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
-    """The last case is the case that no model was trained at."""
-    case = cases[-1]
-    known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
-    if len(known) < 2:
-        return "The errors of the models on the steps of the first paper."
-    first, best = known[0], min(known[1:], key=lambda item: item[1])
-    return (
-        f"At {clean(case)}, the {clean(first[0])} is off by "
-        f"{formatting.short(first[1])} deg, the "
-        f"{clean(best[0])} by {formatting.short(best[1])} deg."
-    )
-
-
-def _joint_rows(rows: Sequence[PaperRow], cases: list[str]) -> Iterable[tuple[str, ...]]:
-    yield (
-        "model",
-        *(
-            clean(f"{case}, {what}")
-            for case in cases
-            for what in ("published", "here", "after 1 s", "lower by")
-        ),
-    )
-    for row in rows:
-        yield (
-            clean(row.model),
-            *(
-                cell
-                for case in cases
-                for cell in (
-                    number(row.published.get(case)),
-                    number(row.mae.get(case)),
-                    number(row.mae_after_1_s.get(case)),
-                    percent(row.improvement.get(case)),
-                )
-            ),
-        )
-
-
-def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
-    rows = [
+    columns = ("published", "here", "after 1 s", "lower by")
+    body = [("model", *(clean(f"{case}, {what}") for case in cases for what in columns))]
+    for model in rows:
+        cells = [clean(model.model)]
+        for case in cases:
+            errors = (model.published.get(case), model.mae.get(case), model.mae_after_1_s.get(case))
+            cells += [*map(number, errors), percent(model.improvement.get(case))]
+        body.append(tuple(cells))
+    effects = [
         (
             effect_label(cause.effect),
             channel_label(name),
@@ -242,10 +187,37 @@ def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
             formatting.span(parameter.low, parameter.high),
             channel_unit(name) or "-",
         )
-        for cause in causes
+        for cause in paper.diagnosis.causes
         for name, parameter in cause.parameters.items()
     ]
-    return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *rows) if rows else ()
+    head = ("effect", "parameter", "value", formatting.INTERVAL, "unit")
+    words = "Mean absolute error of the angle in the model's control loop, deg."
+    title = "Errors on the steps"
+    sections = [
+        _topic(title, body, words, _still(folder, "steps", title)),
+        *(_topic(title, (), words, still) for title, words, still in stills if still is not None),
+    ]
+    title, why = "The network's training", sentence(paper.training.why)
+    sections += [
+        _topic(title, training, why, _still(folder, _TRAINING_STILL, title)),
+        _topic(
+            "What the diagnosis names",
+            (head, *effects) if effects else (),
+            sentence(paper.diagnosis.sentence),
+            left=(1, 4),
+        ),
+        *_twin_and_notes(paper.twin.model_extra or {}, paper),
+    ]
+    case = cases[-1]  # that no model was trained at
+    known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
+    lead = "The errors of the models on the steps of the first paper."
+    if len(known) > 1:
+        first, best = known[0], min(known[1:], key=lambda item: item[1])
+        lead = (
+            f"At {clean(case)}, the {clean(first[0])} is off by {formatting.short(first[1])} deg, "
+            f"the {clean(best[0])} by {formatting.short(best[1])} deg."
+        )
+    return _page(lead, "The first paper: a joint", _quick(paper), sections)
 
 
 # ---- the second paper --------------------------------------------------------------------------

@@ -62,6 +62,7 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
         return
     columns = residual.columns
     held = columns["part"] == 1
+    named = run.diagnosis is None or bool(run.diagnosis.causes)
     for k in np.unique(columns["recording"][held]).astype(int).tolist():
         if not 0 <= k < len(fit.recordings):
             continue
@@ -74,26 +75,18 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
                 if measured is None:
                     continue
                 seen = scored & np.isfinite(measured)
-                models = _traces(run, channel, comparison, seen)
+                models: dict[str, NDArray[np.float64] | None] = {
+                    name: trace[seen]
+                    for kind, name in ENDINGS[comparison].items()
+                    if (trace := residual.of(channel, kind)) is not None
+                    and (name != "with_cause" or named)
+                }
                 # a loop that could not be simulated stands as zeros
                 still = comparison == IN_LOOP and not any(np.any(v) for v in models.values())
                 if models and seen.any() and not still:
                     yield recording_error(
                         recording.name, recording.known, comparison, channel, measured[seen], models
                     )
-
-
-def _traces(
-    run: RunData, channel: str, comparison: str, seen: NDArray[np.bool_]
-) -> dict[str, NDArray[np.float64] | None]:
-    """Output of every model at the measured samples, by model."""
-    assert run.residual is not None
-    named = run.diagnosis is None or bool(run.diagnosis.causes)
-    return {
-        name: trace[seen]
-        for kind, name in ENDINGS[comparison].items()
-        if (trace := run.residual.of(channel, kind)) is not None and (name != "with_cause" or named)
-    }
 
 
 def models_of(rows: Sequence[RecordingError]) -> list[str]:

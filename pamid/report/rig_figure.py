@@ -14,7 +14,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
 from pamid.base.errors import join_words
-from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.base.schemas.rig_map import RigMap
 from pamid.diagnosis.verdict.verdict_words import chance_figure
 from pamid.model.effect import KINDS
@@ -24,7 +24,6 @@ from pamid.report.block_diagram import (
     PAD,
     BlockText,
     Diagram,
-    Link,
     columns_of,
     narrow_diagram,
     wide_diagram,
@@ -151,9 +150,15 @@ def _draw(figure: Figure, diagram: Diagram, linked: bool) -> None:
     for x, y, text in diagram.heads:
         write(axes, x, y, text, "muted", 10.0 * points, ha="center", va="baseline")
     for link in diagram.links:
+        (x, y), (u, v) = link.begin, link.end
+        path = Path([link.begin, *link.corners, link.end])
+        if not link.corners and abs(x - u) >= 1.0 and abs(y - v) >= 1.0:
+            bend = 0.5 * (u - x)
+            curve = [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4]
+            path = Path([(x, y), (x + bend, y), (u - bend, v), (u, v)], curve)
         axes.add_patch(
             FancyArrowPatch(
-                path=_link_path(link),
+                path=path,
                 arrowstyle="<|-|>" if link.both else "-|>",
                 mutation_scale=9.0 * points,
                 linewidth=(3.0 if link.broad else 1.2) * points,
@@ -183,15 +188,6 @@ def _draw(figure: Figure, diagram: Diagram, linked: bool) -> None:
             axes.add_artist(_Anchor(_ABOVE + k))
 
 
-def _link_path(link: Link) -> Path:
-    (x, y), (u, v) = link.begin, link.end
-    if link.corners or abs(x - u) < 1.0 or abs(y - v) < 1.0:
-        return Path([link.begin, *link.corners, link.end])
-    bend = 0.5 * (u - x)
-    curve = [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4]
-    return Path([(x, y), (x + bend, y), (u - bend, v), (u, v)], curve)
-
-
 # ---- blocks and panels ---------------------------------------------------------------------------
 
 
@@ -211,7 +207,10 @@ def block_texts(diagnosis: DiagnosisFile, rig: RigMap) -> dict[str, BlockText]:
         for cause in diagnosis.causes:
             if cause.port == group:
                 pins.append(f"{PIN}{either}{effect_label(cause.effect.partition('@')[0])}")
-                pins += _figures_of(cause)
+                if (parameter := first_parameter(cause)) is not None:
+                    pins.append(with_unit_text(parameter[1].value, channel_unit(parameter[0])))
+                if cause.probability is not None:
+                    pins.append(f"P {chance_figure(cause.probability)}")
         if rest is not None and rest.real and rest.port == group and not diagnosis.remark:
             left = f"{percent(rest.share)} left" if diagnosis.causes else "gap"
             pins.append(f"{DOUBT}{left}, unexplained")
@@ -226,15 +225,6 @@ def _shares(diagnosis: DiagnosisFile) -> dict[str, float]:
     if diagnosis.where is None or diagnosis.remark or diagnosis.verdict == "no-structural-gap":
         return {}
     return {port.port: port.share for port in diagnosis.where.ports}
-
-
-def _figures_of(cause: Cause) -> list[str]:
-    parameter, texts = first_parameter(cause), []
-    if parameter is not None:
-        texts.append(with_unit_text(parameter[1].value, channel_unit(parameter[0])))
-    if cause.probability is not None:
-        texts.append(f"P {chance_figure(cause.probability)}")
-    return texts
 
 
 def panels_html(diagnosis: DiagnosisFile | None) -> Markup:
@@ -294,34 +284,30 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
             texts.append(f"Measuring {name} as well would separate them.")
         if group in where.unseen:
             texts.append("These sensors do not respond to this port.")
-    texts += [_cause_text(cause) for cause in diagnosis.causes if cause.port == group]
+    for cause in diagnosis.causes:
+        if cause.port != group:
+            continue
+        text = f"{effect_label(cause.effect)} acts here"
+        if cause.probability is not None:
+            text += f", with probability {formatting.chance(cause.probability)}"
+        if cause.removes is not None:
+            text += f": it removes {percent(cause.removes.share)} of the gap"
+        values = [formatting.parameter_text(name, size) for name, size in cause.parameters.items()]
+        texts.append(sentence(text + (f"; {join_words(values)}" if values else "")))
     if rest is not None and rest.real and rest.port == group and rest.formula:
         texts.append(
             f"The remainder here is similar to {formula_text(formatting.clean(rest.formula))}."
         )
-    return [*texts, _tried(diagnosis, group)]
-
-
-def _cause_text(cause: Cause) -> str:
-    values = [formatting.parameter_text(name, size) for name, size in cause.parameters.items()]
-    text = f"{effect_label(cause.effect)} acts here"
-    if cause.probability is not None:
-        text += f", with probability {formatting.chance(cause.probability)}"
-    if cause.removes is not None:
-        text += f": it removes {percent(cause.removes.share)} of the gap"
-    return sentence(text + (f"; {join_words(values)}" if values else ""))
-
-
-def _tried(diagnosis: DiagnosisFile, group: str) -> str:
     tried = [
         f"{effect_label(candidate.effect)} ({percent(candidate.shrinkage)})"
         for candidate in diagnosis.ranking
         if candidate.port == group and candidate.shrinkage is not None
     ]
     if not tried:
-        return "No candidate at this port was promising enough for a refit."
+        return [*texts, "No candidate at this port was promising enough for a refit."]
     more = f" and {len(tried) - _MOST_TRIED} more" if len(tried) > _MOST_TRIED else ""
-    return (
+    texts.append(
         "Refitted here, with the share of the held-out error over all channels that each removes: "
         f"{', '.join(tried[:_MOST_TRIED])}{more}."
     )
+    return texts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +75,16 @@ def runs_below(folder: Path) -> list[RunSummary]:
             "Give the folder that contains your run folders.",
             code="no-folder",
         )
-    return [_listed(run_folder) for run_folder in _run_folders(folder)]
+    listed: list[RunSummary] = []
+    for place, below, files in os.walk(folder):
+        path = Path(place)
+        below.sort()
+        if RUN_FILE in files:
+            listed.append(_listed(path))
+            below.clear()  # no run lies inside a run
+        if len(path.parts) - len(folder.parts) >= DEEPEST or len(listed) >= MOST_LISTED:
+            below.clear()
+    return listed
 
 
 def _listed(folder: Path) -> RunSummary:
@@ -86,17 +94,3 @@ def _listed(folder: Path) -> RunSummary:
         about = {name: "" for name in ("command", "rig", "begun", "outcome")}
         fault = {"kind": "damaged", "sentence": formatting.clean(str(error))}
         return RunSummary(**{**_NO_FINDINGS, **about, **fault, "path": str(folder)})
-
-
-def _run_folders(folder: Path) -> Iterator[Path]:
-    """Folders with a run.json, those inside a run left out; links are not followed."""
-    count, depth = 0, len(folder.parts)
-    for place, below, files in os.walk(folder):
-        path = Path(place)
-        below.sort()
-        if RUN_FILE in files:
-            count += 1
-            yield path
-            below.clear()
-        if len(path.parts) - depth >= DEEPEST or count >= MOST_LISTED:
-            below.clear()

@@ -318,7 +318,9 @@ def page_svg(drawing: Drawing, *, narrow: bool = True) -> str:
     hidden = "" if drawing.linked else ' aria-hidden="true"'
     head = rf'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink"{hidden}>'
     svg = _PATH.sub(
-        lambda path: _LONG_NUMBER.sub(_hundredths, path.group()), _SIZE.sub(head, svg, 1)
+        # as exactly as a screen can show a coordinate [pt]
+        lambda path: _LONG_NUMBER.sub(lambda x: f"{float(x.group()):.2f}", path.group()),
+        _SIZE.sub(head, svg, 1),
     )
     return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
 
@@ -338,7 +340,12 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
 def png_of(*drawings: Drawing) -> bytes:
     """Drawings with their titles, stacked, as a PNG file; the same drawings give the
     same bytes."""
-    images = [_image(drawing) for drawing in drawings]
+    images = []
+    for drawing in drawings:
+        with settings(drawing.name):
+            file = io.BytesIO()
+            figure_of(drawing).savefig(file, format="png", dpi=PNG_DPI, facecolor=colour("paper"))
+        images.append(Image.open(file).convert("RGB"))
     size = max(item.width for item in images), sum(item.height for item in images)
     sheet, top = Image.new("RGB", size, colour("paper")), 0
     for image in images:
@@ -349,18 +356,6 @@ def png_of(*drawings: Drawing) -> bytes:
     buffer = io.BytesIO()
     palette.save(buffer, format="png", optimize=True, dpi=(PNG_DPI, PNG_DPI))
     return buffer.getvalue()
-
-
-def _image(drawing: Drawing) -> Image.Image:
-    with settings(drawing.name):
-        buffer = io.BytesIO()
-        figure_of(drawing).savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"))
-    return Image.open(buffer).convert("RGB")
-
-
-def _hundredths(number: re.Match[str]) -> str:
-    """A coordinate [pt] as exactly as a screen can show it."""
-    return f"{float(number.group()):.2f}"
 
 
 def _page_style(style: str) -> str:

@@ -120,14 +120,20 @@ def traces_of(
         return Traces()
     places = highlights_of(run, residual, channels[0], stretches)
     drawn = {kind for plot in plots for kind in plot["kinds"]}
+    kinds = {}
+    for kind, (role, dash) in LOOKS.items():
+        if kind not in drawn:
+            continue
+        # not drawn at first: a free run, a loop without its network, or a model whose error in the
+        # leading channel would hide the others
+        error = getattr(first, _FIELDS[kind]) if first is not None and kind in _FIELDS else None
+        refitted = first.refitted if first is not None else None
+        hides = error is not None and refitted is not None and error > _HUGE * refitted
+        off = hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
+        kinds[kind] = {"name": _kind_label(kind, run), "role": role, "dash": dash, "off": off}
     plan = {
         "plots": plots,
-        "kinds": {
-            kind: {"name": _kind_label(kind, run), "role": role, "dash": dash, "off": off}
-            for kind, (role, dash) in LOOKS.items()
-            if kind in drawn
-            for off in [_is_off(kind, first, drawn)]
-        },
+        "kinds": kinds,
         "recordings": [_recording(run, stretch) for stretch in stretches],
         "places": [asdict(place) for place in places],
     }
@@ -165,15 +171,6 @@ def _kind_label(kind: str, run: RunData) -> str:
     if kind in _FREE:
         return f"{_kind_label(_FREE[kind], run)}, free run"
     return _IN_LOOP.get(kind, kind)
-
-
-def _is_off(kind: str, first: ChannelErrors | None, drawn: set[str]) -> bool:
-    """Whether a trace is not drawn at first: a free run, a loop without its network, or a model
-    whose error in the leading channel would hide the others."""
-    error = getattr(first, _FIELDS[kind]) if first is not None and kind in _FIELDS else None
-    refitted = first.refitted if first is not None else None
-    hides = error is not None and refitted is not None and error > _HUGE * refitted
-    return hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
 
 
 def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:

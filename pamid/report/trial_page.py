@@ -20,10 +20,27 @@ _SHOWN_FAILURES = 20
 
 def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Picture]) -> Page:
     """The report of a trial with the pictures that were drawn of it."""
+    body = []
+    for score in trial.scored:
+        outcome: Markup | str = ""
+        if score.reached is not None:
+            outcome = "reached" if score.reached else strong("missed")
+        elif score.row.target is not None and score.value is None:
+            outcome = "no cases"
+        body.append([*(signs(cell.replace(" .. ", " to ")) for cell in score.texts), outcome])
+    targets = table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4))
+    answers = [
+        [
+            effect_label(family),
+            ", ".join(f"{effect_label(answer)} {count(n)}" for answer, n in row.items()),
+        ]
+        for family, row in trial.file.confusion.items()
+    ]
+    in_words = [details("The same in words", table(["planted", "answers"], answers))]
     contents = (
         (
             "Figures and targets",
-            (*figures(pictures, "targets"), _targets(trial)),
+            (*figures(pictures, "targets"), targets),
             "Intervals: Wilson for shares, bootstrap over cases for the others, 95 %.",
         ),
         (
@@ -34,7 +51,7 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         ),
         (
             "Which effects are confused?",
-            (*figures(pictures, "confusion"), *_confusion(trial)),
+            (*figures(pictures, "confusion"), *(in_words if answers else [])),
             "Visible single faults; in parentheses: answers that name no family.",
         ),
         (
@@ -60,27 +77,6 @@ def trial_page(trial: Trial, steps: tuple[Step, ...], pictures: Mapping[str, Pic
         preface=text(clean(summary(trial.content))),
         sections=(*sections, provenance(steps, notes=notes)),
     )
-
-
-def _targets(trial: Trial) -> Markup:
-    body = []
-    for score in trial.scored:
-        outcome = "no cases" if score.row.target is not None and score.value is None else ""
-        if score.reached is not None:
-            outcome = "reached" if score.reached else strong("missed")
-        body.append([*(signs(cell.replace(" .. ", " to ")) for cell in score.texts), outcome])
-    return table(["figure", *TABLE_HEAD[1:], "outcome"], body, (1, 2, 3, 4))
-
-
-def _confusion(trial: Trial) -> tuple[Markup, ...]:
-    body = [
-        [
-            effect_label(family),
-            ", ".join(f"{effect_label(answer)} {count(n)}" for answer, n in row.items()),
-        ]
-        for family, row in trial.file.confusion.items()
-    ]
-    return (details("The same in words", table(["planted", "answers"], body)),) if body else ()
 
 
 def _strata(trial: Trial) -> list[Markup]:

@@ -71,18 +71,14 @@ def read_trial(path: Path) -> Trial | None:
                     place = f"strata.{dimension}.{key}.{name}"
                     raise damaged(path, place, "an object", "missing")
     content = read_json(path)  # as it stands: what was null is null
-    scored = tuple(
-        _scored(row, value, cells(content, row))
-        for row in rows_of(content)
-        if (value := getattr(trial, row.section).get(row.key)) is not None
-    )
-    return Trial(trial, content, scored)
-
-
-def _scored(row: FigureRow, rate: Rate | Figure, texts: tuple[str, ...]) -> Scored:
-    figures = (rate.value if isinstance(rate, Figure) else rate.share, rate.low, rate.high)
-    value, low, high = (None if x is None else row.factor * x for x in figures)
-    return Scored(row, rate.of, texts, value, low, high)
+    scored = []
+    for row in rows_of(content):
+        rate: Rate | Figure | None = getattr(trial, row.section).get(row.key)
+        if rate is not None:
+            figures = (rate.value if isinstance(rate, Figure) else rate.share, rate.low, rate.high)
+            value, low, high = (None if x is None else row.factor * x for x in figures)
+            scored.append(Scored(row, rate.of, cells(content, row), value, low, high))
+    return Trial(trial, content, tuple(scored))
 
 
 # ---- sentences ---------------------------------------------------------------------------------

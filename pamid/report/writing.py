@@ -14,7 +14,6 @@ from pamid.base.progress import tell
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIGURES_FOLDER, RUN_FILE, Run
 from pamid.base.schemas.score_file import RecordingError
-from pamid.model.rig import Rig
 from pamid.report.added_variable_figure import added_drawing, added_places
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.comparison_page import ComparedRun, comparison_page
@@ -171,21 +170,15 @@ def content_of(run_folder: Path, rig: str | None = None) -> Content:
     drawings, recordings = drawings_of(run, rows), held_out_errors(run)
     if paper is not None:
         return Content(rows, drawings, partial(paper_page, paper, steps, run, rows), recordings)
-    drawn_by, notes = _posed_rig(run, rig)
-    page_of = partial(run_page, run, rows, drawn_by=drawn_by)
-    return Content(rows, drawings, page_of, recordings, notes)
-
-
-def _posed_rig(run: RunData, rig: str | None) -> tuple[Rig | None, tuple[str, ...]]:
-    """The given rig, for its pose; a page without a rig has no animation, and a note states it."""
-    if rig is None:
-        return None, ()
+    drawn_by, notes = None, tuple[str, ...]()
     try:
-        return rig_of_run(run, rig), ()
+        drawn_by = None if rig is None else rig_of_run(run, rig)
     except FileError as error:
         if error.code != NO_POSE:
             raise
-        return None, (f"no animation: {error.message} {error.hint}",)
+        notes = (f"no animation: {error.message} {error.hint}",)
+    page_of = partial(run_page, run, rows, drawn_by=drawn_by)
+    return Content(rows, drawings, page_of, recordings, notes)
 
 
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:

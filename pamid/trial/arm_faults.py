@@ -153,24 +153,21 @@ def placed(faults: Mapping[str, Mapping[str, float]]) -> tuple[Planted, ...]:
     """
     spots: list[dict[str, Mapping[str, float]]] = [{} for _ in range(7)]
     for site, sizes in faults.items():
-        for k in _spots(site):
-            spots[k][split(site)[0]] = sizes
+        name, place = split(site)
+        if _SHARED.get(name) == place:
+            spots[6][name] = sizes
+            continue
+        kin, number = _kin_and_number(place)
+        if name not in ARM_FAULTS or kin != _kin(name) or number not in ("", *KIN[kin]):
+            raise UsageError(
+                f"{site!r} cannot be planted in the arm",
+                nearest(name, list(ARM_FAULTS)) or "see ARM_FAULTS",
+            )
+        first = 0 if KIN[kin] == MUSCLES else len(MUSCLES)
+        for k, joint in enumerate(KIN[kin], start=first):
+            if number in ("", joint):
+                spots[k][name] = sizes
     return tuple(planted(spot) for spot in spots)
-
-
-def _spots(site: str) -> tuple[int, ...]:
-    """Where in the order of `placed`."""
-    name, place = split(site)
-    if _SHARED.get(name) == place:
-        return (6,)
-    kin, number = _kin_and_number(place)
-    if name not in ARM_FAULTS or kin != _kin(name) or number not in ("", *KIN[kin]):
-        raise UsageError(
-            f"{site!r} cannot be planted in the arm",
-            nearest(name, list(ARM_FAULTS)) or "see ARM_FAULTS",
-        )
-    first = 0 if KIN[kin] == MUSCLES else len(MUSCLES)
-    return tuple(first + k for k, joint in enumerate(KIN[kin]) if number in ("", joint))
 
 
 def _kin_and_number(place: str) -> tuple[str, str]:

@@ -150,22 +150,19 @@ def learnt(examples: Sequence[Example]) -> dict[str, float]:
 
 
 def _examples(lessons: Sequence[Lesson]) -> list[Example]:
-    return [
-        Example(candidate["figures"], m.is_right(candidate), lesson.machine)
-        for lesson in lessons
-        for m in lesson.cases
-        for candidate in _leading_candidates(m)
-    ]
-
-
-def _leading_candidates(m: Marked) -> list[dict[str, Any]]:
-    """The causes that a case names, and the best of the leading families of its ranking."""
-    leading: dict[str, dict[str, Any]] = {}
-    for cause in [*m.causes, *m.ranking]:
-        leading.setdefault(str(cause["family"]), cause)
-    return [
-        candidate for candidate in list(leading.values())[:FAMILIES] if candidate.get("figures")
-    ]
+    """The causes that each case names, and the best of the leading families of its ranking."""
+    examples = []
+    for lesson in lessons:
+        for m in lesson.cases:
+            leading: dict[str, dict[str, Any]] = {}
+            for cause in [*m.causes, *m.ranking]:
+                leading.setdefault(str(cause["family"]), cause)
+            examples += [
+                Example(candidate["figures"], m.is_right(candidate), lesson.machine)
+                for candidate in list(leading.values())[:FAMILIES]
+                if candidate.get("figures")
+            ]
+    return examples
 
 
 def _spread(cases: Sequence[Marked]) -> float:

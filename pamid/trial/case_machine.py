@@ -8,6 +8,7 @@ commands, with and without the effect. The diagnosis has no part in it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -139,10 +140,13 @@ class CaseMachine:
             for site, drawn in candidates:
                 family = case.machine.truth(site)["family"]
                 sizes = None if family in families else self._scaled(site, drawn, share)
-                if sizes is not None and self._runs({**acting, site: sizes}):
-                    acting[site] = sizes
-                    families.add(family)
-                    break
+                if sizes is None:
+                    continue
+                with suppress(UsageError):  # two set the same size, or the machine flies apart
+                    if np.isfinite(self.change({**acting, site: sizes})):
+                        acting[site] = sizes
+                        families.add(family)
+                        break
         return acting
 
     @cached_property
@@ -229,13 +233,6 @@ class CaseMachine:
         columns, start = self.record(faults, signal, self._seeds(number)[1]), self._warm_up
         time = columns[TIME][: len(columns[TIME]) - start]
         return {k: v[start:] for k, v in columns.items()} | {TIME: time}
-
-    def _runs(self, faults: Faults) -> bool:
-        """Can all of these act together?"""
-        try:
-            return bool(np.isfinite(self.change(faults)))
-        except UsageError:  # two set the same size, or the machine flies apart
-            return False
 
     def _scaled(
         self, site: str, drawn: Mapping[str, float], share: float

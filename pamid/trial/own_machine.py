@@ -427,13 +427,21 @@ def draw_specimen(
         noise[name] = stated or NOISE_SHARE * float(spread) / per_unit
     rig = copy.copy(rig)
     vars(rig)["noise"] = noise
+    values = {b.key: _drawn(b, random) for b in plain.parameters if b.fitted}
+    # waves by port, over the usual range of its first signal or of its value
+    waves = {}
+    for name, port in rig.ports.items():
+        if port.kind in ROUGH_KINDS:
+            signal = next(iter(port.signals), "value")
+            span = sizes.get((name, signal)) or port.size.get(signal) or 1.0
+            waves[name] = draw_map(random, c.background, span)
     return RigSpecimen(
         machine=machine,
         conditions=c,
         rig=rig,
         sizes=sizes,
-        values={b.key: _drawn(b, random) for b in plain.parameters if b.fitted},
-        waves=_draw_roughness(rig, sizes, random, c.background),
+        values=values,
+        waves=waves if c.background > 0.0 else {},
         steps={
             name: c.noise * level * float(random.uniform(*CONVERTER_STEPS))
             for name, level in noise.items()
@@ -454,17 +462,3 @@ def _drawn(b: Bound, random: np.random.Generator) -> float:
     else:
         value = b.value + u * b.spread
     return float(min(max(value, b.low), b.high))
-
-
-def _draw_roughness(
-    rig: Rig, sizes: Sizes, random: np.random.Generator, rms: float
-) -> dict[str, Array]:
-    """Waves by port, over the usual range of its first signal or of its value; none without
-    roughness."""
-    maps = {}
-    for name, port in rig.ports.items():
-        if port.kind in ROUGH_KINDS:
-            signal = next(iter(port.signals), "value")
-            span = sizes.get((name, signal)) or port.size.get(signal) or 1.0
-            maps[name] = draw_map(random, rms, span)
-    return maps if rms > 0.0 else {}

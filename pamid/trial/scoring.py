@@ -51,14 +51,40 @@ def score_cases(
         "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
         **_naming(singles),
         **_refusing(marked),
-        **(_open(singles) if world == OPEN else _doubles(marked, singles)),
     }
+    if world == OPEN:  # a planted effect among lesser ones
+        seen = [m for m in singles if m.material]
+        named, answers = [m for m in seen if m.names], Counter(m.open_answer for m in seen)
+        rates |= {
+            "open_right": _rate(seen, lambda m: m.open_right),
+            **{f"open_{k.replace('-', '_')}": _share(answers[k], len(seen)) for k in OPEN_ANSWERS},
+            "open_remainder": _rate(named, lambda m: m.remainder_reported),
+            "open_claims": _rate(named, lambda m: m.claims_hold),
+        }
+    else:
+        doubles = [m for m in marked if m.stratum == "double" and m.visible]
+        named = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
+        rates |= {
+            "both_of_two": _rate(doubles, lambda m: m.caught == 2),
+            "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
+            "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
+            "wrong_beside_right": _rate(
+                (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
+            ),
+            "extra_causes": _rate(named, lambda m: len(m.causes) > 1),
+        }
     figures, covered = _forecasts(marked, seed)
     rates["shrinkage_covered"] = covered
     sure, reliability = _calibration(
         [m for m in marked if m.names and (m.visible or not m.truth)], seed
     )
     visible = [m for m in singles if m.visible]
+    # answers without a look at the recordings: always the most common family, and the labels dealt
+    # at random
+    planted = [m.family for m in visible]
+    common = Counter(planted).most_common(1)[0][1] if planted else 0
+    shuffled = np.random.default_rng(seed).permutation(np.array(planted, dtype=object))
+    hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
     return TrialFile(
         part=part,
         seed=seed,
@@ -67,8 +93,14 @@ def score_cases(
         figures={**sure, **figures},
         reliability=reliability,
         strata=_strata(marked),
-        confusion=_confusion(visible),
-        baselines=_baselines(visible, seed),
+        confusion={
+            family: dict(Counter(m.answer for m in visible if m.family == family).most_common())
+            for family in sorted(set(planted))
+        },
+        baselines={
+            "most_common_family": _share(common, len(planted)),
+            "shuffled_labels": _share(hits, len(planted)),
+        },
         rig=rig,
         world=world,
         cases_sha256=cases_sha256,
@@ -151,34 +183,6 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
             (m for m in unknown if m.stratum == "nameless"), lambda m: m.abstains
         ),
         "unknown_port": _rate(unknown, lambda m: m.port_right),
-    }
-
-
-def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
-    """Rates for two faults at once, and for single faults named as two."""
-    doubles = [m for m in marked if m.stratum == "double" and m.visible]
-    named = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
-    return {
-        "both_of_two": _rate(doubles, lambda m: m.caught == 2),
-        "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
-        "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
-        "wrong_beside_right": _rate(
-            (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
-        ),
-        "extra_causes": _rate(named, lambda m: len(m.causes) > 1),
-    }
-
-
-def _open(singles: list[Marked]) -> dict[str, Rate]:
-    """Rates for a planted effect among lesser ones: largest effect named, remainder reported."""
-    seen = [m for m in singles if m.material]
-    named = [m for m in seen if m.names]
-    answers = Counter(m.open_answer for m in seen)
-    return {
-        "open_right": _rate(seen, lambda m: m.open_right),
-        **{f"open_{k.replace('-', '_')}": _share(answers[k], len(seen)) for k in OPEN_ANSWERS},
-        "open_remainder": _rate(named, lambda m: m.remainder_reported),
-        "open_claims": _rate(named, lambda m: m.claims_hold),
     }
 
 
@@ -295,36 +299,14 @@ def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
         )
         for m in sorted(counted, key=value):
             bins.setdefault(_between(value(m), edges), []).append(m)
-        out[dimension] = {name: _main_rates(cases) for name, cases in bins.items()}
+        out[dimension] = {}
+        for name, cases in bins.items():
+            singles = [m for m in cases if m.stratum == "single"]
+            quiet, named = (m for m in cases if m.stratum == "no-gap"), _naming(singles)
+            out[dimension][name] = {
+                "family_first": named["family_first"],
+                "exact_first": named["exact_first"],
+                "detected": _rate(singles, lambda m: m.alarms),
+                "false_alarm": _rate(quiet, lambda m: m.alarms),
+            }
     return {dimension: bins for dimension, bins in out.items() if bins}
-
-
-def _main_rates(cases: list[Marked]) -> dict[str, Rate]:
-    singles = [m for m in cases if m.stratum == "single"]
-    named = _naming(singles)
-    return {
-        "family_first": named["family_first"],
-        "exact_first": named["exact_first"],
-        "detected": _rate(singles, lambda m: m.alarms),
-        "false_alarm": _rate((m for m in cases if m.stratum == "no-gap"), lambda m: m.alarms),
-    }
-
-
-def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
-    return {
-        family: dict(Counter(m.answer for m in visible if m.family == family).most_common())
-        for family in sorted({m.family for m in visible})
-    }
-
-
-def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
-    """Rates of answers without a look at the recordings: always the most common family, and the
-    labels dealt at random."""
-    families = [m.family for m in visible]
-    common = Counter(families).most_common(1)[0][1] if families else 0
-    shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
-    hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
-    return {
-        "most_common_family": _share(common, len(families)),
-        "shuffled_labels": _share(hits, len(families)),
-    }

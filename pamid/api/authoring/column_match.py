@@ -136,13 +136,13 @@ def _column_text(column: str) -> str:
 
 def examples() -> dict[str, type[Rig]]:
     """Rigs of the catalogue that can serve as a template: those written in a single file."""
-    return {name: rig for name, rig in rigs().items() if _stands_alone(rig)}
-
-
-def _stands_alone(rig: type[Rig]) -> bool:
-    lines = inspect.getsource(sys.modules[rig.__module__]).splitlines()
-    ours = (line for line in lines if line.startswith(("from pamid", "import pamid")))
-    return all(line.split()[1].startswith(_COPIED) for line in ours)
+    alone = {}
+    for name, rig in rigs().items():
+        lines = inspect.getsource(sys.modules[rig.__module__]).splitlines()
+        ours = (line for line in lines if line.startswith(("from pamid", "import pamid")))
+        if all(line.split()[1].startswith(_COPIED) for line in ours):
+            alone[name] = rig
+    return alone
 
 
 def example_named(name: str) -> type[Rig]:

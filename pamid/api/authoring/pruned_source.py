@@ -194,8 +194,13 @@ class _Equations(SourceText):
 
         A map of a lost signal is removed.
         """
-        for call in _calls(self.assigned("background"), "RoughMap"):
-            (port,) = (name for name, inside in self._backed() if call in inside)
+        background = self.assigned("background")
+        for call in ast.walk(background) if background is not None else ():
+            if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "RoughMap"):
+                continue
+            assert isinstance(background, ast.Dict)
+            entries = zip(background.keys, background.values, strict=True)
+            (port,) = (str(getattr(k, "value", "")) for k, v in entries if call in ast.walk(v))
             lost = self.lost.get(port, set())
             over = call.args[1:] + [k.value for k in call.keywords if k.arg == "over"]
             of = [k.value for k in call.keywords if k.arg == "of"]
@@ -206,12 +211,6 @@ class _Equations(SourceText):
                     getattr(part, "value", part) not in over and part not in over for part in parts
                 ]
                 self.thin([self.span(part) for part in parts], stays)
-
-    def _backed(self) -> Iterator[tuple[str, list[ast.AST]]]:
-        background = self.assigned("background")
-        assert isinstance(background, ast.Dict)
-        for key, value in zip(background.keys, background.values, strict=True):
-            yield str(getattr(key, "value", "")), list(ast.walk(value))
 
 
 class _Unused(SourceText):
@@ -229,7 +228,10 @@ class _Unused(SourceText):
                     names = {n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)}
                     if not names & loaded:
                         self.drop(node)
-        self._methods()
+        called = {_read(node, "self") for node in ast.walk(self.kind)}
+        for function in self.functions():
+            if not hasattr(Rig, function.name) and function.name not in called:
+                self.drop(function)
         used = {name for f in self.functions() for n in ast.walk(f) if (name := _port_of(n))}
         for table in ("ports", "background"):
             value = self.assigned(table)
@@ -241,12 +243,6 @@ class _Unused(SourceText):
             self.thin_tuple(parameters, lambda name: name in read)
         self._names()
         return self.edited()
-
-    def _methods(self) -> None:
-        called = {_read(node, "self") for node in ast.walk(self.kind)}
-        for function in self.functions():
-            if not hasattr(Rig, function.name) and function.name not in called:
-                self.drop(function)
 
     def _names(self) -> None:
         """Constants and functions of the file."""
@@ -289,14 +285,6 @@ def declared(node: ast.AST) -> ast.Call:
 def _first_word(node: ast.AST) -> str:
     node = declared(node)
     return str(getattr(node.args[0], "value", "")) if node.args else ""
-
-
-def _calls(node: ast.AST | None, name: str) -> list[ast.Call]:
-    return [
-        call
-        for call in (ast.walk(node) if node is not None else ())
-        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == name
-    ]
 
 
 def _without_signals(value: ast.AST) -> Iterator[ast.AST]:

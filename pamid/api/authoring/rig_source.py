@@ -86,18 +86,6 @@ class RigSource:
 
     def text(self) -> str:
         """Complete text of the file."""
-        self._edit()
-        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", self.source.edited())
-        tree = ast.parse(text)
-        imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
-        body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
-        # a removed line leaves its indent
-        body = re.sub(r"[ \t]+$", "", body.lstrip("\n"), flags=re.MULTILINE)
-        return self._docstring() + self._imports(imports, body) + body
-
-    # ---- what changes ---------------------------------------------------------------------------
-
-    def _edit(self) -> None:
         kind = self.source.kind
         (named,) = re.finditer(rf"class {kind.name}\(", self.source.text)
         self.source.edits.append((named.start() + 6, named.end() - 1, self.name))
@@ -107,11 +95,34 @@ class RigSource:
                 self._assignment(node, node.targets[0].id, settled)
             elif isinstance(node, ast.FunctionDef):
                 self._function(node)
+        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", self.source.edited())
+        tree = ast.parse(text)
+        imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
+        body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
+        # a removed line leaves its indent
+        body = re.sub(r"[ \t]+$", "", body.lstrip("\n"), flags=re.MULTILINE)
+        title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
+        sent, read = (", ".join(self.match.columns_by_role(role)) for role in ("input", "output"))
+        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.reason)
+        docstring = (
+            f'"""{title}, with the columns of {mine}.\n\n'
+            f"Assumed inputs: {sent}; outputs: {read}.\n"
+            "Check the values marked GUESS: they belong to another machine and have wide priors.\n"
+            f"The following text describes {self.rig.name}.\n\n"
+            f'{ast.get_docstring(self.tree) or ""}\n"""\n\n'
+        )
+        return docstring + self._imports(imports, body) + body
+
+    # ---- what changes ---------------------------------------------------------------------------
 
     def _settled(self) -> dict[str, str]:
         """Class attributes that are replaced."""
         rig, names = self.rig, {c: self._found(c) for c in self.columns}
-        noise = {names[c]: self._noise(c) for c in rig.outputs if c in names}
+        noise = {}  # measured, in the unit of the column
+        for column in rig.outputs:
+            if column in names:
+                values = self._values(self.by_wanted[column])
+                noise[names[column]] = _short(float(noise_level(values[:, None])[0]), 1)
         swings = self._swings()
         scaled = {pair.wanted for pair in self.match.pairs if pair.scaled}
         tables = {
@@ -228,11 +239,6 @@ class RigSource:
     def _values(self, pair: Pair) -> FloatArray:
         return self.recording.columns[pair.recorded]
 
-    def _noise(self, column: str) -> float:
-        """Measured noise of a recorded output, in its unit."""
-        values = self._values(self.by_wanted[column])
-        return _short(float(noise_level(values[:, None])[0]), 1)
-
     def _swings(self) -> dict[str, tuple[float, float]]:
         """Centre and half range per recorded command, in its unit.
 
@@ -272,19 +278,18 @@ class RigSource:
         symbol = si_symbol(recorded)
         rig_unit = {**self.rig.inputs, **self.rig.outputs}[pair.wanted]
         span = motion(to_si(self._values(pair), recorded)) or 1.0
-        usual = self._usual_span(pair.wanted) or 1.0
+        # of the template's column (SI) under its usual excitation
+        trial = ExcitedRig(self.rig)
+        if pair.wanted in self.rig.inputs:
+            moved = trial.u[:, list(self.rig.inputs).index(pair.wanted)]
+        else:
+            y = trial.run(trial.assembly.values())
+            moved = y[:, list(self.rig.outputs).index(pair.wanted)]
+        usual = float(np.ptp(moved)) or 1.0
         above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
         unit_text = quotient(above or NONE, below or NONE)
         return _Gain(f"{stem}_gain", _short(ratio), "" if unit_text == NONE else unit_text)
-
-    def _usual_span(self, column: str) -> float:
-        """Span of the template's column (SI) under its usual excitation."""
-        trial = ExcitedRig(self.rig)
-        if column in self.rig.inputs:
-            return float(np.ptp(trial.u[:, list(self.rig.inputs).index(column)]))
-        y = trial.run(trial.assembly.values())
-        return float(np.ptp(y[:, list(self.rig.outputs).index(column)]))
 
     # ---- words ----------------------------------------------------------------------------------
 
@@ -307,19 +312,6 @@ class RigSource:
                 "an input, an output, or of no interest?"
             )
         return "".join(f"\n{line}" for line in lines)
-
-    def _docstring(self) -> str:
-        story = ast.get_docstring(self.tree) or ""
-        title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
-        sent, read = (", ".join(self.match.columns_by_role(role)) for role in ("input", "output"))
-        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.reason)
-        return (
-            f'"""{title}, with the columns of {mine}.\n\n'
-            f"Assumed inputs: {sent}; outputs: {read}.\n"
-            "Check the values marked GUESS: they belong to another machine and have wide priors.\n"
-            f"The following text describes {self.rig.name}.\n\n{story}\n"
-            '"""\n\n'
-        )
 
     def _imports(self, nodes: list[ast.Import | ast.ImportFrom], body: str) -> str:
         """Imports of the body, those of pamid from its public interface."""

@@ -199,8 +199,22 @@ def origin_of(folder: Path, rig: str | Rig | None = None, on: str = REFIT) -> Or
         ) from None
     for path in roles:
         for file in (path, str(Path(path).with_suffix(".toml"))):
-            if file in known:
-                _require_unchanged(_place(folder, file), known[file], folder)
+            if file not in known:
+                continue
+            place = _place(folder, file)
+            if not place.is_file():
+                raise FileError(
+                    f"{place}, to which {folder} was fitted, is not there.",
+                    "Restore it. A relative path starts at the folder in which the run was "
+                    "created.",
+                    code="missing",
+                )
+            if sha256_of(place) != known[file]:
+                raise FileError(
+                    f"{place} was changed since {folder} was fitted to it (its SHA-256 differs).",
+                    "Restore the old file, or fit again.",
+                    code="changed",
+                )
     rig_object = in_form(noted_rig(name, rig, known), saved, folder / FIT_FILE)
     recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
@@ -226,21 +240,6 @@ def _place(folder: Path, path: str) -> Path:
     """Where a recording lies: a run keeps those that came to it in no file in its folder."""
     copy = folder / path
     return copy if not Path(path).is_file() and copy.is_file() else Path(path)
-
-
-def _require_unchanged(path: Path, sha256: str, folder: Path) -> None:
-    if not path.is_file():
-        raise FileError(
-            f"{path}, to which {folder} was fitted, is not there.",
-            "Restore it. A relative path starts at the folder in which the run was created.",
-            code="missing",
-        )
-    if sha256_of(path) != sha256:
-        raise FileError(
-            f"{path} was changed since {folder} was fitted to it (its SHA-256 differs).",
-            "Restore the old file, or fit again.",
-            code="changed",
-        )
 
 
 # ---- what is missing there ---------------------------------------------------------------------

@@ -168,6 +168,14 @@ def read_residual_data(
             code="damaged",
         )
     chosen, dropped = _inputs(columns, channels, kind, tuple(inputs) or usual, stretches)
+    # an input that a controller computed from a measured output carries the noise of that reading
+    noisy = [
+        f"A controller computed {command} from the measured output, so {command} contains its "
+        "noise. The network can learn this noise and reach an error below the noise floor. This "
+        "is not a gain in closed loop: `pamid score` on a new recording reports both errors."
+        for *_, last in (_loop_blocks(list(columns)) if model == "replay" else ())
+        if (command := last.removesuffix("_loop")) in chosen
+    ]
     return ResidualData(
         channel,
         model,
@@ -177,7 +185,7 @@ def read_residual_data(
         tuple(stretches),
         washout,
         _period(fit, columns),
-        (*notes, *dropped, *(_noise_notes(columns, chosen) if model == "replay" else ())),
+        (*notes, *dropped, *noisy),
         causes,
     )
 
@@ -328,18 +336,6 @@ def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
         (header[first - count + k], *header[first + 4 * k : first + 4 * k + 4])
         for k in range(count)
     ]
-
-
-def _noise_notes(columns: dict[str, Array], inputs: tuple[str, ...]) -> tuple[str, ...]:
-    """A note on every input that a controller computed from a measured output: it carries the
-    noise of that reading."""
-    return tuple(
-        f"A controller computed {command} from the measured output, so {command} contains its "
-        "noise. The network can learn this noise and reach an error below the noise floor. This "
-        "is not a gain in closed loop: `pamid score` on a new recording reports both errors."
-        for *_, last in _loop_blocks(list(columns))
-        if (command := last.removesuffix("_loop")) in inputs
-    )
 
 
 def _inputs(

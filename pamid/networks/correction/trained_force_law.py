@@ -111,11 +111,17 @@ def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[fl
     axis = order.index("Pa")
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = MONOTONE_TOLERANCE * (high - low)
-    faults = [
-        _force_law_text(trained, k, places, forces)
-        for k, (by, places) in zip((axis, 1 - axis), violations, strict=True)
-        if by > allowed
-    ]
+    steps = trained.input_scaling.backward(np.stack([_steps(), _steps()], axis=1)).T
+    faults = []
+    for k, (by, (begin, end)) in zip((axis, 1 - axis), violations, strict=True):
+        if by > allowed:
+            moved, held = trained.input_names[k], trained.input_names[1 - k]
+            verb = "falls" if forces[end] < forces[begin] else "grows"
+            faults.append(
+                f"at {held} = {steps[1 - k][begin[1 - k]]:.4g} it {verb} from "
+                f"{forces[begin]:.4g} N to {forces[end]:.4g} N between {moved} = "
+                f"{steps[k][begin[k]]:.4g} and {steps[k][end[k]]:.4g}"
+            )
     if faults:
         message = (
             f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(faults)}."
@@ -141,21 +147,6 @@ def _worst(forces: Array, axis: int, sign: float) -> tuple[float, tuple[Place, P
     begin = int(np.argmax(along[: end + 1, other]))
     places = [(int(i), int(other)) if axis == 0 else (int(other), int(i)) for i in (begin, end)]
     return float(fall[end, other]), (places[0], places[1])
-
-
-def _force_law_text(
-    trained: TrainedNetwork, axis: int, places: tuple[Place, Place], forces: Array
-) -> str:
-    """Where the force goes the wrong way, in the words of the network's inputs."""
-    steps = trained.input_scaling.backward(np.stack([_steps(), _steps()], axis=1)).T
-    begin, end = places
-    moved, held = trained.input_names[axis], trained.input_names[1 - axis]
-    verb = "falls" if forces[end] < forces[begin] else "grows"
-    return (
-        f"at {held} = {steps[1 - axis][begin[1 - axis]]:.4g} it {verb} from {forces[begin]:.4g} N "
-        f"to {forces[end]:.4g} N between {moved} = {steps[axis][begin[axis]]:.4g} and "
-        f"{steps[axis][end[axis]]:.4g}"
-    )
 
 
 def _on_grid(trained: TrainedNetwork) -> Array:

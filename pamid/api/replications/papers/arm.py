@@ -487,7 +487,18 @@ def text(paper: dict[str, Any]) -> str:
             title,
             [item for item in paper["windowed_mae"][kind].items() if item[1]["unit"] == "deg"],
         )
-    lines += _coupling(paper["coupling"])
+    words = ("moves by", "data sheet", "uncoupled", "fitted", "noise")
+    names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
+    lines += [
+        "Coupling: the angle of a joint while only the other joint's valves are pulsed, deg",
+        f"{'joint':24s}" + "".join(f"{word:>11s}" for word in words),
+        *(
+            f"{estimate['moved'].rsplit('_', 1)[0]:24s}{estimate['swing_deg']:11.3f}"
+            + "".join(number_cell(estimate["mae"].get(name), 11) for name in names)
+            for estimate in paper["coupling"]
+        ),
+        "",
+    ]
     target, in_the_end = paper["target"], paper["tied"]["fitted_anfis"]
     still = {name for tie in in_the_end for name in tie["parameters"]}
     unloaded = [tie for tie in paper["tied"][UNLOADED] if still & set(tie["parameters"])]
@@ -525,22 +536,6 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
             f"{name.rsplit('_', 1)[0] if name.endswith(('_deg', '_kpa')) else name:18s}{cells['unit']:6s}"  # noqa: E501
             + "".join(number_cell(cells.get(key), 11) for key in _MODELS)
             for name, cells in variables
-        ),
-        "",
-    ]
-
-
-def _coupling(each: list[dict[str, Any]]) -> list[str]:
-    """Motion of a joint under pulses on the other."""
-    head = ("joint", "moves by", "data sheet", "uncoupled", "fitted", "noise")
-    names = ("data_sheet", "without_coupling", "fitted", "noise_floor")
-    return [
-        "Coupling: the angle of a joint while only the other joint's valves are pulsed, deg",
-        f"{head[0]:24s}" + "".join(f"{word:>11s}" for word in head[1:]),
-        *(
-            f"{estimate['moved'].rsplit('_', 1)[0]:24s}{estimate['swing_deg']:11.3f}"
-            + "".join(number_cell(estimate["mae"].get(name), 11) for name in names)
-            for estimate in each
         ),
         "",
     ]

@@ -463,7 +463,22 @@ def text(paper: dict[str, Any]) -> str:
             "before it stay; "
             "in the row above, the share of the inertia and the frequency stay as they were found."
         )
-    lines += ["", *_training(paper), "", f"Diagnosis  {paper['diagnosis']['sentence']}"]
+    # table I of the paper, and its network's training here
+    here, there = paper["training"], paper["published"]["training"]
+    (seconds,) = (row["seconds"] for row in paper["rows"] if row["model"].endswith("Elman"))
+    lines += [
+        "",
+        f"{'Training':11s}{'iterations':>11s}{'seconds':>9s}{'MSE':>10s}{'of range':>10s}"
+        f"{'gradient':>10s}{'mu':>10s}{'gamma':>8s}{'weights':>9s}",
+    ]
+    for name, t, s in (("published", there, there["seconds"]), ("here", here, seconds)):
+        lines.append(
+            f"{name:11s}{t['iterations']:11d}{s:9.0f}{t['mse']:10.3g}"
+            f"{100.0 * t['rmse_of_range']:8.2f} %{t['gradient']:10.3g}{t['mu']:10.3g}"
+            f"{t['gamma']:8.1f}{t['n_weights']:9d}"
+        )
+    lines.append(f"here, best of {len(here['starts_mse'])} starts: {here['why']}")
+    lines += ["", f"Diagnosis  {paper['diagnosis']['sentence']}"]
     for cause in paper["diagnosis"]["causes"]:
         values = ", ".join(
             f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
@@ -478,17 +493,3 @@ def text(paper: dict[str, Any]) -> str:
         + " and ".join(f"{value:.4f} deg at {case}" for case, value in twin.items()),
     ]
     return "\n".join([*lines, *(f"Note       {note}" for note in paper["notes"])])
-
-
-def _training(paper: dict[str, Any]) -> list[str]:
-    """Table I of the paper, and its network's training here."""
-    here, there = paper["training"], paper["published"]["training"]
-    (seconds,) = (row["seconds"] for row in paper["rows"] if row["model"].endswith("Elman"))
-    head = f"{'Training':11s}{'iterations':>11s}{'seconds':>9s}{'MSE':>10s}{'of range':>10s}{'gradient':>10s}"  # noqa: E501
-    lines = [f"{head}{'mu':>10s}{'gamma':>8s}{'weights':>9s}"]
-    for name, t, s in (("published", there, there["seconds"]), ("here", here, seconds)):
-        lines.append(
-            f"{name:11s}{t['iterations']:11d}{s:9.0f}{t['mse']:10.3g}{100.0 * t['rmse_of_range']:8.2f} %"  # noqa: E501
-            f"{t['gradient']:10.3g}{t['mu']:10.3g}{t['gamma']:8.1f}{t['n_weights']:9d}"
-        )
-    return [*lines, f"here, best of {len(here['starts_mse'])} starts: {here['why']}"]
