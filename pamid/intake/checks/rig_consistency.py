@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from pamid.base.errors import join_words
 from pamid.base.metrics import motion
 from pamid.base.units import (
-    NONE,
     duration_text,
     from_si,
     is_unit,
@@ -35,7 +34,7 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.intake.checks.channel_quality import PLUGGED
-from pamid.intake.checks.findings import QualityIssue, issue
+from pamid.intake.checks.findings import QualityIssue, issue, unit_after
 from pamid.intake.checks.sheet_comparison import (
     SheetComparison,
     magnitude_sensor_signs,
@@ -106,7 +105,7 @@ def contradictions(
         return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
     columns = np.array(recorded_columns(e.names, recording))
-    suits = set(columns[e.agreement()[0] > COMPARABLE_CORRELATION].tolist())
+    suits = set(columns[e.agreement() > COMPARABLE_CORRELATION].tolist())
     rests = set(columns[e.model.std(axis=0) < STIR * noise].tolist())
     dead = dead_sensors(recording, rig, e)
     judged = dict.fromkeys(("unit", "pressure", "absolute-pressure"), suits)
@@ -187,7 +186,7 @@ def _slip_words(
     """Fault and remedy of a slip of these columns."""
     symbol, many = split_column(names[0])[1], join_words(names)
     shift = slip.offset / unit(symbol).factor
-    shown = f"{-shift:.4g}{'' if symbol == NONE else f' {symbol}'}"
+    shown = f"{-shift:.4g}{unit_after(names[0])}"
     mapping, exceptional = "the mapping of `pamid ingest`", f"; if rig {rig.name!r} really is"
     if slip.kind == "unit" and slip.geared:
         return (
@@ -333,11 +332,10 @@ def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qua
         values, name = recording.columns[column], e.names[k]
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if still[k] and motion(values) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
-            value, symbol = float(values[0]), split_column(column)[1]
-            shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
+            value = float(values[0])
             message = (
-                f"{column} is constant ({shown}) throughout, where the model of rig {rig.name!r} "
-                "moves"
+                f"{column} is constant ({value:g}{unit_after(column)}) throughout, where the model "
+                f"of rig {rig.name!r} moves"
             )
             hint = f"{PLUGGED} Leave the column out if it was not measured."
             issues.append(issue("dead", column, message, hint, {"value": value}, wrong=True))
