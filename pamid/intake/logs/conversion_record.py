@@ -111,24 +111,35 @@ def conversion_records(
     conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
-    return [
-        shared.model_copy(
-            update={
-                "recording": result.RecordingMade(
-                    path=str(path),
-                    samples=recording.time.size,
-                    sampling_period_s=conversion.period,
-                    duration_s=recording.time.size * conversion.period,
-                    columns=tuple(recording.columns),
-                    begins_s=recording.begins_s,
-                    first_row=recording.first_row,
-                )
-            }
+    records = []
+    for conversion, part in zip(conversions, outputs, strict=True):
+        log = conversion.log
+        shared = result.IngestFile(
+            source=result.LogRead(
+                path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
+            ),
+            mapping=result.MappingUsed(
+                path=str(mapping_file),
+                sha256=sha256_of(mapping_file),
+                **conversion.mapping.model_dump(exclude_none=True),
+            ),
+            clock_ppm=1e6 * (conversion.stretch - 1.0),
+            clocks=tuple(_of_clock(c, c is conversion.lead) for c in conversion.clocks),
+            signals={c: _of_track(track, conversion) for c, track in conversion.tracks.items()},
+            notes=conversion.notes,
         )
-        for conversion, part in zip(conversions, outputs, strict=True)
-        for shared in [_of_log(conversion, mapping_file)]
-        for recording, path in zip(conversion.recordings, part, strict=True)
-    ]
+        for recording, path in zip(conversion.recordings, part, strict=True):
+            made = result.RecordingMade(
+                path=str(path),
+                samples=recording.time.size,
+                sampling_period_s=conversion.period,
+                duration_s=recording.time.size * conversion.period,
+                columns=tuple(recording.columns),
+                begins_s=recording.begins_s,
+                first_row=recording.first_row,
+            )
+            records.append(shared.model_copy(update={"recording": made}))
+    return records
 
 
 def _numbered(stem: Path, count: int) -> list[Path]:
@@ -157,26 +168,6 @@ def _digest(path: Path) -> str:
     files = sorted(part for part in path.rglob("*") if part.suffix in _READ_IN_FOLDERS)
     lines = [f"{sha256_of(part)}  {part.relative_to(path).as_posix()}\n" for part in files]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
-def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
-    log, lead = conversion.log, conversion.lead
-    return result.IngestFile(
-        source=result.LogRead(
-            path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
-        ),
-        mapping=result.MappingUsed(
-            path=str(mapping_file),
-            sha256=sha256_of(mapping_file),
-            **conversion.mapping.model_dump(exclude_none=True),
-        ),
-        clock_ppm=1e6 * (conversion.stretch - 1.0),
-        clocks=tuple(_of_clock(clock, clock is lead) for clock in conversion.clocks),
-        signals={
-            column: _of_track(track, conversion) for column, track in conversion.tracks.items()
-        },
-        notes=conversion.notes,
-    )
 
 
 def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:

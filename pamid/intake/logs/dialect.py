@@ -115,8 +115,17 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
                 code="thousands",
             )
         cells += [cell.strip() for cell, kind in zip(row, kinds, strict=True) if kind == "n"]
-    if best.delimiter == "," and best.width > 1:
-        _refuse_two_commas(path, best, cells)
+    named = best.header_fits  # a name for each number gives the number of cells
+    marked = any("." in cell or "," in cell for cell in cells)
+    if best.delimiter == "," and best.width > 1 and not named and not marked:
+        shown = ",".join(best.rows[best.first])
+        raise FileError(
+            f"{path}, line {best.first + 1}: {shown!r} does not show which commas are "
+            "decimal marks and which are delimiters.",
+            "Write decimal points, separate the numbers by semicolons, or add a row of names, a "
+            "name for each number.",
+            code="two-commas",
+        )
     decimal = decimal_mark(cells, str(path))
     above = best.above
     if (
@@ -197,13 +206,26 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
             if all(following) and (
                 len(following) == RUN or position == 0 or not rows[position - 1]
             ):
-                start = there[_climb(position, rows, [kinds[index] for index in there], width)]
-                return _with_labels(start, kinds), width, count
+                return _first_row(position, rows, there, kinds, width), width, count
     return None
 
 
-def _with_labels(start: int, kinds: list[str]) -> int:
-    """First line of a table whose first rows have words in columns that are empty below."""
+def _first_row(
+    position: int, rows: list[bool], there: list[int], kinds: list[str], width: int
+) -> int:
+    """First line of the table that contains the row at `position` of the lines that are not blank.
+
+    The table continues above single rows with an odd word, and with rows of words in columns that
+    are empty below.
+    """
+    while position >= 2 and rows[position - 2]:
+        odd = kinds[there[position - 1]]
+        if len(odd) != width or "n" not in odd:
+            break
+        position -= 2
+        while position and rows[position - 1]:
+            position -= 1
+    start = there[position]
     below = kinds[start]
     while (
         "e" in below
@@ -213,20 +235,6 @@ def _with_labels(start: int, kinds: list[str]) -> int:
     ):
         start -= 1
     return start
-
-
-def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
-    """First row of the table that contains `position`, across single rows with an odd word."""
-    while (
-        position >= 2
-        and rows[position - 2]
-        and len(kinds[position - 1]) == width
-        and "n" in kinds[position - 1]
-    ):
-        position -= 2
-        while position and rows[position - 1]:
-            position -= 1
-    return position
 
 
 def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[_Guess]) -> None:
@@ -241,21 +249,6 @@ def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[
                 f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
                 code="signals-in-rows",
             )
-
-
-def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
-    """Raise FileError if commas may be delimiters or decimal marks; names would give the number of
-    cells."""
-    if guess.header_fits or any("." in cell or "," in cell for cell in cells):
-        return
-    line = ",".join(guess.rows[guess.first])
-    raise FileError(
-        f"{path}, line {guess.first + 1}: {line!r} does not show which commas are "
-        "decimal marks and which are delimiters.",
-        "Write decimal points, separate the numbers by semicolons, or add a row of names, a name "
-        "for each number.",
-        code="two-commas",
-    )
 
 
 def _fits(row: list[str], width: int) -> bool:

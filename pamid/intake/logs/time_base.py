@@ -28,11 +28,11 @@ import numpy as np
 from pamid.base.metrics import FloatArray
 from pamid.base.schemas.ingest_file import ClockRepair, ClockWitness
 from pamid.intake.logs.stamps import (
-    LATE_WINDOW,
     IntArray,
     Rows,
     count_samples,
     fit_clock,
+    follow_rows,
     repair,
     rough_period,
 )
@@ -99,12 +99,14 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
     counts = np.concatenate([np.diff(samples[p]) for p in pieces])
     rounding = 2.0 * float(np.spacing(np.abs(rows.stamps).max()))
+    centred = late - late.mean()
+    spread = float(np.sqrt(np.mean(centred**2)))
     numbers = {
         "period_s": period,
         "earliest_s": float(late.min()),
         "latest_s": float(late.max()),
         "spread_s": float(late.std()),
-        "skewness": _skewness(late),
+        "skewness": float(np.mean(centred**3)) / spread**3 if spread else 0.0,
     }
     if np.abs(steps - counts * period).max(initial=0.0) <= UNIFORM_TO * period + rounding:
         why = "the stamps are even to 1 % of a period"
@@ -142,10 +144,7 @@ def reconstructed_time_base(
     lost = sum(int((np.diff(samples[p]) - 1).sum()) for p in pieces)
     if cure == "jittered-sampling":
         limit = GAP_PERIODS * period if max_gap is None else max_gap
-        pieces = _between(
-            sorted({*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}),
-            rows.stamps.size,
-        )
+        pieces = _between_gaps(rows, np.diff(rows.stamps), limit)
         # sampling with cumulative errors has no even clock, so the steps show missing samples
         steps = sum(
             int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
@@ -158,7 +157,7 @@ def reconstructed_time_base(
     instants = even.copy()
     for piece in pieces:
         if clock.wanders:
-            instants[piece] += _earliest(late[piece], _follow_rows(rows, piece))
+            instants[piece] += _earliest(late[piece], follow_rows(rows.stamps[piece]))
         elif cure == "late-stamps":
             instants[piece] += float(np.quantile(late[piece], LEAST_LATENCY_QUANTILE))
     repairs = _repairs(instants, pieces, rows.starts, lost)
@@ -194,18 +193,16 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     for _ in range(2):
         limit = GAP_PERIODS * period if max_gap is None else max_gap
         samples = np.concatenate([count_samples(rows.stamps[p], period) for p in rows.pieces()])
-        cuts = {*rows.starts, *(np.flatnonzero(np.diff(samples) * period > limit) + 1).tolist()}
-        split = _between(sorted(cuts), rows.stamps.size)
+        split = _between_gaps(rows, np.diff(samples) * period, limit)
         period, begins = fit_clock(rows.stamps, samples, split)
     late = np.concatenate(
         [rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)]
     )
     # a late host returns to the even clock; sampling at a lower rate does not
-    wander = max(float(np.ptp(_earliest(late[p], _follow_rows(rows, p)))) for p in split)
+    wander = max(float(np.ptp(_earliest(late[p], follow_rows(rows.stamps[p])))) for p in split)
     if wander <= MOST_WANDER * period:
         return _EvenClock(samples, split, period, late)
-    cuts = {*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}
-    split = _between(sorted(cuts), rows.stamps.size)
+    split = _between_gaps(rows, np.diff(rows.stamps), limit)
     spans = [rows.stamps[piece.stop - 1] - rows.stamps[piece.start] for piece in split]
     period = float(sum(spans)) / max(1, rows.stamps.size - len(split))
     samples = np.arange(rows.stamps.size, dtype=np.int64)
@@ -213,12 +210,6 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     for piece in split:
         late[piece] -= np.median(late[piece])
     return _EvenClock(samples, split, period, late, wanders=True)
-
-
-def _follow_rows(rows: Rows, piece: slice) -> int:
-    """Number of rows after which late stamps have returned to the clock."""
-    runs = np.diff(np.flatnonzero(np.diff(rows.stamps[piece]) > 0.0), prepend=-1)
-    return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
 
 
 def _earliest(late: FloatArray, window: int) -> FloatArray:
@@ -391,14 +382,10 @@ def _repairs(
     return tuple(repairs)
 
 
-def _between(cuts: list[int], end: int) -> list[slice]:
-    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], end], strict=True)]
-
-
-def _skewness(values: FloatArray) -> float:
-    centred = values - values.mean()
-    spread = float(np.sqrt(np.mean(centred**2)))
-    return float(np.mean(centred**3)) / spread**3 if spread else 0.0
+def _between_gaps(rows: Rows, steps: FloatArray, limit: float) -> list[slice]:
+    """Pieces between settings of the clock and steps longer than the limit (s)."""
+    cuts = sorted({*rows.starts, *(np.flatnonzero(steps > limit) + 1).tolist()})
+    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], rows.stamps.size], strict=True)]
 
 
 def _time(seconds: float) -> str:
