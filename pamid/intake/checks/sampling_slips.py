@@ -137,20 +137,12 @@ def compare_holds(
 ) -> list[InputHold]:
     """Compare both holds of the recording's inputs.
 
-    The list is empty if the rig cannot run on the recording. It is also empty for a rig that steps
-    by itself once a sample, because both holds are the same there. A command of a controller is
-    held, and is not tried.
+    The list is empty if the rig cannot run on the recording, and for a rig that steps by itself
+    once a sample. A command of a controller is held, and is not tried.
 
-    Parameters
-    ----------
-    recording
-        Recording to fit.
-    rig
-        Rig, with the values that the recording states (`as_recorded`).
-    columns
-        Inputs to try; None tries all of them.
-    screened
-        Only try inputs by which the error may fall to first order, at a fraction of the cost.
+    rig: with the values that the recording states (`as_recorded`). columns: inputs to try, by
+    default all. screened: only try inputs by which the error may fall to first order, at a fraction
+    of the cost.
     """
     held = {loop.command for loop in rig.loops}
     try:

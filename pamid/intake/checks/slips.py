@@ -254,7 +254,6 @@ class Judgement:
     errors: dict[str, float]
     strain: float = 0.0
     determined: float = 0.0
-    fitted: bool = True
     problem: ShortFit | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -334,19 +333,8 @@ def judge(
 ) -> Judgement:
     """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
 
-    Parameters
-    ----------
-    recording
-        Recording to fit.
-    e
-        Its comparison with the data sheet's run.
-    p
-        Values (SI) in place of the data sheet's.
-    like
-        Fit of the rig to another version of the recording, whose model is reused if the inputs are
-        the same.
-    steps
-        Largest number of steps of the fit.
+    p: values (SI) in place of the data sheet's. like: fit to another version of the recording,
+    whose model is reused if the inputs are the same. steps: largest number of steps.
     """
     rig = e.assembly.rig
     try:
@@ -365,7 +353,7 @@ def judge(
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
     moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
     away = np.exp(sheet_distances(e).mean(axis=0))
-    return Judgement({e.names[k]: float(away[k]) for k in moves}, fitted=False)
+    return Judgement({e.names[k]: float(away[k]) for k in moves})
 
 
 def sheet_distances(e: SheetComparison) -> Array:
@@ -499,22 +487,10 @@ def _signs(
 def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """Find the slips of a recording, in sequence.
+    """Slips of a recording in sequence, the corrected recording, its comparison with the data sheet
+    and the quality of its fit.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    e
-        Its comparison with the data sheet's run.
-    thorough
-        Also try slips of the data sheet.
-
-    Returns
-    -------
-    list, Recording, SheetComparison, Judgement
-        Slips, the corrected recording, its comparison with the data sheet, and the quality of the
-        fit.
+    thorough: also try slips of the data sheet.
     """
     explanations: list[Explanation] = []
     if float(sheet_distances(e).max()) < math.log(FAR):
