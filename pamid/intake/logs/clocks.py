@@ -80,11 +80,8 @@ def clocks_of(
 ) -> tuple[Clock, ...]:
     """Clocks of the mapped channels, diagnosed and repaired.
 
-    where    name of the mapping in errors
-    repair   overrides its [time] repair
-
-    Raises FileError for a fault of log or mapping, DataError if the data do not determine the
-    repair.
+    where: name of the mapping in errors. repair: overrides its [time] repair. Raises FileError for
+    a fault of log or mapping, DataError if the data do not determine the repair.
     """
     wanted = repair or mapping.time.repair
     groups = _by_stamps(log, mapping, signals, where)

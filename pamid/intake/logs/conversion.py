@@ -92,11 +92,9 @@ def convert(
 ) -> Conversion:
     """Convert a log to recordings.
 
-    where    name of the mapping in errors
-    repair   overrides its [time] repair
-
-    Raises FileError for a fault of log or mapping. Raises DataError if the data do not determine
-    the repair of the time base, or if too few samples are left.
+    where: name of the mapping in errors. repair: overrides its [time] repair. Raises FileError for
+    a fault of log or mapping, DataError if the data do not determine the repair of the time base,
+    or if too few samples are left.
     """
     units = {
         signal.source: log.channel(signal.source, f"{where}: signals.{column}.source").unit

@@ -25,7 +25,6 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.base.schemas import ingest_file as result
-from pamid.intake.logs.clocks import Clock
 from pamid.intake.logs.conversion import ColumnPieces, Conversion
 from pamid.recording.recording import write_recording
 
@@ -114,9 +113,34 @@ def conversion_records(
     records = []
     for conversion, part in zip(conversions, outputs, strict=True):
         log = conversion.log
+        if log.path.is_dir():  # names and checksums of the files that are read
+            files = sorted(p for p in log.path.rglob("*") if p.suffix in _READ_IN_FOLDERS)
+            lines = [f"{sha256_of(p)}  {p.relative_to(log.path).as_posix()}\n" for p in files]
+            digest = hashlib.sha256("".join(lines).encode()).hexdigest()
+        else:
+            digest = sha256_of(log.path)
+        clocks = []
+        for clock in conversion.clocks:
+            about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
+            if clock.diagnosis is not None:
+                about = {
+                    "state": clock.diagnosis.state,
+                    "why": clock.diagnosis.why,
+                    "numbers": clock.diagnosis.numbers,
+                    "signals": clock.diagnosis.witnesses,
+                }
+            used = result.ClockUsed(
+                name=clock.name,
+                rows=clock.rows.stamps.size,
+                cure=clock.cure,
+                **about,
+                repairs=(*clock.rows.repairs, *clock.base.repairs),
+                leads=clock is conversion.lead,
+            )
+            clocks.append(used)
         shared = result.IngestFile(
             source=result.LogRead(
-                path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
+                path=str(log.path), sha256=digest, kind=log.kind, details=log.details
             ),
             mapping=result.MappingUsed(
                 path=str(mapping_file),
@@ -124,7 +148,7 @@ def conversion_records(
                 **conversion.mapping.model_dump(exclude_none=True),
             ),
             clock_ppm=1e6 * (conversion.stretch - 1.0),
-            clocks=tuple(_of_clock(c, c is conversion.lead) for c in conversion.clocks),
+            clocks=tuple(clocks),
             signals={c: _of_track(track, conversion) for c, track in conversion.tracks.items()},
             notes=conversion.notes,
         )
@@ -159,34 +183,6 @@ def tables_of(conversion: Conversion) -> dict[str, Any]:
         "between": mapping.between,
     }
     return {title: table for title, table in tables.items() if table}
-
-
-def _digest(path: Path) -> str:
-    """SHA-256 of a log; of a folder that of the names and checksums of the files that are read."""
-    if not path.is_dir():
-        return sha256_of(path)
-    files = sorted(part for part in path.rglob("*") if part.suffix in _READ_IN_FOLDERS)
-    lines = [f"{sha256_of(part)}  {part.relative_to(path).as_posix()}\n" for part in files]
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
-
-
-def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
-    about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
-    if clock.diagnosis is not None:
-        about = {
-            "state": clock.diagnosis.state,
-            "why": clock.diagnosis.why,
-            "numbers": clock.diagnosis.numbers,
-            "signals": clock.diagnosis.witnesses,
-        }
-    return result.ClockUsed(
-        name=clock.name,
-        rows=clock.rows.stamps.size,
-        cure=clock.cure,
-        **about,
-        repairs=(*clock.rows.repairs, *clock.base.repairs),
-        leads=leads,
-    )
 
 
 def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:

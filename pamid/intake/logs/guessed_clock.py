@@ -98,9 +98,8 @@ def guess_clock(
     """Clock among the channels of the log's rows.
 
     Of several the most even clock is chosen: a device samples evenly, while the time at which a
-    host receives a sample jitters.
-
-    usual: sampling period of the rig in s, None without a rig; stated: that of the log.
+    host receives a sample jitters. usual: sampling period of the rig in s, None without a rig;
+    stated: that of the log.
     """
     scored = {i: _likeness(channel) for i, channel in enumerate(channels)}
     best = max(scored.values(), default=0)

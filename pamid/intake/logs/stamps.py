@@ -67,12 +67,9 @@ class Rows:
 def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -> Rows:
     """Sort the rows of a log and drop repeated ones.
 
-    stamps    s, (n,)
-    signals   (n,) each; they show whether rows with equal stamps are several samples or several
-              readings of the same sample
-    place     name of the channel in errors
-
-    Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
+    stamps: s, (n,). signals: (n,) each; they show whether rows with equal stamps are several
+    samples. place: name of the channel in errors. Raises FileError if the channel is not a clock,
+    DataError if too few rows have a stamp.
     """
     # rows whose stamp is a time, and the repair of the others
     keep, repairs = np.flatnonzero(np.abs(stamps) < AGES), []

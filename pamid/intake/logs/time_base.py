@@ -57,6 +57,8 @@ LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
 JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
 # largest deviation of the earliest stamps from an even clock, periods; beyond it there is none
 MOST_WANDER = 3.0
+# s: decimal prints, and 1/64 s, the default tick of Windows
+TICKS = (1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6)
 # a gap splits the recording if it is longer than this many periods, unless the mapping sets it
 GAP_PERIODS = 10
 
@@ -119,7 +121,15 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
         )
         numbers["shared_stamps"] = share
         return StampDiagnosis("blocks", "late-stamps", why, period, numbers)
-    tick = _tick(rows.stamps, steps, rounding)
+    # time of which all stamps are whole multiples; 0 if there is none that matters
+    tick, positive = 0.0, steps[steps > rounding]
+    for candidate in TICKS if positive.size else ():
+        multiples = (rows.stamps - rows.stamps[0]) / candidate
+        off = np.abs(multiples - np.round(multiples)).max()
+        matters = candidate < 2.5 * float(np.median(positive))
+        if matters and off <= max(1e-6, 4.0 * rounding / candidate):
+            tick = candidate
+            break
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
         why = (
             f"the stamps are whole multiples of {_time(tick)} and deviate from an even clock by "
@@ -351,21 +361,6 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockW
         error=error,
         roughness_ratio=even / stamped,
     )
-
-
-def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
-    """Time (s) of which all stamps are whole multiples; 0.0 if there is none that matters."""
-    positive = steps[steps > rounding]
-    if not positive.size:
-        return 0.0
-    # decimal prints, and 1/64 s, the default tick of Windows
-    candidates = [1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6]
-    for tick in candidates:
-        if tick < 2.5 * float(np.median(positive)):
-            multiples = (stamps - stamps[0]) / tick
-            if np.abs(multiples - np.round(multiples)).max() <= max(1e-6, 4.0 * rounding / tick):
-                return tick
-    return 0.0
 
 
 def _repairs(

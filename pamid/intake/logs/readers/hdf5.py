@@ -27,7 +27,13 @@ def read_hdf5(builder: ChannelBuilder) -> None:
         _group(builder, datasets, file, "", frozenset())
         # the sum of all is known before any is read
         for name, dataset in datasets.items():
-            _read(builder, dataset, name)
+            unit = _unit(dataset)
+            builder.budget.charge(name, 0, raw=dataset.size * dataset.dtype.itemsize)
+            values = dataset[()]
+            if dataset.dtype.names is None:
+                builder.add(name, values, unit=unit)
+            for field in dataset.dtype.names or ():
+                builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
 def _group(
@@ -81,17 +87,6 @@ def charge_hdf5(builder: ChannelBuilder) -> None:
 
     with h5py.File(builder.path, "r") as file:
         file.visititems(charge)
-
-
-def _read(builder: ChannelBuilder, dataset: Any, name: str) -> None:
-    kind, unit = dataset.dtype, _unit(dataset)
-    builder.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
-    values = dataset[()]
-    if kind.names is None:
-        builder.add(name, values, unit=unit)
-        return
-    for field in kind.names:
-        builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
 def _unit(dataset: Any) -> str:

@@ -60,30 +60,26 @@ def read_lerobot(builder: ChannelBuilder) -> None:
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     if not files:
         raise FileError(f"{root / 'data'}: there are no Parquet files.", code="no-signals")
-    tables = [_table(builder, file) for file in files]
+    tables: list[dict[str, Any]] = []
+    for file in files:
+        open_data(file, LOG).close()  # a regular file of a size that can be read
+        tables.append({name: values for name, values, _ in columns_of(builder, file)})
     wanted = [name for name in tables[0] if all(name in table for table in tables)]
     for name in {name for table in tables for name in table}.difference(wanted):
         builder.leave_out(name, "not in every file")
-    whole = {name: _joined(builder, name, [t[name] for t in tables]) for name in wanted}
-    stamps = _stamps(builder, {n: v for n, v in whole.items() if v is not None}, info, files[0])
+    whole: dict[str, Any] = {}
+    for name in wanted:
+        parts = [table[name] for table in tables]
+        if len({part.shape[1:] for part in parts}) > 1:
+            builder.leave_out(name, "another number of values from file to file")
+            continue
+        # the columns of the files, joined; then every channel
+        builder.budget.charge(name, 2 * sum(part.size for part in parts))
+        whole[name] = np.concatenate(parts)
+    stamps = _stamps(builder, whole, info, files[0])
     for name, values in whole.items():
-        if name not in _PLACES and values is not None:
+        if name not in _PLACES:
             _enter(builder, name, values, stamps, features.get(name))
-
-
-def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:
-    """Columns of a file by name."""
-    open_data(file, LOG).close()  # a regular file of a size that can be read
-    return {name: values for name, values, _ in columns_of(builder, file)}
-
-
-def _joined(builder: ChannelBuilder, name: str, parts: list[Any]) -> Any:
-    if len({part.shape[1:] for part in parts}) > 1:
-        builder.leave_out(name, "another number of values from file to file")
-        return None
-    # the columns of the files, joined; then every channel
-    builder.budget.charge(name, 2 * sum(part.size for part in parts))
-    return np.concatenate(parts)
 
 
 # ---- the time ------------------------------------------------------------------------------------

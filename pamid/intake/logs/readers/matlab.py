@@ -81,8 +81,18 @@ def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _enter(builder, f"{name}/{index + 1}", item)
+    elif type(value).__module__.startswith("pandas") and hasattr(value, "columns"):
+        # a table, or a timetable, whose row times become the stamps
+        times = np.asarray(value.index.to_numpy())
+        stamps = None
+        if times.dtype.kind in "mM" and times.size:
+            spans = times - times[0] if times.dtype.kind == "M" else times
+            stamps = spans.astype("timedelta64[ns]").astype(np.int64) / 1e9
+            builder.note(f"{name}: timetable, stamps from its row times")
+        for column in value.columns:
+            _add(builder, f"{name}/{column}", value[column].to_numpy(), stamps, "")
     elif type(value).__module__.startswith("pandas"):
-        _enter_table(builder, name, value)
+        builder.leave_out(name, "not an array of numbers")
     elif isinstance(value, str):
         builder.leave_out(name, "text")
     else:
@@ -119,21 +129,6 @@ def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> 
     else:
         for key, inside in value.items():
             _enter(builder, f"{name}/{key}", inside)
-
-
-def _enter_table(builder: ChannelBuilder, name: str, table: Any) -> None:
-    """A MATLAB table or timetable; row times become the stamps."""
-    if not hasattr(table, "columns"):
-        builder.leave_out(name, "not an array of numbers")
-        return
-    index = np.asarray(table.index.to_numpy())
-    stamps = None
-    if index.dtype.kind in "mM" and index.size:
-        spans = (index - index[0] if index.dtype.kind == "M" else index).astype("timedelta64[ns]")
-        stamps = spans.astype(np.int64) / 1e9
-        builder.note(f"{name}: timetable, stamps from its row times")
-    for column in table.columns:
-        _add(builder, f"{name}/{column}", table[column].to_numpy(), stamps, "")
 
 
 def _add(
