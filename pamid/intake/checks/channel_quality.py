@@ -26,14 +26,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import motion, runs_of
-from pamid.base.units import NONE, split_column
-from pamid.intake.checks.findings import QualityIssue, issue, share_words
+from pamid.intake.checks.findings import QualityIssue, issue, share_words, unit_after
 from pamid.recording.file_checks import HUGE, TINY
 from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, plateaus, quantisation_step
 from pamid.recording.recording import SIGNIFICANT_DIGITS
@@ -92,8 +91,7 @@ class CheckedSignal:
 
     @property
     def unit(self) -> str:
-        symbol = split_column(self.name)[1]
-        return "" if symbol == NONE else f" {symbol}"
+        return unit_after(self.name)
 
     @cached_property
     def still(self) -> Mask:
@@ -216,7 +214,12 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
             continue  # a natural end: slack, vented, shut
         least = CORNER_NOISE * s.noise if s.white else CORNER_STEPS * max(s.step, s.grain)
         least = max(least, CORNER_SPAN * s.span)
-        corners = at_top.each(partial(_is_corner, z, least))
+        # a corner: at the speed with which it reached or left the top, the signal would have gone
+        # this far beyond it, there and back within the time at the top, with at most 20 samples
+        starts, stops = at_top.starts, at_top.stops
+        rise = z[starts] - z[np.maximum(starts - 3, 0)]
+        fall = z[stops - 1] - z[np.minimum(stops + 2, z.size - 1)]
+        corners = np.maximum(rise, fall) / 3.0 * np.minimum(stops - starts, 20) / 2.0 > least
         if corners.sum() < 2:
             # a turning point or a rest; a valve that shuts stops a pressure as sharply, but not
             # twice at the same value
@@ -233,17 +236,6 @@ def clipping(s: CheckedSignal, idle: Mask) -> tuple[list[QualityIssue], Mask]:
         figures = {"level": sign * top, **at_top.figures}
         issues.append(issue("clipped", s.name, message, hint, figures, at_top.windows))
     return issues, where
-
-
-def _is_corner(z: FloatArray, least: float, start: int, stop: int) -> bool:
-    """True if the signal would have gone this far beyond the top at the speed with which it reached
-    or left it.
-
-    The time at the top counts there and back, with at most 20 samples.
-    """
-    before = z[start] - z[max(0, start - 3)]
-    behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
-    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0) > least
 
 
 def sampled_slowly(s: CheckedSignal) -> int:
@@ -416,8 +408,11 @@ def level_issues(
         )
         return [issue("dead", s.name, message, PLUGGED, numbers)] if others_move else []
     spacing, level = (0.0, 0.0) if s.sent else plateaus(y)
-    if spacing and any(_steps_as_often(o, (y - level) / spacing) for o in sent):
-        spacing = 0.0  # levels that the machine was sent to
+    if spacing:
+        # a command that mostly rests, and changes as often: the machine was sent to these levels
+        crossings = np.count_nonzero(np.diff(np.round((y - level) / spacing)))
+        changes = [np.count_nonzero(~o.still) - 1 for o in sent if o.still_share > STEPPED]
+        spacing = 0.0 if any(crossings <= CROSSINGS * n for n in changes) else spacing
     if (step := spacing or s.step) > COARSE_STEP * float(high - low) > 0.0:
         finer = (
             "; the value is rounded before the logger, which has a finer resolution"
@@ -438,23 +433,9 @@ def level_issues(
             f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
             f"{float(y.std()):.2g}{s.unit}"
         )
-        return [
-            issue(
-                "noisy",
-                s.name,
-                message,
-                "Check the shielding, the earthing and the filter.",
-                numbers,
-            )
-        ]
+        hint = "Check the shielding, the earthing and the filter."
+        return [issue("noisy", s.name, message, hint, numbers)]
     return []
-
-
-def _steps_as_often(sent: CheckedSignal, values: FloatArray) -> bool:
-    """True if a signal that mostly rests changes as often as the channel's plateaus."""
-    crossings = np.count_nonzero(np.diff(np.round(values)))
-    changes = np.count_nonzero(~sent.still) - 1
-    return bool(sent.still_share > STEPPED and crossings <= CROSSINGS * changes)
 
 
 def standstill(

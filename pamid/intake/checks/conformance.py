@@ -26,7 +26,7 @@ from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.engine.symbolic.vocabulary import Number, absolute, sqrt
-from pamid.intake.checks.findings import CheckOutcome, fault, note, outcome, passed
+from pamid.intake.checks.findings import CheckOutcome, fault, named, note, outcome, passed
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
@@ -450,30 +450,26 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
         findings.append(note("place", f"no rig has a port for it; it needs {needs}"))
     for k, (rig, attachment) in enumerate(places):
         tell(f"places {k}/{len(places)}: {attachment.label} on {rig.name}")
-        findings += [
-            outcome(f.check, f.ok, f"{rig.name}, {attachment.label}: {f.detail}", f.advice)
-            for f in _behaviour(rig, attachment)
-        ]
+        try:
+            off = null_error(rig, attachment)
+            text = (
+                f"at its null it changes the outputs by {off:.2g} of their size (allowed "
+                f"{NULL_TOLERANCE:g})"
+            )
+            bad = finite_everywhere(rig, attachment)
+            behaviour = [outcome("null", off <= NULL_TOLERANCE, text), *_finite_findings(bad)]
+            if not bad:
+                behaviour.append(_slope_finding(rig, attachment))
+                change = visible_change(rig, attachment)
+                text = (
+                    f"at its typical size it changes the outputs by up to {change:.2g} of their "
+                    "size"
+                )
+                behaviour.append(outcome("change", change > LEAST_EFFECT, text, advice=True))
+        except PamidError as error:
+            behaviour = [fault("equations", str(error))]
+        findings += named(f"{rig.name}, {attachment.label}", behaviour)
     return findings
-
-
-def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
-    try:
-        off = null_error(rig, attachment)
-        text = (
-            f"at its null it changes the outputs by {off:.2g} of their size (allowed "
-            f"{NULL_TOLERANCE:g})"
-        )
-        bad = finite_everywhere(rig, attachment)
-        findings = [outcome("null", off <= NULL_TOLERANCE, text), *_finite_findings(bad)]
-        if not bad:
-            findings.append(_slope_finding(rig, attachment))
-            change = visible_change(rig, attachment)
-            text = f"at its typical size it changes the outputs by up to {change:.2g} of their size"
-            findings.append(outcome("change", change > LEAST_EFFECT, text, advice=True))
-        return findings
-    except PamidError as error:
-        return [fault("equations", str(error))]
 
 
 def follows_mean(rig: Rig, attachment: Attachment) -> bool:
@@ -484,8 +480,8 @@ def follows_mean(rig: Rig, attachment: Attachment) -> bool:
 def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
     if attachment is not None and follows_mean(rig, attachment):
         return passed("sensitivities", "those of its mean course (mean_slope_at)")
-    worst, stepped = sensitivity_error(rig, attachment), isinstance(rig, StepRig)
-    stepped = stepped and worst > SAME_SLOPE
+    worst = sensitivity_error(rig, attachment)
+    stepped = isinstance(rig, StepRig) and worst > SAME_SLOPE
     text = f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})"
     text += ": contacts and other steps that are not smooth have no slopes" if stepped else ""
     return outcome("sensitivities", worst <= SAME_SLOPE, text, advice=stepped)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pamid.base.schemas.check_file import Finding, Issue
+from pamid.base.units import NONE, split_column
 
 Windows = Sequence[tuple[float, float]]
 
@@ -35,6 +36,11 @@ def fault(check: str, detail: str) -> CheckOutcome:
 def note(check: str, detail: str) -> CheckOutcome:
     """Outcome that is worth knowing."""
     return outcome(check, False, detail, advice=True)
+
+
+def named(subject: str, findings: Sequence[CheckOutcome]) -> list[CheckOutcome]:
+    """Findings with their subject in front."""
+    return [outcome(f.check, f.ok, f"{subject}: {f.detail}", f.advice) for f in findings]
 
 
 class QualityIssue(Issue):
@@ -84,6 +90,12 @@ def where_words(windows: Windows) -> str:
     where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
     more = len(windows) - 1
     return where + (f" and {more} more {'place' if more == 1 else 'places'}" if more else "")
+
+
+def unit_after(column: str) -> str:
+    """Unit of a column, to follow a number: " kPa", or "" without a unit."""
+    symbol = split_column(column)[1]
+    return "" if symbol == NONE else f" {symbol}"
 
 
 def share_words(share: float) -> str:

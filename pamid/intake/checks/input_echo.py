@@ -14,8 +14,6 @@ the first readings, because from any other state it would move there first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,7 +48,15 @@ def echoed_inputs(
 
     A controller derives its command from the reading, so inputs of a closed loop are not compared.
     """
-    issues = [_issue(y, r, 0.0, rig) for y, r in _copied_references(recording, rig)]
+    issues = []
+    for loop in rig.loops:
+        reading = match_column(recording.columns, loop.reading)
+        reference = match_column(recording.columns, loop.reference)
+        if reading is None or reference is None or reading == reference:
+            continue
+        y = recording.si(reading)
+        if float(np.ptp(y)) > 0.0 and np.array_equal(y, recording.si(reference)):
+            issues.append(_issue(reading, reference, 0.0, rig))
     followed = any(recording.has(loop.reference) for loop in rig.loops)
     if recording.loop == "closed" or (followed and recording.loop != "open"):
         return issues
@@ -112,6 +118,7 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
     stepped = isinstance(comparison.assembly.rig, StepRig)
     size, draws = (MOST_STEPPED_ECHO, STEPPED_DRAWS) if stepped else (MOST_ECHO_SAMPLES, ECHO_DRAWS)
     u, random = comparison.u[:size, source], np.random.default_rng(0)
+    low, high = comparison.y.min(axis=0), comparison.y.max(axis=0)
     for draw in range(1 + draws):
         # the data sheet, then draws in prior spreads around it, within the bounds
         p = comparison.p.copy()
@@ -122,36 +129,15 @@ def _model_echoes(comparison: SheetComparison, source: int, output: int, latest:
         model = comparison.follow(p, size)
         if model is None:
             continue
-        for samples in {len(model), _samples_near(model, comparison.y)}:
+        # an arm that falls soon moves by other forces than the recorded one: also try the samples
+        # until the run is outside the range of the readings by more than that range
+        gone = (model < 2.0 * low - high) | (model > 2.0 * high - low)
+        near = int(gone.any(axis=1).argmax()) if gone.any() else len(model)
+        for samples in {len(model), near if near >= OPENING_SAMPLES else len(model)}:
             y = model[:samples, output]
             if closest_echo(u[:samples], y, latest)[0] < LEAST_EXPLAINED * float(y.std()):
                 return True
     return False
-
-
-def _samples_near(model: Array, y: Array) -> int:
-    """Number of samples until a run without feedback leaves the readings.
-
-    An arm that falls soon moves by other forces than the recorded one. A run has left where an
-    output is outside its range of readings by more than that range. All samples are returned if
-    this is sooner than `OPENING_SAMPLES`.
-    """
-    low, high = y.min(axis=0), y.max(axis=0)
-    gone = (model < 2.0 * low - high) | (model > 2.0 * high - low)
-    first = int(gone.any(axis=1).argmax()) if gone.any() else len(model)
-    return first if first >= OPENING_SAMPLES else len(model)
-
-
-def _copied_references(recording: Recording, rig: Rig) -> Iterator[tuple[str, str]]:
-    """Readings that equal their loop's reference in every sample."""
-    for loop in rig.loops:
-        reading = match_column(recording.columns, loop.reading)
-        reference = match_column(recording.columns, loop.reference)
-        if reading is None or reference is None or reading == reference:
-            continue
-        y = recording.si(reading)
-        if float(np.ptp(y)) > 0.0 and np.array_equal(y, recording.si(reference)):
-            yield reading, reference
 
 
 def _issue(output: str, source: str, share: float, rig: Rig) -> QualityIssue:

@@ -20,7 +20,15 @@ from pamid.base.trust import MODEL_ENDINGS
 from pamid.base.units import NONE, divided_name, is_unit, split_column
 from pamid.engine.simulator_warnings import counted_warnings
 from pamid.intake.checks.conformance import background_findings, effect_findings, rig_findings
-from pamid.intake.checks.findings import CheckOutcome, QualityIssue, fault, note, outcome, passed
+from pamid.intake.checks.findings import (
+    CheckOutcome,
+    QualityIssue,
+    fault,
+    named,
+    note,
+    outcome,
+    passed,
+)
 from pamid.intake.checks.recording_quality import before_a_fit, examine, signals_of
 from pamid.intake.checks.sampling_slips import compare_holds, misplaced_readings
 from pamid.intake.logs.matcher import with_stand_ins
@@ -97,7 +105,14 @@ def inspect(
             else:
                 about, findings, issues = _recording(recording, rig)
         elif path.suffix == ".py":
-            about, findings = _python(path)
+            try:
+                module = library.load_file(path)
+            except PamidError as error:
+                about, findings = {"kind": "python"}, [fault("file", str(error))]
+            else:
+                classes = [v for v in vars(module).values() if isinstance(v, type)]
+                written = [c for c in classes if c.__module__ == module.__name__]
+                about, findings = _classes(path, written)
         elif path.suffix in MODEL_ENDINGS:
             about, findings = _model(path)
         else:
@@ -244,7 +259,17 @@ def _against_rig(
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
         findings.append(outcome("form", not stepped, rig.form_note, advice=stepped))
-    findings += _known_findings(recording, rig)
+    # known values without a parameter in the rig, or outside their bounds
+    plain = Assembly(rig)
+    known = {key: value for key, value in recording.known.items() if plain.knows(key)}
+    for key in recording.known:
+        if key not in known:
+            near = nearest(key, [p.outside_name for p in rig.parameters])
+            text = f"[known] {key!r} is not a parameter of rig {rig.name!r}. {near}"
+            findings.append(fault("known", text.rstrip()))
+    for objection in plain.known_objections(known):
+        text = f"{objection.text}. {CURE}"
+        findings.append(outcome("known", False, text, advice=not objection.impossible))
     if not any(f.wrong for f in findings):
         data = data_of(rig, recording)
         findings += [note("sign", words) for words in driving_words(rig)]
@@ -255,21 +280,6 @@ def _against_rig(
             findings.append(fault("excitation", f"nothing can be fitted: {error}"))
     every = passed("rig", f"every column of rig {rig.name!r} is there")
     return recording, rig, findings or [every]
-
-
-def _known_findings(recording: Recording, rig: Rig) -> list[CheckOutcome]:
-    """Findings on known values without a parameter in the rig, or outside their bounds."""
-    plain, findings = Assembly(rig), []
-    known = {key: value for key, value in recording.known.items() if plain.knows(key)}
-    for key in recording.known:
-        if key not in known:
-            near = nearest(key, [p.outside_name for p in rig.parameters])
-            text = f"[known] {key!r} is not a parameter of rig {rig.name!r}. {near}"
-            findings.append(fault("known", text.rstrip()))
-    for objection in plain.known_objections(known):
-        text = f"{objection.text}. {CURE}"
-        findings.append(outcome("known", False, text, advice=not objection.impossible))
-    return findings
 
 
 def _column_findings(
@@ -341,15 +351,6 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
 # ---- rig and effect files ----------------------------------------------------------------------
 
 
-def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    try:
-        module = library.load_file(path)
-    except PamidError as error:
-        return {"kind": "python"}, [fault("file", str(error))]
-    classes = [v for v in vars(module).values() if isinstance(v, type)]
-    return _classes(path, [c for c in classes if c.__module__ == module.__name__])
-
-
 def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     """Inspect a model file of another program."""
     try:
@@ -377,7 +378,7 @@ def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[Chec
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]
-        findings += _named(effect.name, effect_findings(effect, others))
+        findings += named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
             text = (
                 f"{effect.name!r} is the name of an effect of the catalogue, which it would replace"
@@ -405,7 +406,7 @@ def _rig(
     findings, ports = _built(rig, effects)
     if ports and not isinstance(rig, StepRig):
         words = tolerance_words(rig)
-        findings += _named(rig.name, [note(TOLERANCES, w) for w in words])
+        findings += named(rig.name, [note(TOLERANCES, w) for w in words])
     return findings, ports
 
 
@@ -415,11 +416,7 @@ def _built(
     findings = [note("remark", text) for text in rig.remarks]
     findings += rig_findings(rig, effects.values(), slopes=slopes)
     built = not any(f.wrong and f.check == "equations" for f in findings)
-    return _named(rig.name, findings), ports_of(rig, effects.values()) if built else []
-
-
-def _named(name: str, findings: list[CheckOutcome]) -> list[CheckOutcome]:
-    return [outcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in findings]
+    return named(rig.name, findings), ports_of(rig, effects.values()) if built else []
 
 
 def checked_ports(source: Path | type[Rig]) -> RigMap | None:

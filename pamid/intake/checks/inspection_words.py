@@ -31,11 +31,7 @@ def inspection_text(summary: dict[str, Any], *, everything: bool = True) -> str:
     rows = sum(1 + len(line) // WIDTH for text in lines for line in text.splitlines())
     if everything or "samples" in summary or rows < SCREEN:
         return "\n".join([*lines, _count(summary)])
-    return "\n".join([*_screen(summary), f"{_count(summary)} (--all prints the rest)"])
-
-
-def _screen(summary: dict[str, Any]) -> list[str]:
-    """Shorten a rig to a single screen, less the last line: the effects, then notes, then ports."""
+    # shorten the effects, then notes, then ports
     joined = _together(summary["findings"])
     fine = [line for text in _fine(joined) for line in cut(text, 1)]
     for port_lines, finding_lines in DETAIL:
@@ -43,26 +39,31 @@ def _screen(summary: dict[str, Any]) -> list[str]:
         notes = [line for text in _not_fine(joined) for line in cut(folded(text), finding_lines)]
         lines = [*_head(summary), *notes, *ports, *fine]
         if len(lines) < SCREEN:
-            return lines
-    room = SCREEN - len(fine) - 2
-    few = cut("\n".join(ports), max(room // 2, room - 1 - len(notes)))
-    return [*_head(summary), *cut("\n".join(notes), room - 1 - len(few)), *few, *fine]
+            break
+    else:
+        room = SCREEN - len(fine) - 2
+        few = cut("\n".join(ports), max(room // 2, room - 1 - len(notes)))
+        lines = [*_head(summary), *cut("\n".join(notes), room - 1 - len(few)), *few, *fine]
+    return "\n".join([*lines, f"{_count(summary)} (--all prints the rest)"])
 
 
 def _head(summary: dict[str, Any]) -> list[str]:
     if "samples" not in summary:
         return [f"{summary['file']}:"]
     loop = f", {summary['loop']} loop" if summary["loop"] else ""
-    return [
+    lines = [
         f"{summary['file']}: {summary['samples']} samples, {summary['duration_s']:g} s at "
-        f"{summary['sampling_period_s']:g} s{loop}",
-        *(
+        f"{summary['sampling_period_s']:g} s{loop}"
+    ]
+    for name, c in summary["columns"].items():
+        sizes = summary["quality"]["channels"][name]
+        visible = "".join(f", {k} {sizes[k]:.2g}" for k in ("noise", "step") if sizes[k] > 0.0)
+        lines.append(
             f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
             f"{'' if c['unit'] == NONE else c['unit']:<4} rest {c['rest_value']:.5g} for "
-            f"{c['rest_s']:.3g} s{_texture(summary['quality']['channels'][name])}"
-            for name, c in summary["columns"].items()
-        ),
-    ]
+            f"{c['rest_s']:.3g} s{visible}"
+        )
+    return lines
 
 
 def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
@@ -114,11 +115,4 @@ def _count(summary: dict[str, Any]) -> str:
         ("the rig does not explain the recording as it is" if doubtful else "nothing is wrong")
         if summary["ok"]
         else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
-    )
-
-
-def _texture(channel: dict[str, float]) -> str:
-    """Noise and step of a column, if they are visible."""
-    return "".join(
-        f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0
     )

@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.units import quantity_of, size_to_si, split_column, to_si
@@ -43,8 +42,6 @@ from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.excitation.aprbs import coverage
-
-FloatArray = NDArray[np.float64]
 
 MOVES = 4.2  # times the noise: three standard deviations of the difference of two readings
 # lost rows: moves looked at on either side, by what share of their mean each may differ from it,
@@ -85,7 +82,19 @@ def examine(
     usual = {} if rig is None else rig.noise
     for s in moving:
         issues += level_issues(s, alive, usual.get(s.name, 0.0), sent)
-    issues += _pressures(measured) + _temperatures(signals) + _sent(recording, rig)
+    issues += _pressures(measured)
+    issues += [
+        issue(
+            "unit",
+            s.name,
+            f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
+            "Check its unit: the values may be in degrees Celsius.",
+            {"high_k": float(s.values.max())},
+        )
+        for s in signals
+        if split_column(s.name)[1] == "K" and 0.0 < float(s.values.max()) < COLD_K
+    ]
+    issues += _sent(recording, rig)
     if rig is not None:
         against, judged = _rig_issues(recording, rig, thorough=True)
         issues = [f for f in issues if not judged.get(f.kind, set()) & set(f.columns)] + against
@@ -187,7 +196,19 @@ def _held_and_clipped(
         return all_issues
     lively = heapq.nsmallest(2, [*measured, *sent], key=lambda s: s.still_share)
     held = _rows_held(free) & ~idle
-    all_issues += _lost_rows(free, held)
+    if held.any():
+        rows, columns = Stretches.of(measured[0].time, held), tuple(s.name for s in free)
+        which = "all measured channels" if len(columns) > 1 else columns[0]
+        message = (
+            f"{int(held.sum())} samples were lost and filled by repeating the last sample in "
+            f"{which}, {share_words(float(held.mean()))}"
+        )
+        hint = (
+            "Check the logger's load and the bus; ingest the raw log without filling, or leave "
+            "these stretches out."
+        )
+        figures = {"samples": float(held.sum()), **rows.figures}
+        all_issues.append(issue("dropped", columns, message, hint, figures, rows.windows))
     for s in free:
         issues, at_limit = clipping(s, idle)
         other = next((o for o in lively if o is not s), None)
@@ -238,25 +259,11 @@ def _motion_lost(s: CheckedSignal, rows: Stretches) -> Mask:
     return makes_up & (2.0 * travel[makes_up].sum() > travel.sum())
 
 
-def _lost_rows(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
-    if not held.any():
-        return []
-    rows, columns = Stretches.of(measured[0].time, held), tuple(s.name for s in measured)
-    which = "all measured channels" if len(columns) > 1 else columns[0]
-    message = (
-        f"{int(held.sum())} samples were lost and filled by repeating the last sample in {which}, "
-        f"{share_words(float(held.mean()))}"
-    )
-    hint = (
-        "Check the logger's load and the bus; ingest the raw log without filling, or leave these "
-        "stretches out."
-    )
-    figures = {"samples": float(held.sum()), **rows.figures}
-    return [issue("dropped", columns, message, hint, figures, rows.windows)]
-
-
 def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Impossible pressures: another unit, absolute instead of gauge, below vacuum."""
+    """Impossible pressures: another unit, below vacuum, and absolute instead of gauge.
+
+    An absolute sensor on a vented volume returns repeatedly to a floor at 1 atmosphere.
+    """
     issues = []
     for s in measured:
         symbol = split_column(s.name)[1]
@@ -276,43 +283,22 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
             hint = "Check its unit: the values may be in bar or Pa."
             issues.append(issue("unit", s.name, message, hint, {"size_pa": size}))
         else:
-            issues += _atmospheric_floor(s, y)
+            floor = float(np.quantile(y, 0.002))
+            near = max(2e3, 4.0 * float(size_to_si(s.noise, symbol)))
+            rests = Stretches.of(s.time, y < floor + near)
+            rests = rests.only(rests.lengths * float(np.diff(s.time).mean()) >= 0.2)
+            if VENTED_PA[0] < floor < VENTED_PA[1] and rests.starts.size:
+                message = (
+                    f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls below: a vented "
+                    "volume on an absolute sensor"
+                )
+                hint = (
+                    'Recordings hold gauge pressures: set pressure = "absolute" in the mapping of '
+                    "`pamid ingest`."
+                )
+                kpa, windows = {"floor_kpa": floor / 1e3}, rests.windows
+                issues.append(issue("absolute-pressure", s.name, message, hint, kpa, windows))
     return issues
-
-
-def _temperatures(signals: Sequence[CheckedSignal]) -> list[QualityIssue]:
-    """Columns in kelvin beyond the temperature of any room or machine."""
-    return [
-        issue(
-            "unit",
-            s.name,
-            f"{s.name} stays below {COLD_K:g} K, unusual for a machine in a room",
-            "Check its unit: the values may be in degrees Celsius.",
-            {"high_k": float(s.values.max())},
-        )
-        for s in signals
-        if split_column(s.name)[1] == "K" and 0.0 < float(s.values.max()) < COLD_K
-    ]
-
-
-def _atmospheric_floor(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
-    """Floor at 1 atmosphere to which the pressure returns repeatedly."""
-    floor = float(np.quantile(y, 0.002))
-    near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
-    rests = Stretches.of(s.time, y < floor + near)
-    rests = rests.only(rests.lengths * float(np.diff(s.time).mean()) >= 0.2)
-    if not VENTED_PA[0] < floor < VENTED_PA[1] or not rests.starts.size:
-        return []
-    message = (
-        f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls below: a vented volume on an "
-        "absolute sensor"
-    )
-    hint = (
-        'Recordings hold gauge pressures: set pressure = "absolute" in the mapping of `pamid '
-        "ingest`."
-    )
-    figures = {"floor_kpa": floor / 1e3}
-    return [issue("absolute-pressure", s.name, message, hint, figures, rests.windows)]
 
 
 # ---- what is sent ------------------------------------------------------------------------------
@@ -327,7 +313,17 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
         hint = "Record for longer, or give several such episodes together: they are pooled."
         figures = {"samples": float(len(recording))}
         issues.append(issue("short", (), few, hint, figures, wrong=True))
-    for name in _excited_columns(recording, rig):
+    # references excite the rig in a closed loop, commands otherwise
+    if rig is None:
+        references = [n for n in recording.columns if n.startswith("reference")]
+        commands = [n for n in recording.columns if n.startswith("command")]
+    else:
+        needed = [n for n in rig.inputs if n not in rig.optional]
+        references, commands = (
+            [c for n in names if (c := match_column(recording.columns, n)) is not None]
+            for names in ([loop.reference for loop in rig.loops], needed)
+        )
+    for name in references if references and recording.loop != "open" else commands:
         issues += _excitation(recording, name, rig)
     for name in sent_columns(recording, rig):
         size = np.abs(recording.columns[name])
@@ -343,20 +339,6 @@ def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
             share = {"share": float(at.mean())}
             issues.append(issue("at-limits", name, message, hint, share, windows))
     return issues
-
-
-def _excited_columns(recording: Recording, rig: Rig | None) -> list[str]:
-    """Columns that excite the rig: references in a closed loop, commands otherwise."""
-    if rig is None:
-        references = [n for n in recording.columns if n.startswith("reference")]
-        commands = [n for n in recording.columns if n.startswith("command")]
-    else:
-        needed = [n for n in rig.inputs if n not in rig.optional]
-        references, commands = (
-            [c for n in names if (c := match_column(recording.columns, n)) is not None]
-            for names in ([loop.reference for loop in rig.loops], needed)
-        )
-    return references if references and recording.loop != "open" else commands
 
 
 def _excitation(recording: Recording, name: str, rig: Rig | None) -> list[QualityIssue]:

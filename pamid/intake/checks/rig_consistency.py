@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from pamid.base.errors import join_words
 from pamid.base.metrics import motion
 from pamid.base.units import (
-    NONE,
     duration_text,
     from_si,
     is_unit,
@@ -35,7 +34,7 @@ from pamid.base.units import (
     with_unit,
 )
 from pamid.intake.checks.channel_quality import PLUGGED
-from pamid.intake.checks.findings import QualityIssue, issue
+from pamid.intake.checks.findings import QualityIssue, issue, unit_after
 from pamid.intake.checks.sheet_comparison import (
     SheetComparison,
     magnitude_sensor_signs,
@@ -106,7 +105,7 @@ def contradictions(
         return issues, {}
     noise = np.maximum(noise_level(e.y), stated_noise(rig, e.names))
     columns = np.array(recorded_columns(e.names, recording))
-    suits = set(columns[e.agreement()[0] > COMPARABLE_CORRELATION].tolist())
+    suits = set(columns[e.agreement() > COMPARABLE_CORRELATION].tolist())
     rests = set(columns[e.model.std(axis=0) < STIR * noise].tolist())
     dead = dead_sensors(recording, rig, e)
     judged = dict.fromkeys(("unit", "pressure", "absolute-pressure"), suits)
@@ -154,32 +153,31 @@ def _slip_issues(
         same = (slip.kind, slip.meaning, *sorted({split_column(name)[1] for name in slip.names}))
         joined = slip.kind in ("unit", "absolute-pressure")
         groups.setdefault(same if joined else (str(k),), []).append(explanation)
-    return [_slip_issue(group, before, rig) for group in groups.values()]
-
-
-def _slip_issue(group: list[Explanation], before: SheetComparison, rig: Rig) -> QualityIssue:
-    first = max(group, key=lambda member: member.gain)
-    slip, names = first.slip, tuple(name for member in group for name in member.slip.names)
-    message, hint = _slip_words(slip, names, before.names, rig)
-    figures = first.figures
-    rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
-    others = [other.words for other in rivals][:MOST_NAMED_SLIPS]
-    if others and slip.kind in ("unit", "offset", "gain"):
-        hint += f" Or {', or '.join(others)} explains it as well."
-    if first.wrong:
-        evidence = (
-            f"a fit of rig {rig.name!r} has an error of {figures['error_as_recorded']:.2g} times "
-            f"the motion, {figures['error_mended']:.2g} times after the correction"
-        )
-    else:
+    issues = []
+    for group in groups.values():
+        first = max(group, key=lambda member: member.gain)
+        slip, names = first.slip, tuple(name for member in group for name in member.slip.names)
+        message, hint = _slip_words(slip, names, before.names, rig)
+        figures = first.figures
+        rivals = [o for o in first.others if (o.kind, o.names) != ("scale", slip.names)]
+        others = [other.words for other in rivals][:MOST_NAMED_SLIPS]
+        if others and slip.kind in ("unit", "offset", "gain"):
+            hint += f" Or {', or '.join(others)} explains it as well."
         evidence = f"after the correction rig {rig.name!r} fits the recording better"
-    bend = figures["tolerances_as_recorded"]
-    if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
-        evidence += (
-            f"; without the correction the parameters deviate from the data sheet by {bend:.2g} "
-            "tolerances"
-        )
-    return issue(slip.kind, names, f"{message}: {evidence}", hint, figures, wrong=first.wrong)
+        if first.wrong:
+            evidence = (
+                f"a fit of rig {rig.name!r} has an error of {figures['error_as_recorded']:.2g} "
+                f"times the motion, {figures['error_mended']:.2g} times after the correction"
+            )
+        bend = figures["tolerances_as_recorded"]
+        if bend > max(3.0, 2.0 * figures["tolerances_mended"]):
+            evidence += (
+                "; without the correction the parameters deviate from the data sheet by "
+                f"{bend:.2g} tolerances"
+            )
+        text = f"{message}: {evidence}"
+        issues.append(issue(slip.kind, names, text, hint, figures, wrong=first.wrong))
+    return issues
 
 
 def _slip_words(
@@ -188,7 +186,7 @@ def _slip_words(
     """Fault and remedy of a slip of these columns."""
     symbol, many = split_column(names[0])[1], join_words(names)
     shift = slip.offset / unit(symbol).factor
-    shown = f"{-shift:.4g}{'' if symbol == NONE else f' {symbol}'}"
+    shown = f"{-shift:.4g}{unit_after(names[0])}"
     mapping, exceptional = "the mapping of `pamid ingest`", f"; if rig {rig.name!r} really is"
     if slip.kind == "unit" and slip.geared:
         return (
@@ -277,11 +275,28 @@ def _unexplained_channels(
         miss = "runs away"
     elif missed[k] <= 1.0:
         miss = f"predicts a motion {np.exp(size[k]):.2g} times as large"
-    every = [slip for factor in factors for slip in (factor.slip, *factor.others)]
     text = f"{columns[k]}: the data sheet of rig {rig.name!r} {miss}"
     if lost and left[k] > UNEXPLAINED_MOTION:
         text += f", and a refit has an error of {left[k]:.2g} times the motion"
-    hint = _unit_advice(every) + _blind(columns[k], e, k)
+    # corrections of the same column or parameter stand together
+    slips = [slip for factor in factors for slip in (factor.slip, *factor.others)]
+    order = [slip.names for slip in slips]
+    parts = [
+        " or ".join([first.words, *(slip.factor_words for slip in more)])
+        for _, (first, *more) in groupby(
+            sorted(slips, key=lambda slip: order.index(slip.names)),
+            key=lambda slip: (slip.kind in UNNAMED, slip.names),
+        )
+    ][:MOST_NAMED_SLIPS]
+    named = f": {', or '.join(parts)} would remove the difference" if parts else ""
+    hint = f"Check units and signs{named}."
+    y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
+    way = float(magnitude_sensor_signs(y, model)[0]) if np.isfinite(model).all() else 0.0
+    if way:
+        hint += (
+            f" {columns[k]} never goes {'below' if way > 0.0 else 'above'} 0, but the model does: "
+            "check whether its sensor measures only the magnitude."
+        )
     names = tuple(columns[i] for i in shown)
     return [issue("far-off", names, text, hint, {"error": float(missed[k])})]
 
@@ -304,30 +319,6 @@ def _relative_errors(e: SheetComparison) -> Array:
     return np.minimum(np.minimum(*shares), RUNAWAY)
 
 
-def _unit_advice(slips: Sequence[Slip]) -> str:
-    """Sentence that refers a reader to units and signs."""
-    by_name = sorted(slips, key=lambda s: [t.names for t in slips].index(s.names))
-    parts = [
-        " or ".join([first.words, *(s.factor_words for s in more)])
-        for _, (first, *more) in groupby(by_name, key=lambda s: (s.kind in UNNAMED, s.names))
-    ][:MOST_NAMED_SLIPS]
-    named = f": {', or '.join(parts)} would remove the difference" if parts else ""
-    return f"Check units and signs{named}."
-
-
-def _blind(column: str, e: SheetComparison, k: int) -> str:
-    """Question, after a space, whether the sensor only measures a magnitude; "" if it does not."""
-    y, model = e.y[:, k : k + 1], e.model[:, k : k + 1]
-    way = float(magnitude_sensor_signs(y, model)[0]) if np.isfinite(model).all() else 0.0
-    if not way:
-        return ""
-    side = "below" if way > 0.0 else "above"
-    return (
-        f" {column} never goes {side} 0, but the model does: check whether its sensor "
-        "measures only the magnitude."
-    )
-
-
 # ---- dead and late ------------------------------------------------------------------------------
 
 
@@ -341,11 +332,10 @@ def dead_sensors(recording: Recording, rig: Rig, e: SheetComparison) -> list[Qua
         values, name = recording.columns[column], e.names[k]
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
         if still[k] and motion(values) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
-            value, symbol = float(values[0]), split_column(column)[1]
-            shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
+            value = float(values[0])
             message = (
-                f"{column} is constant ({shown}) throughout, where the model of rig {rig.name!r} "
-                "moves"
+                f"{column} is constant ({value:g}{unit_after(column)}) throughout, where the model "
+                f"of rig {rig.name!r} moves"
             )
             hint = f"{PLUGGED} Leave the column out if it was not measured."
             issues.append(issue("dead", column, message, hint, {"value": value}, wrong=True))

@@ -31,9 +31,10 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.base.metrics import motion
 from pamid.base.schemas.check_file import BetweenSamples
-from pamid.base.units import NONE, size_from_si, split_column
+from pamid.base.units import size_from_si, split_column
 from pamid.engine.program import Program
 from pamid.engine.symbolic.expression import symbols
+from pamid.intake.checks.findings import unit_after
 from pamid.intake.checks.short_fit import FitData, FittedWindows, ShortFit, fit_data_of
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
@@ -76,8 +77,8 @@ class InputHold(BetweenSamples):
         by = {HELD: self.rms_held, LINEAR: self.rms_linear}
         way, rest = (self.better or self.taken), other(self.better or self.taken)
         figures = (
-            f"{self.channel} {by[way]:.3g}{_unit(self.channel)} RMS against {by[rest]:.3g} {rest}, "
-            f"over {self.windows} windows"
+            f"{self.channel} {by[way]:.3g}{unit_after(self.channel)} RMS against {by[rest]:.3g} "
+            f"{rest}, over {self.windows} windows"
         )
         taken = f"{self.column} is taken as {MEANINGS[self.taken]}"
         if not self.better:
@@ -122,7 +123,7 @@ class RowOrder:
         }
         return (
             f"{self.column} {where}. With corrected rows the error of the rig is "
-            f"{self.corrected:.3g}{_unit(self.column)} RMS instead of {self.as_recorded:.3g}: "
+            f"{self.corrected:.3g}{unit_after(self.column)} RMS instead of {self.as_recorded:.3g}: "
             f"{OF_THE_LOG}. Remedy: {'; or '.join(remedies[order] for order in self.orders)}."
         )
 
@@ -136,20 +137,12 @@ def compare_holds(
 ) -> list[InputHold]:
     """Compare both holds of the recording's inputs.
 
-    The list is empty if the rig cannot run on the recording. It is also empty for a rig that steps
-    by itself once a sample, because both holds are the same there. A command of a controller is
-    held, and is not tried.
+    The list is empty if the rig cannot run on the recording, and for a rig that steps by itself
+    once a sample. A command of a controller is held, and is not tried.
 
-    Parameters
-    ----------
-    recording
-        Recording to fit.
-    rig
-        Rig, with the values that the recording states (`as_recorded`).
-    columns
-        Inputs to try; None tries all of them.
-    screened
-        Only try inputs by which the error may fall to first order, at a fraction of the cost.
+    rig: with the values that the recording states (`as_recorded`). columns: inputs to try, by
+    default all. screened: only try inputs by which the error may fall to first order, at a fraction
+    of the cost.
     """
     held = {loop.command for loop in rig.loops}
     try:
@@ -166,7 +159,24 @@ def compare_holds(
         # single step a sample both holds are the same
         if isinstance(rig, StepRig) and problem.runner.stepping.substeps == 1:
             return []
-        return _compare_inputs(data, names, problem, screened)
+        outcomes: dict[str, InputHold] = {}
+        base = data.fitted(data.rig, problem=problem)
+        if not np.isfinite(base.error):
+            return []  # the model runs away with both holds
+        # if several fit better with the other hold, the best is corrected first, and the remaining
+        # inputs are compared with this correction in place
+        while True:
+            left = [c for c in names if c not in outcomes]
+            worth = _worth_trying(data, base, left) if screened else left
+            tried = [_compare_hold(data, base, c) for c in worth]
+            # a run that diverges with the other hold leaves nothing to compare
+            tried = [t for t in tried if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()]
+            wrong = [t for t in tried if t[0].wrong]
+            if len(wrong) < 2:
+                outcomes |= {hold.column: hold for hold, _ in tried}
+                return [outcomes[c] for c in names if c in outcomes]
+            hold, base = min(wrong, key=lambda t: t[1].error)
+            outcomes[hold.column] = hold
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
 
@@ -218,38 +228,7 @@ def _refit(data: FitData, base: FittedWindows, column: str, way: str) -> FittedW
     return data.fitted(rig, base.point, stepping=base.problem.runner.stepping)
 
 
-def _unit(column: str) -> str:
-    symbol = split_column(column)[1]
-    return "" if symbol == NONE else f" {symbol}"
-
-
 # ---- holds ---------------------------------------------------------------------------------------
-
-
-def _compare_inputs(
-    data: FitData, names: list[str], problem: ShortFit, screened: bool
-) -> list[InputHold]:
-    """Compare the inputs separately.
-
-    If several fit better with the other hold, the best is corrected first, and the remaining
-    inputs are compared with this correction in place.
-    """
-    outcomes: dict[str, InputHold] = {}
-    base = data.fitted(data.rig, problem=problem)
-    if not np.isfinite(base.error):
-        return []  # the model runs away with both holds
-    while True:
-        left = [c for c in names if c not in outcomes]
-        worth = _worth_trying(data, base, left) if screened else left
-        tried = [_compare_hold(data, base, c) for c in worth]
-        # a run that diverges with the other hold leaves nothing to compare
-        tried = [t for t in tried if np.isfinite([t[0].rms_held, t[0].rms_linear]).all()]
-        wrong = [t for t in tried if t[0].wrong]
-        if len(wrong) < 2:
-            outcomes |= {hold.column: hold for hold, _ in tried}
-            return [outcomes[c] for c in names if c in outcomes]
-        hold, base = min(wrong, key=lambda t: t[1].error)
-        outcomes[hold.column] = hold
 
 
 def _compare_hold(
@@ -267,6 +246,14 @@ def _compare_hold(
     ]
     shows = int(np.argmax(np.abs(logs[0] - logs[1])))
     both = {assumed: best_fit, other(assumed): turned}
+    better = ""
+    for way, fit in both.items():
+        rest = both[other(way)]
+        smaller = fit.point.errors.sum(axis=1) < rest.point.errors.sum(axis=1)
+        clear = np.isfinite(fit.error) and not fit.error > BETTER * rest.error
+        if clear and float(smaller.mean()) >= SURE:
+            better = way
+            break
     symbol = split_column(data.names[shows])[1]
     rms = {
         way: float(np.sqrt(fit.point.errors[:, shows].mean()) / data.weight[shows])
@@ -276,7 +263,7 @@ def _compare_hold(
         column=column,
         taken="held" if assumed == HELD else "linear",
         stated=column in base.rig.between,
-        better=next((way for way in both if _clear(both[way], both[other(way)])), ""),
+        better=better,
         channel=data.names[shows],
         rms_held=float(size_from_si(rms[HELD], symbol)),
         rms_linear=float(size_from_si(rms[LINEAR], symbol)),
@@ -308,14 +295,6 @@ def _worth_trying(data: FitData, base: FittedWindows, columns: list[str]) -> lis
         for c, error in zip(columns, reached[1:], strict=True)
         if not error > MAYBE_BETTER * reached[0]
     ]
-
-
-def _clear(fit: FittedWindows, rest: FittedWindows) -> bool:
-    """True if the first fit is clearly better than the second."""
-    if not np.isfinite(fit.error) or fit.error > BETTER * rest.error:
-        return False
-    smaller = fit.point.errors.sum(axis=1) < rest.point.errors.sum(axis=1)
-    return float(smaller.mean()) >= SURE
 
 
 # ---- order of rows -------------------------------------------------------------------------------

@@ -68,23 +68,15 @@ class SheetComparison:
         return bool(np.isfinite(self.model).all())
 
     @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of outputs of the same quantity."""
-        return same_quantity_columns(self.names)
-
-    def agreement(self) -> tuple[Array, Array]:
-        """Correlations of every output with the model, and of the differences of similar outputs.
-
-        A sensor that only measures a magnitude is compared with the magnitude of the model.
-        """
+    def shown(self) -> Array:
+        """Outputs of the run as the sensors show them; some only measure a magnitude."""
         way = magnitude_sensor_signs(self.y, self.model)
-        shown = np.where(way == 0.0, self.model, way * np.abs(self.model))
-        ours, theirs = shapes(self.y), shapes(shown)
-        single = np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
-        double = np.array(
-            [correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
-        )
-        return single, double
+        return np.where(way == 0.0, self.model, way * np.abs(self.model))
+
+    def agreement(self) -> Array:
+        """Correlation of every output with the model."""
+        ours, theirs = shapes(self.y), shapes(self.shown)
+        return np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
 
 
 def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
@@ -108,8 +100,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
-    # the steps are chosen once for hundreds of runs; with other values they may
-    # be too long
+    # the steps are chosen once for hundreds of runs; with other values they may be too long
     steps = choose_stepping(assembly, u, p, period, assembly.start(p))
     stepped = isinstance(rig, StepRig)
 

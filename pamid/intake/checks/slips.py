@@ -36,9 +36,9 @@ from pamid.base.units import (
     to_si,
     unit,
 )
+from pamid.intake.checks.findings import unit_after
 from pamid.intake.checks.sheet_comparison import (
     SheetComparison,
-    magnitude_sensor_signs,
     recorded_columns,
     same_quantity_columns,
     shapes,
@@ -48,7 +48,6 @@ from pamid.intake.checks.short_fit import (
     FEWEST_WINDOWS,
     RUNAWAY,
     USUAL_ERROR,
-    FitData,
     ShortFit,
     fit_data_of,
     score,
@@ -167,9 +166,9 @@ class Slip:
     @property
     def words(self) -> str:
         if self.kind == "offset":
-            symbol = split_column(self.names[0])[1]
-            shown = f"{-self.offset / unit(symbol).factor:.4g}"
-            return f"{self.names[0]} offset by {shown}{'' if symbol == NONE else f' {symbol}'}"
+            (column,) = self.names
+            shown = f"{-self.offset / unit(split_column(column)[1]).factor:.4g}"
+            return f"{column} offset by {shown}{unit_after(column)}"
         what = "parameter" if self.kind == "parameter" else "column"
         return f"the {what} {' and '.join(self.names)} times {self.factor_words}"
 
@@ -178,7 +177,8 @@ class Slip:
         """Factor, and the units that have this ratio."""
         text, ratio = f"{self.factor:g}", max(abs(self.factor), 1.0 / abs(self.factor))
         if self.meaning:
-            return f"{text} ({self.meaning_words})"
+            meaning = self.meaning if self.geared else f"as if written in {self.meaning}"
+            return f"{text} ({meaning})"
         symbol = split_column(self.names[0])[1]
         for other in kindred_units(symbol):
             if math.isclose(unit(other).factor / unit(symbol).factor, abs(self.factor)):
@@ -194,10 +194,6 @@ class Slip:
             if abs(ratio / edges - 1.0) < NEAR_COUNT:
                 return f" Counts per turn x{edges:g}?"
         return ""
-
-    @property
-    def meaning_words(self) -> str:
-        return self.meaning if self.geared else f"as if written in {self.meaning}"
 
     def corrected(self, recording: Recording) -> Recording:
         """Recording after the correction; a slip of the data sheet leaves it unchanged."""
@@ -258,7 +254,6 @@ class Judgement:
     errors: dict[str, float]
     strain: float = 0.0
     determined: float = 0.0
-    fitted: bool = True
     problem: ShortFit | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -338,19 +333,8 @@ def judge(
 ) -> Judgement:
     """Quality of a short fit of the rig, or of the data sheet's run if the fit fails.
 
-    Parameters
-    ----------
-    recording
-        Recording to fit.
-    e
-        Its comparison with the data sheet's run.
-    p
-        Values (SI) in place of the data sheet's.
-    like
-        Fit of the rig to another version of the recording, whose model is reused if the inputs are
-        the same.
-    steps
-        Largest number of steps of the fit.
+    p: values (SI) in place of the data sheet's. like: fit to another version of the recording,
+    whose model is reused if the inputs are the same. steps: largest number of steps.
     """
     rig = e.assembly.rig
     try:
@@ -369,7 +353,7 @@ def judge(
 def _judged_by_sheet(e: SheetComparison) -> Judgement:
     moves = [k for k, y in enumerate(e.y.T) if motion(y) > 0.0]
     away = np.exp(sheet_distances(e).mean(axis=0))
-    return Judgement({e.names[k]: float(away[k]) for k in moves}, fitted=False)
+    return Judgement({e.names[k]: float(away[k]) for k in moves})
 
 
 def sheet_distances(e: SheetComparison) -> Array:
@@ -377,12 +361,11 @@ def sheet_distances(e: SheetComparison) -> Array:
 
     It covers shapes and values; per output, then per pair of similar outputs.
     """
+    pairs = same_quantity_columns(e.names)
     if not e.ran:
-        return np.full((2, len(e.names) + len(e.pairs)), math.log(RUNAWAY))
-    way = magnitude_sensor_signs(e.y, e.model)
-    shown = np.where(way == 0.0, e.model, way * np.abs(e.model))
+        return np.full((2, len(e.names) + len(pairs)), math.log(RUNAWAY))
+    shown = e.shown
     ours, theirs = shapes(e.y), shapes(shown)
-    pairs = e.pairs
     mine = [*ours, *(ours[i] - ours[j] for i, j in pairs)]
     its = [*theirs, *(theirs[i] - theirs[j] for i, j in pairs)]
     shape = [_apart(a, b) for a, b in zip(mine, its, strict=True)]
@@ -410,7 +393,15 @@ def slips_of_sheet(e: SheetComparison) -> Iterator[Slip]:
 
 def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Slip]:
     """Candidate slips of the columns and of the clock."""
-    gears = _gears(e)
+    gears = {
+        b.full_name: float(value)
+        for b, value in zip(e.assembly.parameters, e.p, strict=True)
+        if unit(b.unit or NONE).quantity == "dimensionless"
+        and set(b.full_name.lower().split("_")) & GEAR_WORDS
+        and "damping" not in b.full_name.lower()
+        and value > 0.0
+        and abs(math.log(value)) > math.log(1.5)
+    }
     outputs, inputs = recorded_columns(e.names, recording), recorded_columns(e.inputs, recording)
     inputs = tuple(c for c in inputs if c in recording.columns and motion(recording.columns[c]))
     sizes = [math.sqrt(float((a * a).sum())) for a in shapes(e.y)]
@@ -428,7 +419,15 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
     for column in inputs:
         yield from _of_column(column, gears)
     yield from _signs(e, recording, outputs, inputs)
-    yield from _exchanges(outputs, inputs)
+    # similar columns, and an input with any other column
+    for like in (inputs, outputs):
+        for i, j in same_quantity_columns(like):
+            yield Slip("exchanged", (like[i], like[j]))
+    every = [*inputs, *outputs]
+    for i, j in itertools.combinations(range(len(every)), 2):
+        same = quantity_of(split_column(every[i])[1]) == quantity_of(split_column(every[j])[1])
+        if i < len(inputs) and not (same and j < len(inputs)):
+            yield Slip("exchanged", (every[i], every[j]))
     if stated_period(e.assembly.rig) is None:
         yield from (Slip("clock", ("time_s",), factor) for factor in CLOCKS)
 
@@ -436,48 +435,33 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
 def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
     """Other units of a column, and the motor's side of a gear; then factors of another kind."""
     symbol = split_column(column)[1]
-    named = list(_units_of_column(column, symbol))
-    if quantity_of(symbol) in GEARED:
-        for name, ratio in gears.items():
-            words = f"{OTHER_SIDE}, {name} = {ratio:g}"
-            named += [Slip("unit", (column,), f, 0.0, words) for f in (ratio, 1.0 / ratio)]
-    yield from named
-    if quantity_of(symbol) != "temperature":
-        sizes = [math.log(slip.factor) for slip in named]
-        for factor in FACTORS:
-            if all(abs(math.log(factor) - size) > math.log(ALIKE) for size in sizes):
-                yield Slip("scale", (column,), factor)
-
-
-def _units_of_column(column: str, symbol: str) -> Iterator[Slip]:
     column_unit, quantity = unit(symbol), quantity_of(symbol)
     conversions = {u: (unit(u).factor, unit(u).offset) for u in kindred_units(symbol)}
     if symbol in PREFIXED:
         conversions |= {
             f"{prefix}{symbol}": (by * column_unit.factor, 0.0) for prefix, by in PREFIXES.items()
         }
-    if quantity == "angle" or quantity == "angular velocity":
+    if quantity in ("angle", "angular velocity"):
         conversions["revolutions" if quantity == "angle" else "rev/s"] = (2.0 * math.pi, 0.0)
     if quantity == "velocity":
         conversions["km/h"] = (1.0 / 3.6, 0.0)
+    named = []
     for name, (factor, offset) in conversions.items():
         factor /= column_unit.factor
-        yield Slip("unit", (column,), factor, offset - column_unit.offset * factor, name)
+        offset -= column_unit.offset * factor
+        named.append(Slip("unit", (column,), factor, offset, name))
     if quantity == "pressure":
-        yield Slip("absolute-pressure", (column,), 1.0, -ATMOSPHERE_PA)
-
-
-def _gears(e: SheetComparison) -> dict[str, float]:
-    """Gear ratios of the rig, by the names of their parameters."""
-    return {
-        b.full_name: float(value)
-        for b, value in zip(e.assembly.parameters, e.p, strict=True)
-        if unit(b.unit or NONE).quantity == "dimensionless"
-        and set(b.full_name.lower().split("_")) & GEAR_WORDS
-        and "damping" not in b.full_name.lower()
-        and value > 0.0
-        and abs(math.log(value)) > math.log(1.5)
-    }
+        named.append(Slip("absolute-pressure", (column,), 1.0, -ATMOSPHERE_PA))
+    if quantity in GEARED:
+        for name, ratio in gears.items():
+            words = f"{OTHER_SIDE}, {name} = {ratio:g}"
+            named += [Slip("unit", (column,), f, 0.0, words) for f in (ratio, 1.0 / ratio)]
+    yield from named
+    if quantity != "temperature":
+        sizes = [math.log(slip.factor) for slip in named]
+        for factor in FACTORS:
+            if all(abs(math.log(factor) - size) > math.log(ALIKE) for size in sizes):
+                yield Slip("scale", (column,), factor)
 
 
 def _signs(
@@ -497,40 +481,16 @@ def _signs(
             yield Slip("sign", (column,), -1.0)
 
 
-def _exchanges(outputs: Sequence[str], inputs: Sequence[str]) -> Iterator[Slip]:
-    """Pairs of similar columns, and of an input with any other column."""
-    for columns in (inputs, outputs):
-        for i, j in same_quantity_columns(columns):
-            yield Slip("exchanged", (columns[i], columns[j]))
-    every = [*inputs, *outputs]
-    for i, j in itertools.combinations(range(len(every)), 2):
-        like = quantity_of(split_column(every[i])[1]) == quantity_of(split_column(every[j])[1])
-        if i < len(inputs) and not (like and (j < len(inputs))):
-            yield Slip("exchanged", (every[i], every[j]))
-
-
 # ---- which slip it is ----------------------------------------------------------------------------
 
 
 def find_slips(
     recording: Recording, e: SheetComparison, *, thorough: bool = True
 ) -> tuple[list[Explanation], Recording, SheetComparison, Judgement]:
-    """Find the slips of a recording, in sequence.
+    """Slips of a recording in sequence, the corrected recording, its comparison with the data sheet
+    and the quality of its fit.
 
-    Parameters
-    ----------
-    recording
-        Recording to check.
-    e
-        Its comparison with the data sheet's run.
-    thorough
-        Also try slips of the data sheet.
-
-    Returns
-    -------
-    list, Recording, SheetComparison, Judgement
-        Slips, the corrected recording, its comparison with the data sheet, and the quality of the
-        fit.
+    thorough: also try slips of the data sheet.
     """
     explanations: list[Explanation] = []
     if float(sheet_distances(e).max()) < math.log(FAR):
@@ -648,26 +608,23 @@ def _predicted_slips(
         like = before.problem
         problem = like if like and like.matches_data(data) else ShortFit.of(data, data.rig)
         for k, (name, motion_) in enumerate(zip(data.names, data.motions, strict=True)):
-            y, model = _prediction(data, k, problem)
+            weight = data.weight.copy()
+            weight[k] *= UNSEEN_WEIGHT
+            fit = replace(data, weight=weight).fitted(
+                data.rig, problem=problem, steps=JUDGING_STEPS
+            )
+            # the channel as measured and as predicted: windows x samples
+            y = np.array([data.track.y[w.start : w.stop, k] for w in data.windows])
+            model = y + fit.problem.residuals(fit.point)[:, :, k]
+            ran = np.isfinite(model).all(axis=1)
             (column,) = recorded_columns((name,), recording)
-            of_column = _regressed(column, y, model, float(motion_))
+            of_column = _regressed(column, y[ran], model[ran], float(motion_))
             # only the data sheet predicts the size of a lone output: use the table of factors
             slips += [slip for slip in of_column if slip.kind != "gain" or len(data.names) > 1]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
     compared = [(slip, slip.compared(e, recording)) for slip in slips]
     return [(slip, after) for slip, after in compared if after is not None]
-
-
-def _prediction(data: FitData, k: int, problem: ShortFit) -> tuple[Array, Array]:
-    """Channel k as measured, and as predicted from the other channels: windows x samples."""
-    weight = data.weight.copy()
-    weight[k] *= UNSEEN_WEIGHT
-    fit = replace(data, weight=weight).fitted(data.rig, problem=problem, steps=JUDGING_STEPS)
-    y = np.array([data.track.y[w.start : w.stop, k] for w in data.windows])
-    model = y + fit.problem.residuals(fit.point)[:, :, k]
-    ran = np.isfinite(model).all(axis=1)
-    return y[ran], model[ran]
 
 
 def _regressed(column: str, y: Array, model: Array, moves: float) -> Iterator[Slip]:

@@ -55,6 +55,11 @@ class Channel:
     unit: str = ""
     robot: RobotValue | None = None
 
+    @property
+    def finite(self) -> FloatArray:
+        """Values without the missing ones."""
+        return self.values[np.isfinite(self.values)]
+
 
 def interleaved_rows(channels: Sequence[Channel]) -> dict[str, NDArray[np.bool_]]:
     """Row masks of interleaved channels: each message of a bus has a separate row of the table,
@@ -94,11 +99,12 @@ class Log:
     part: str = ""
     stated: StatedPeriod | None = None
 
-    def channel(self, name: str) -> Channel:
-        """Channel by name; FileError with the nearest name if there is none."""
+    def channel(self, name: str, place: str = "The channel") -> Channel:
+        """Channel by name; FileError with its place in a mapping, and the nearest name."""
         for channel in self.channels:
             if channel.name == name:
                 return channel
         names = [channel.name for channel in self.channels]
         hint = nearest(name, names) or f"Its channels are: {listed(names)}."
-        raise FileError(f"{self.path}: there is no channel {name!r}.", hint, code="missing-channel")
+        message = f"{place} is {name!r}; {self.path} has no such channel."
+        raise FileError(message, hint, code="missing-channel")

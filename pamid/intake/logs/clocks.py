@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.base.errors import DataError, FileError, listed, nearest
+from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.channels import Channel, Log, interleaved_rows
+from pamid.intake.logs.channels import Log, interleaved_rows
 from pamid.intake.logs.mapping import UNANSWERED, MappedSignal, Mapping
 from pamid.intake.logs.source_units import in_unit, read_unit
 from pamid.intake.logs.stamps import Rows, usable_rows
@@ -49,6 +49,13 @@ class Group:
     of_rows: bool
     sampled: list[SampledColumn]
 
+    @property
+    def regular(self) -> bool:
+        """Whether the stamps are those of a sampled signal, not of events."""
+        steps = np.diff(self.stamps)
+        usual = float(np.median(steps)) if steps.size >= MIN_SAMPLES else 0.0
+        return usual > 0.0 and float(np.mean(np.abs(steps - usual) <= UNIFORM_TO * usual)) > 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class Clock:
@@ -73,11 +80,8 @@ def clocks_of(
 ) -> tuple[Clock, ...]:
     """Clocks of the mapped channels, diagnosed and repaired.
 
-    where    name of the mapping in errors
-    repair   overrides its [time] repair
-
-    Raises FileError for a fault of log or mapping, DataError if the data do not determine the
-    repair.
+    where: name of the mapping in errors. repair: overrides its [time] repair. Raises FileError for
+    a fault of log or mapping, DataError if the data do not determine the repair.
     """
     wanted = repair or mapping.time.repair
     groups = _by_stamps(log, mapping, signals, where)
@@ -95,18 +99,6 @@ def clocks_of(
     return clocks
 
 
-def channel_of(log: Log, name: str, place: str) -> Channel:
-    """Channel by name; FileError with the key of the mapping that names it, and the nearest
-    name."""
-    for channel in log.channels:
-        if channel.name == name:
-            return channel
-    names = [channel.name for channel in log.channels]
-    hint = nearest(name, names) or f"Its channels are: {listed(names)}."
-    message = f"{place} is {name!r}; {log.path} has no such channel."
-    raise FileError(message, hint, code="missing-channel")
-
-
 def _by_stamps(
     log: Log, mapping: Mapping, signals: Sequence[MappedSignal], where: str
 ) -> list[Group]:
@@ -114,7 +106,7 @@ def _by_stamps(
     rows: FloatArray | None = None
     turns = interleaved_rows([c for c in log.channels if c.name != mapping.time.source])
     for signal in signals:
-        channel = channel_of(log, signal.stated.source, f"{where}: signals.{signal.column}.source")
+        channel = log.channel(signal.stated.source, f"{where}: signals.{signal.column}.source")
         of_rows = channel.stamps is None
         if of_rows and rows is None:
             rows = _row_stamps(log, mapping, channel.values.size, where)
@@ -161,7 +153,7 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
                 code="mapping",
             )
         return np.arange(count, dtype=np.float64) * settings.period_s
-    channel = channel_of(log, settings.source, f"{where}: time.source")
+    channel = log.channel(settings.source, f"{where}: time.source")
     text = settings.unit if settings.unit is not None else channel.unit or "s"
     if text == UNANSWERED:
         raise FileError(
@@ -187,8 +179,8 @@ def _clock(
 ) -> Clock:
     """Diagnose a clock and determine the sampling instants of its rows."""
     held = all(c.signal.hold for c in group.sampled)
-    if held and not group.of_rows and not _regular(group.stamps):
-        # events: each value holds until the next a, so any spacing is valid
+    if held and not group.of_rows and not group.regular:
+        # events: each value holds until the next, so any spacing is valid
         keep = np.flatnonzero(np.isfinite(group.stamps))
         keep = keep[np.argsort(group.stamps[keep], kind="stable")]
         if not keep.size:
@@ -224,13 +216,6 @@ def _clock(
     cure, notes = _choose(diagnosis, wanted, rows, place)
     base = reconstructed_time_base(rows, diagnosis, cure, mapping.time.max_gap_s)
     return Clock(group.name, staying, rows, diagnosis, cure, base, notes)
-
-
-def _regular(stamps: FloatArray) -> bool:
-    """Whether stamps (s) are those of a sampled signal, not of events."""
-    steps = np.diff(stamps)
-    usual = float(np.median(steps)) if steps.size >= MIN_SAMPLES else 0.0
-    return usual > 0.0 and float(np.mean(np.abs(steps - usual) <= UNIFORM_TO * usual)) > 0.5
 
 
 def _choose(

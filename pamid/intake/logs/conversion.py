@@ -1,5 +1,4 @@
-"""Conversion of a raw log by a mapping: recordings between the gaps, each on an
-even time base."""
+"""Conversion of a raw log by a mapping: recordings between the gaps, each on an even time base."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channels import Log
-from pamid.intake.logs.clocks import Clock, SampledColumn, channel_of, clocks_of
+from pamid.intake.logs.clocks import Clock, SampledColumn, clocks_of
 from pamid.intake.logs.mapping import Mapping, resolved_signals, unknown_to
 from pamid.intake.logs.memory_budget import MemoryBudget
 from pamid.intake.logs.resampling import COARSER, hold, smooth
@@ -93,14 +92,12 @@ def convert(
 ) -> Conversion:
     """Convert a log to recordings.
 
-    where    name of the mapping in errors
-    repair   overrides its [time] repair
-
-    Raises FileError for a fault of log or mapping. Raises DataError if the data do not determine
-    the repair of the time base, or if too few samples are left.
+    where: name of the mapping in errors. repair: overrides its [time] repair. Raises FileError for
+    a fault of log or mapping, DataError if the data do not determine the repair of the time base,
+    or if too few samples are left.
     """
     units = {
-        signal.source: channel_of(log, signal.source, f"{where}: signals.{column}.source").unit
+        signal.source: log.channel(signal.source, f"{where}: signals.{column}.source").unit
         for column, signal in mapping.signals.items()
     }
     signals = resolved_signals(mapping, rig, units, where)

@@ -72,6 +72,22 @@ class _Guess:
     width: int
     count: int  # rows of numbers
 
+    @classmethod
+    def of(cls, lines: Sequence[str], delimiter: str) -> _Guess | None:
+        """Lines split at a delimiter; None without rows of numbers."""
+        rows = [cut_line(line.lstrip(COMMENT), delimiter) for line in lines]
+        kinds = [
+            "t" * len(row)
+            if line.startswith(tuple(COMMENT))
+            else "".join(classify(cell) for cell in row)
+            for line, row in zip(lines, rows, strict=True)
+        ]
+        strict = _run(kinds, lambda kind: "t" not in kind and any(k in kind for k in "ndk"))
+        loose = _run(kinds, lambda kind: len(kind) > 1 and any(k in kind for k in "nd"))
+        few = strict and loose and strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2]
+        chosen = loose if strict is None or few else strict  # loose: some columns are text
+        return cls(delimiter, rows, kinds, *chosen) if chosen else None
+
     def text_above(self, line: int) -> int | None:
         """Index of the last line with text above this one."""
         return next((index for index in range(line - 1, -1, -1) if any(self.rows[index])), None)
@@ -91,14 +107,24 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
 
     Raises FileError if no line is, if they are ambiguous, or if the names do not fit the numbers.
     """
-    guesses = [*filter(None, (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS))]
+    guesses = [*filter(None, (_Guess.of(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS))]
     if not guesses:
         raise FileError(
             f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
             "A log needs rows of numbers below a row of names.",
             code="no-numbers",
         )
-    _refuse_signals_in_rows(path, lines, guesses)
+    for guess in guesses:
+        rows = [kinds for kinds in guess.kinds if kinds]
+        wider = len(lines) < SAMPLE and guess.width > max(len(rows), MIN_SAMPLES)
+        if wider and len(rows) > 1 and all(kinds[0] == "t" for kinds in rows):
+            raise FileError(
+                f"{path}: the signals are rows, not columns: {len(rows)} rows of {guess.width} "
+                "cells.",
+                "Transpose the table: in pandas, read_csv(FILE, sep="
+                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
+                code="signals-in-rows",
+            )
     # a delimiter loses the few rows with a remark, so near counts are equally good
     most = max(guess.count for guess in guesses)
     near = [guess for guess in guesses if guess.count >= SHARE_OF_ROWS * most]
@@ -115,8 +141,17 @@ def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
                 code="thousands",
             )
         cells += [cell.strip() for cell, kind in zip(row, kinds, strict=True) if kind == "n"]
-    if best.delimiter == "," and best.width > 1:
-        _refuse_two_commas(path, best, cells)
+    named = best.header_fits  # a name for each number gives the number of cells
+    marked = any("." in cell or "," in cell for cell in cells)
+    if best.delimiter == "," and best.width > 1 and not named and not marked:
+        shown = ",".join(best.rows[best.first])
+        raise FileError(
+            f"{path}, line {best.first + 1}: {shown!r} does not show which commas are "
+            "decimal marks and which are delimiters.",
+            "Write decimal points, separate the numbers by semicolons, or add a row of names, a "
+            "name for each number.",
+            code="two-commas",
+        )
     decimal = decimal_mark(cells, str(path))
     above = best.above
     if (
@@ -169,21 +204,6 @@ def looks_like_unit(text: str) -> bool:
     return bool(_UNIT.match(match["unit"] or "-" if match else text))
 
 
-def _cut(lines: Sequence[str], delimiter: str) -> _Guess | None:
-    rows = [cut_line(line.lstrip(COMMENT), delimiter) for line in lines]
-    kinds = [
-        "t" * len(row)
-        if line.startswith(tuple(COMMENT))
-        else "".join(classify(cell) for cell in row)
-        for line, row in zip(lines, rows, strict=True)
-    ]
-    strict = _run(kinds, lambda kind: "t" not in kind and any(letter in kind for letter in "ndk"))
-    loose = _run(kinds, lambda kind: len(kind) > 1 and any(letter in kind for letter in "nd"))
-    few = strict and loose and strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2]
-    chosen = loose if strict is None or few else strict  # loose: some columns are text
-    return _Guess(delimiter, rows, kinds, *chosen) if chosen else None
-
-
 def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, int] | None:
     """(first, width, count) of the data rows of the most common width, from the first RUN
     consecutive ones on; None if there are not so many."""
@@ -197,13 +217,26 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
             if all(following) and (
                 len(following) == RUN or position == 0 or not rows[position - 1]
             ):
-                start = there[_climb(position, rows, [kinds[index] for index in there], width)]
-                return _with_labels(start, kinds), width, count
+                return _first_row(position, rows, there, kinds, width), width, count
     return None
 
 
-def _with_labels(start: int, kinds: list[str]) -> int:
-    """First line of a table whose first rows have words in columns that are empty below."""
+def _first_row(
+    position: int, rows: list[bool], there: list[int], kinds: list[str], width: int
+) -> int:
+    """First line of the table that contains the row at `position` of the lines that are not blank.
+
+    The table continues above single rows with an odd word, and with rows of words in columns that
+    are empty below.
+    """
+    while position >= 2 and rows[position - 2]:
+        odd = kinds[there[position - 1]]
+        if len(odd) != width or "n" not in odd:
+            break
+        position -= 2
+        while position and rows[position - 1]:
+            position -= 1
+    start = there[position]
     below = kinds[start]
     while (
         "e" in below
@@ -213,49 +246,6 @@ def _with_labels(start: int, kinds: list[str]) -> int:
     ):
         start -= 1
     return start
-
-
-def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
-    """First row of the table that contains `position`, across single rows with an odd word."""
-    while (
-        position >= 2
-        and rows[position - 2]
-        and len(kinds[position - 1]) == width
-        and "n" in kinds[position - 1]
-    ):
-        position -= 2
-        while position and rows[position - 1]:
-            position -= 1
-    return position
-
-
-def _refuse_signals_in_rows(path: Path, lines: Sequence[str], guesses: Sequence[_Guess]) -> None:
-    for guess in guesses:
-        rows = [kinds for kinds in guess.kinds if kinds]
-        wider = len(lines) < SAMPLE and guess.width > max(len(rows), MIN_SAMPLES)
-        if wider and len(rows) > 1 and all(kinds[0] == "t" for kinds in rows):
-            raise FileError(
-                f"{path}: the signals are rows, not columns: {len(rows)} rows of {guess.width} "
-                "cells.",
-                "Transpose the table: in pandas, read_csv(FILE, sep="
-                f"{guess.delimiter!r}, header=None).T.to_csv('log.csv', header=0, index=0).",
-                code="signals-in-rows",
-            )
-
-
-def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
-    """Raise FileError if commas may be delimiters or decimal marks; names would give the number of
-    cells."""
-    if guess.header_fits or any("." in cell or "," in cell for cell in cells):
-        return
-    line = ",".join(guess.rows[guess.first])
-    raise FileError(
-        f"{path}, line {guess.first + 1}: {line!r} does not show which commas are "
-        "decimal marks and which are delimiters.",
-        "Write decimal points, separate the numbers by semicolons, or add a row of names, a name "
-        "for each number.",
-        code="two-commas",
-    )
 
 
 def _fits(row: list[str], width: int) -> bool:

@@ -98,9 +98,8 @@ def guess_clock(
     """Clock among the channels of the log's rows.
 
     Of several the most even clock is chosen: a device samples evenly, while the time at which a
-    host receives a sample jitters.
-
-    usual: sampling period of the rig in s, None without a rig; stated: that of the log.
+    host receives a sample jitters. usual: sampling period of the rig in s, None without a rig;
+    stated: that of the log.
     """
     scored = {i: _likeness(channel) for i, channel in enumerate(channels)}
     best = max(scored.values(), default=0)
@@ -110,7 +109,7 @@ def guess_clock(
     source = min(clocks, key=lambda channel: round(_unevenness(channel.values, np.mean), 3))
     symbol, reason = _unit_of(source, usual, stated)
     factor = read_unit(symbol).factor if symbol != UNANSWERED else 1.0
-    first = source.values[np.isfinite(source.values)][0]
+    first = source.finite[0]
     likewise = clocks if best >= NAMED_CLOCK else []
     others = tuple(
         c
@@ -136,7 +135,7 @@ def _unevenness(values: FloatArray, of: Callable[[FloatArray], Any] = np.median)
 
 def _likeness(channel: Channel) -> int:
     """Score of a channel as a clock: 2 by name or unit, 1 more for even steps, 0 for no clock."""
-    values = channel.values[np.isfinite(channel.values)]
+    values = channel.finite
     if values.size <= FEWEST_STAMPS:
         return 0
     steps = np.diff(values)
@@ -169,7 +168,7 @@ def _unit_of(channel: Channel, usual: float | None, stated: StatedPeriod | None)
         return channel.unit, ""
     if named := _named_unit(name):
         return named, "by the channel's name"
-    values = channel.values[np.isfinite(channel.values)]
+    values = channel.finite
     steps = np.diff(values)
     step, level = float(np.median(steps[steps > 0.0])), float(np.median(values))
     low, high = (1e-9 * moment for moment in SINCE_1970_NS)

@@ -149,10 +149,22 @@ def _clock_and_channels(
 ) -> tuple[ClockGuess, list[Channel], list[str]]:
     """Clock of a log, channels to map, and notes on the others.
 
+    Channels of the log's rows need the number of values that most have, and enough for a recording.
     Interleaved channels get separate stamps. usual: sampling period of the rig in s.
     """
-    rows, strangers = _usable(log.channels)
-    notes = [detail for detail in log.details if detail.startswith("left out")] + strangers
+    notes = [detail for detail in log.details if detail.startswith("left out")]
+    rows, lengths = log.channels, Counter(c.values.size for c in log.channels if c.stamps is None)
+    if len(lengths) > 1:
+        # of as many channels the longer ones
+        most = max(lengths, key=lambda length: (lengths[length], length))
+        others = [c for c in rows if c.stamps is None and c.values.size != most]
+        names = listed(f"{c.name} ({c.values.size})" for c in others)
+        rows = tuple(c for c in rows if c.stamps is not None or c.values.size == most)
+        notes.append(f"not mapped, of other lengths than the {most} rows of the others: {names}")
+    rare = [c for c in rows if c.stamps is None and c.finite.size < MIN_SAMPLES <= c.values.size]
+    if rare:
+        notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {listed(c.name for c in rare)}")
+        rows = tuple(c for c in rows if all(c is not few for few in rare))
     clock = guess_clock([c for c in rows if c.stamps is None], usual, log.stated)
     clocks, stamps = [clock.source, *clock.others], clock.stamps
     channels = [channel for channel in rows if all(channel is not item for item in clocks)]
@@ -168,29 +180,6 @@ def _clock_and_channels(
         if c.name in turns
     ]
     return clock, [*apart, *(c for c in channels if c.stamps is not None)], notes
-
-
-def _usable(channels: Sequence[Channel]) -> tuple[list[Channel], list[str]]:
-    """Channels for a single recording, and sentences about the others.
-
-    Channels of the log's rows need the number of values that most have, and enough for a recording.
-    """
-    notes, lengths = [], Counter(c.values.size for c in channels if c.stamps is None)
-    if len(lengths) > 1:
-        # of as many channels the longer ones
-        usual = max(lengths, key=lambda length: (lengths[length], length))
-        others = [c for c in channels if c.stamps is None and c.values.size != usual]
-        names = listed(f"{c.name} ({c.values.size})" for c in others)
-        channels = [c for c in channels if c.stamps is not None or c.values.size == usual]
-        notes.append(f"not mapped, of other lengths than the {usual} rows of the others: {names}")
-    rare = [
-        c.stamps is None and np.isfinite(c.values).sum() < MIN_SAMPLES <= c.values.size
-        for c in channels
-    ]
-    if any(rare):
-        names = listed(c.name for c, few in zip(channels, rare, strict=True) if few)
-        notes.append(f"not mapped, fewer than {MIN_SAMPLES} values: {names}")
-    return [c for c, few in zip(channels, rare, strict=True) if not few], notes
 
 
 # ---- the text ----------------------------------------------------------------------------------
@@ -236,7 +225,7 @@ def _signal_lines(
         if not answers.pressures:
             left.append(f"signals.{column}.pressure")
         lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
-    values = channel.values[np.isfinite(channel.values)]
+    values = channel.finite
     if values.size and (moves_in_steps(values) or held_by_jumps(values)):
         lines.append('interpolation = "hold"  # it moves in steps')
     return [*lines, ""]
@@ -252,7 +241,7 @@ def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
         if counts_rows(channel.values):
             return NONE, "it counts rows"
         hint = f"the log has {toml_string(logged)}; " if logged else ""
-        values = channel.values[np.isfinite(channel.values)]
+        values = channel.finite
         whole = values.size and not logged and bool((values == np.round(values)).all())
         counts = f"; counts: [signals.{column}_deg] and scale = 360 / (4 * lines)" if whole else ""
         text = f'{hint}"deg" makes {column} a column {column}_deg; "1" is a ratio{counts}'
@@ -272,7 +261,7 @@ def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
     if angles and unit(symbol).dimension in _TURNING:
         return angles + ("/s" if unit(symbol).dimension == _TURNING[1] else ""), "by --angles"
     if symbol == NONE:
-        values = channel.values[np.isfinite(channel.values)]
+        values = channel.finite
         if values.size and np.abs(values).max() <= EQUAL_TO:
             return NONE, "within -1 to 1"
         return UNANSWERED, '"1", "percent"? Of a quantity name the unit: [signals.NAME_UNIT]'
@@ -281,7 +270,7 @@ def _unit(column: str, chosen: Match, angles: str) -> tuple[str, str]:
 
 def _about(channel: Channel, time: ClockGuess | None = None) -> str:
     """Range, empty cells and rate of a channel."""
-    values = channel.values[np.isfinite(channel.values)]
+    values = channel.finite
     if not values.size:
         return "empty"
     unit_text = f" {channel.unit}" if channel.unit else ""
@@ -302,7 +291,7 @@ def _about(channel: Channel, time: ClockGuess | None = None) -> str:
 
 def _pressure_hint(channel: Channel, guessed: str) -> str:
     """Kind of pressure that the values suggest; it is reported, never used."""
-    values = channel.values[np.isfinite(channel.values)]
+    values = channel.finite
     if guessed == UNANSWERED or not values.size:
         return "A gauge sensor reads 0 with the air off, an absolute sensor about 101 kPa."
     low = float(values.min()) * read_unit(guessed).factor / 1e3

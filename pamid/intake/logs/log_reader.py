@@ -20,7 +20,6 @@ from pamid.intake.logs.stamp_parts import join_stamp_parts
 
 HEAD_BYTES = 4096
 
-
 _PICKLE = (
     "a pickle, which pamid does not load because it runs code",
     "Load it in the program that wrote it, and save the table: table.to_parquet('log.parquet').",
@@ -143,23 +142,17 @@ def _head(path: Path) -> bytes:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error
     if not head.strip(b"\0 \r\n\t"):
         raise FileError(f"{path} is empty.")
-    what, hint = _other_format(path, head)
+    formats = ((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark))
+    what, hint = next(formats, ("", ""))
+    if head.startswith(b"PK\x03\x04"):
+        member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+        what, hint = next((what, hint) for part, what, hint in _ARCHIVES if part in member)
+    elif head.startswith(_SQLITE) and path.suffix.lower() not in known_kinds()["ros"].suffixes:
+        table = 'sqlite3 -header -csv FILE "select * from TABLE" > log.csv'
+        what, hint = "an SQLite database, not a ROS bag", f"Save its table as CSV: {table}."
+    elif path.suffix.lower() in _PICKLE_SUFFIXES:
+        what, hint = _PICKLE
     if what:
         hint = hint.replace("FILE", quoted(path))
         raise FileError(f"{path} is {what}, which pamid cannot read as a log.", hint, code="kind")
     return head
-
-
-def _other_format(path: Path, head: bytes) -> tuple[str, str]:
-    """Kind of a file that is often mistaken for a log, and the remedy; "" for other files."""
-    if head.startswith(b"PK\x03\x04"):
-        member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
-        return next((what, hint) for part, what, hint in _ARCHIVES if part in member)
-    if head.startswith(_SQLITE) and path.suffix.lower() not in known_kinds()["ros"].suffixes:
-        table = 'sqlite3 -header -csv FILE "select * from TABLE" > log.csv'
-        return "an SQLite database, not a ROS bag", f"Save its table as CSV: {table}."
-    if path.suffix.lower() in _PICKLE_SUFFIXES:
-        return _PICKLE
-    return next(
-        ((what, hint) for mark, what, hint in _OTHER_FORMATS if head.startswith(mark)), ("", "")
-    )

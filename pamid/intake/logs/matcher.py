@@ -159,7 +159,15 @@ def channel_fits(channels: Sequence[Channel], rig: Rig) -> dict[tuple[str, int],
         role = roles.get(i)
         # column names of other rigs are not names of joints
         joint = role if rig.log_names or channel.robot is not None else None
-        numbered = role is not None and channel.robot is None and _is_numbered(role.element)
+        # a name that only has a quantity and a number: "torque_1"
+        numbered = (
+            role is not None
+            and channel.robot is None
+            and all(
+                word.isdigit() or word in JOINT_QUANTITIES
+                for word in tokens(role.element) or ("?",)
+            )
+        )
         for column in sorted(_columns(rig), key=rig.optional.__contains__):
             sent = column in rig.inputs and column not in rig.optional
             fit = words_fit(stem, dimension, column, sent, percent=True)
@@ -311,11 +319,6 @@ def _role_by_words(name: str) -> RobotValue | None:
     return RobotValue(group, "_".join(rest), 0, 1, quantity, names_command(last))
 
 
-def _is_numbered(element: str) -> bool:
-    """Whether a name only has a quantity and a number: "torque_1"."""
-    return all(word.isdigit() or word in JOINT_QUANTITIES for word in tokens(element) or ("?",))
-
-
 def _joint_fit(
     value: RobotValue, name: LogName, sizes: Mapping[str, int], dimension: Dimension | None
 ) -> ColumnFit:
@@ -414,23 +417,23 @@ def notes_on(channels: Sequence[Channel], rig: Rig, chosen: Mapping[str, Channel
         needed = column in rig.inputs and column not in rig.optional
         note = f"no channel found for {column} ({what})"
         note += ", which a recording needs." if needed else "."
-        hint = _other_quantity(name, values.values()) or _nearest_pairs(name.names, free)
+        # a command of another quantity than the model's
+        other = (
+            f"{value.group} sends a {value.quantity} to {value.element}, but the model "
+            f"commands the {name.quantity} of {name.names[0]}."
+            for value in values.values()
+            if value.quantity
+            and name.quantity
+            and value.quantity != name.quantity
+            and value.sent
+            and name.sent
+            and _by_name(value.element, name.names)[0]
+        )
+        hint = next(other, "") or _nearest_pairs(name.names, free)
         notes.append(f"{note} {hint}".rstrip())
     if free and of_robot:
         notes.append(f"in the log, not in the model: {listed(free)}.")
     return notes
-
-
-def _other_quantity(name: LogName, values: Iterable[RobotValue]) -> str:
-    """Sentence about a command of another quantity than the model's, or ""."""
-    for value in values:
-        other = bool(value.quantity and name.quantity) and value.quantity != name.quantity
-        if other and value.sent and name.sent and _by_name(value.element, name.names)[0]:
-            return (
-                f"{value.group} sends a {value.quantity} to {value.element}, but the model "
-                f"commands the {name.quantity} of {name.names[0]}."
-            )
-    return ""
 
 
 def _elements(values: Mapping[int, RobotValue]) -> list[str]:

@@ -96,17 +96,11 @@ def _walk(budget: MemoryBudget, source: _Source, order: str, size: int, depth: i
         if kind == MATRIX_TYPE:
             _walk(budget, source, order, length, depth + 1)
         else:
-            budget.charge(_PART, length // SIZES.get(kind, 1), raw=length)
-            _skip(source, min(padded, size))
+            budget.charge("its variables", length // SIZES.get(kind, 1), raw=length)
+            left = min(padded, size)
+            while left > 0 and (piece := source.read(min(left, TAKEN_BYTES))):
+                left -= len(piece)
         size -= padded
-
-
-_PART = "its variables"
-
-
-def _skip(source: _Source, size: int) -> None:
-    while size > 0 and (piece := source.read(min(size, TAKEN_BYTES))):
-        size -= len(piece)
 
 
 def _damaged(path: Path, why: str) -> FileError:

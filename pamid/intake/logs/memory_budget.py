@@ -33,9 +33,7 @@ class MemoryBudget:
     def charge(self, name: str, values: int, *, raw: int = 0) -> None:
         """Reserve float64 for `values` numbers of `name`, and `raw` temporary bytes.
 
-        raw     bytes of the values in the file's format, freed after the conversion
-
-        Raises FileError if the reserved sum exceeds the limit.
+        raw: of the values in the file's format. FileError if the reserved sum exceeds the limit.
         """
         self.charge_bytes(name, FLOAT * values, raw=raw)
 

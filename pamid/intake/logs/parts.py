@@ -25,7 +25,19 @@ OTHER_LENGTH = 0.02  # relative difference in length from which on runs are sepa
 def merged_parts(log: Log) -> tuple[Log, str]:
     """The log with a channel, named with `*`, for the channels of all parts, and a sentence about
     them; the unchanged log and "" if it is a single recording."""
-    parts = _largest_family(log.channels)
+    families: dict[tuple[str, ...], dict[str, dict[str, Channel]]] = {}
+    for channel in log.channels:
+        for family, key, pattern in _places(channel.name):
+            families.setdefault(family, {}).setdefault(key, {})[pattern] = channel
+    # the family with the most channels: part -> name with `*` -> channel
+    parts: dict[str, dict[str, Channel]] = {}
+    most = 0
+    for members in families.values():
+        whole = {key: part for key, part in members.items() if len(part) > 1}
+        alike = len(whole) > 1 and len({frozenset(part) for part in whole.values()}) == 1
+        count = sum(map(len, whole.values()))
+        if alike and count > most and _are_recordings(list(whole.values())):
+            parts, most = whole, count
     if not parts:
         return log, ""
     inside = {id(channel) for part in parts.values() for channel in part.values()}
@@ -46,9 +58,14 @@ def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
     patterns = [s for s in dict.fromkeys(sources) if ANY in s and s not in names]
     if not patterns:
         return [log]
-    fits = {pattern: _fitting(pattern, log.channels) for pattern in patterns}
-    for pattern, members in fits.items():
-        if not members:
+    # channels by the text of the `*`, in the order of the log
+    fits: dict[str, dict[str, Channel]] = {}
+    for pattern in patterns:
+        before, _, after = pattern.partition(ANY)
+        text = re.compile(re.escape(before) + "([^/]+)" + re.escape(after))
+        matched = ((text.fullmatch(channel.name), channel) for channel in log.channels)
+        fits[pattern] = {match[1]: channel for match, channel in matched if match}
+        if not fits[pattern]:
             raise FileError(
                 f"{where}: {pattern!r} fits no channel of {log.path}.",
                 f"Its channels are: {listed(sorted(names))}.",
@@ -68,31 +85,6 @@ def log_per_part(log: Log, sources: Iterable[str], where: str) -> list[Log]:
         named = [replace(members[key], name=pattern) for pattern, members in fits.items()]
         logs.append(replace(log, part=key, channels=(*named, *log.channels)))
     return logs
-
-
-def _fitting(pattern: str, channels: Sequence[Channel]) -> dict[str, Channel]:
-    """Channels that match the pattern, by the text of the `*`, in the order of the log."""
-    before, _, after = pattern.partition(ANY)
-    text = re.compile(re.escape(before) + "([^/]+)" + re.escape(after))
-    matched = ((text.fullmatch(channel.name), channel) for channel in channels)
-    return {match[1]: channel for match, channel in matched if match}
-
-
-def _largest_family(channels: Sequence[Channel]) -> Mapping[str, Mapping[str, Channel]]:
-    """Parts with the largest number of channels: part -> name with `*` -> channel."""
-    families: dict[tuple[str, ...], dict[str, dict[str, Channel]]] = {}
-    for channel in channels:
-        for family, key, pattern in _places(channel.name):
-            families.setdefault(family, {}).setdefault(key, {})[pattern] = channel
-    best: dict[str, dict[str, Channel]] = {}
-    most = 0
-    for members in families.values():
-        whole = {key: part for key, part in members.items() if len(part) > 1}
-        alike = len(whole) > 1 and len({frozenset(part) for part in whole.values()}) == 1
-        count = sum(map(len, whole.values()))
-        if alike and count > most and _are_recordings(list(whole.values())):
-            best, most = whole, count
-    return best
 
 
 def _places(name: str) -> list[tuple[tuple[str, ...], str, str]]:

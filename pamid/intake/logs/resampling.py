@@ -34,7 +34,6 @@ def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: flo
     # the median step of bursts with pauses is far below the mean spacing of samples
     period = max(float(np.median(np.diff(instants))), 0.2 * float(np.mean(np.diff(instants))))
     if step > COARSER * period:
-        from scipy.interpolate import PchipInterpolator
         from scipy.signal import firwin, oaconvolve
 
         count = int(round((instants[-1] - instants[0]) / period)) + 1

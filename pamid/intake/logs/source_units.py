@@ -198,10 +198,11 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
 
     registry, plain = _registry(), _normal(bare)
     words = [word for word in re.split(r"[\s*/()]+", plain.replace("**", "^")) if word]
+    no_unit = FileError(
+        f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
+    )
     if not all(_GRAMMAR.fullmatch(word.replace("^", "**")) for word in words):
-        raise FileError(
-            f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
-        )
+        raise no_unit
     try:
         dimension = registry.Quantity(1.0, plain).dimensionality
         powers = tuple(
@@ -222,9 +223,7 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
             f"{text!r} is not a known unit: {wrong!r} is unknown.", hint, code="unit"
         ) from None
     except Exception:  # pint raises many kinds of errors on other text
-        raise FileError(
-            f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
-        ) from None
+        raise no_unit from None
     return SourceUnit(text, step - offset, offset, powers, pressure)
 
 
@@ -235,7 +234,10 @@ def _normal(text: str) -> str:
         written, meant = spelling.split("=")
         text = text.replace(written, meant)
     words = frozenset(_names())
-    text = re.sub(r"\b[A-Z][a-z]{3,}\b", lambda m: _plain_word(m[0], words), text)
+    for word in re.findall(r"\b[A-Z][a-z]{3,}\b", text):
+        small = word.lower()  # only that may be a unit: "Volts"
+        if word not in words and words & {small, small.removesuffix("s")}:
+            text = re.sub(rf"\b{word}\b", small, text)
     text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
     text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)
     if re.search(r"[\s*/]", text):
@@ -243,12 +245,6 @@ def _normal(text: str) -> str:
             r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text
         )
     return text or "one"
-
-
-def _plain_word(word: str, known: frozenset[str]) -> str:
-    """Lower-case word if only that is a unit: "Volts" -> "volts"."""
-    small = word.lower()
-    return small if word not in known and known & {small, small.removesuffix("s")} else word
 
 
 @lru_cache(maxsize=1)

@@ -29,9 +29,19 @@ def join_stamp_parts(log: Log) -> Log:
     falls only where that advances.
     """
     rows = [c for c in log.channels if c.stamps is None]
-    groups = _named_parts(rows) or _epoch_pair(rows)
+    # channels with equal names except for the unit of time, by that unit
+    named: dict[tuple[str, ...], dict[str, Channel]] = {}
+    for channel in rows:
+        words = tokens(channel.name)
+        symbol = TIME_WORDS.get(words[-1], "") if words else ""
+        stem = words[:-1] if symbol else words
+        if is_readable(channel.unit) and read_unit(channel.unit).dimension == _SECOND:
+            symbol = channel.unit
+        if symbol:
+            named.setdefault(stem, {}).setdefault(symbol, channel)
+    groups = [[(c, s) for s, c in group.items()] for group in named.values() if len(group) > 1]
     channels, details = list(log.channels), list(log.details)
-    for parts in groups:
+    for parts in groups or _epoch_pair(rows):
         ordered = sorted(parts, key=lambda part: -_size(part[1]))
         values = _joined([(channel.values, _size(symbol)) for channel, symbol in ordered])
         if values is None:
@@ -45,24 +55,6 @@ def join_stamp_parts(log: Log) -> Log:
         channels = [c for c in channels if all(c is not part for part, _ in ordered)]
         details.append(f"{name}: {' + '.join(names)}, in s since the first")
     return replace(log, channels=tuple(channels), details=tuple(details))
-
-
-def _named_parts(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]:
-    """Channels with equal names except for the unit of time, and that unit."""
-    groups: dict[tuple[str, ...], dict[str, Channel]] = {}
-    for channel in channels:
-        words = tokens(channel.name)
-        symbol = TIME_WORDS.get(words[-1], "") if words else ""
-        stem = words[:-1] if symbol else words
-        if is_readable(channel.unit) and read_unit(channel.unit).dimension == _SECOND:
-            symbol = channel.unit
-        if symbol:
-            groups.setdefault(stem, {}).setdefault(symbol, channel)
-    return [
-        [(channel, symbol) for symbol, channel in group.items()]
-        for group in groups.values()
-        if len(group) > 1
-    ]
 
 
 def _epoch_pair(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]:

@@ -67,12 +67,9 @@ class Rows:
 def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -> Rows:
     """Sort the rows of a log and drop repeated ones.
 
-    stamps    s, (n,)
-    signals   (n,) each; they show whether rows with equal stamps are several samples or several
-              readings of the same sample
-    place     name of the channel in errors
-
-    Raises FileError if the channel is not a clock, DataError if too few rows have a stamp.
+    stamps: s, (n,). signals: (n,) each; they show whether rows with equal stamps are several
+    samples. place: name of the channel in errors. Raises FileError if the channel is not a clock,
+    DataError if too few rows have a stamp.
     """
     # rows whose stamp is a time, and the repair of the others
     keep, repairs = np.flatnonzero(np.abs(stamps) < AGES), []
@@ -87,7 +84,12 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
     if not twice.size:
         return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
-    differing = int(np.count_nonzero(~_written_twice(keep, twice, signals)))
+    # rows that equal the next row, of the same stamp, in every signal were written twice
+    same = np.ones(twice.size, dtype=bool)
+    for values in signals:
+        before, after = values[keep[twice]], values[keep[twice + 1]]
+        same &= (before == after) | (np.isnan(before) & np.isnan(after))
+    differing = int(np.count_nonzero(~same))
     if differing and _are_samples(stamps[keep], [values[keep] for values in signals], twice):
         if differing > BLOCK_SHARE * keep.size:
             return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
@@ -129,7 +131,14 @@ def _rising(
     repairs = []
     keep, starts, moved = _in_order(written.copy(), stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
-        keep, stamps = written, _caught_up(stamps, written, starts)
+        # lowered until all rise by at least a thousandth of a period, since a sample is older than
+        # the stamp of any later sample
+        keep = written
+        lowered, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[keep])))
+        for start, end in zip(starts, [*starts[1:], keep.size], strict=True):
+            piece, rise = keep[start:end], least * np.arange(end - start)
+            lowered[piece] = np.minimum.accumulate((stamps[piece] - rise)[::-1])[::-1] + rise
+        stamps = lowered
         detail = (
             f"{moved} stamps are below the one before; the signals are smooth in the order of the "
             "rows, so the stamps were late"
@@ -154,18 +163,6 @@ def _rising(
     return keep, stamps, starts, repairs
 
 
-def _written_twice(
-    keep: IntArray, twice: IntArray, signals: Sequence[FloatArray]
-) -> NDArray[np.bool_]:
-    """Whether a row that shares its stamp with the next row (at these places) equals it in every
-    signal."""
-    same = np.ones(twice.size, dtype=bool)
-    for values in signals:
-        before, after = values[keep[twice]], values[keep[twice + 1]]
-        same &= (before == after) | (np.isnan(before) & np.isnan(after))
-    return same
-
-
 def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntArray) -> bool:
     """Whether rows with the stamp of the next row (at these places) are separate samples, a period
     apart, and not readings of the same instant.
@@ -173,8 +170,8 @@ def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntAr
     A smooth signal advances from sample to sample by its slope. The steps between such rows are
     regressed on the steps expected from the rows around, c = sum(step due) / sum(due^2), with the
     standard error of White (1980), Econometrica 48(4). c is 1 for samples and 0 for readings of the
-    same instant. If no signal moves enough, the spacing of the stamps around decides. Rows are also
-    samples if most rows share their stamp, as in blocks.
+    same instant. If no signal moves enough, rows are samples if most rows share their stamp, as in
+    blocks, or if the stamps around leave enough time for so many samples.
     """
     parts = [_advance(values, twice) for values in signals]
     step, due = (np.concatenate([np.zeros(0), *(part[i] for part in parts)]) for i in (0, 1))
@@ -184,7 +181,17 @@ def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntAr
         error = float(np.sqrt(np.sum((due * (step - coefficient * due)) ** 2))) / weight
         if abs(coefficient - 0.5) > 2.0 * error:
             return coefficient > 0.5
-    return 2 * twice.size > stamps.size or _take_time(stamps)
+    if 2 * twice.size > stamps.size:
+        return True
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[steps > 0.0]))
+    first, last = runs_of(steps == 0.0)
+    inner = (first > 0) & (last < steps.size)
+    first, last = first[inner], last[inner]
+    if not first.size:
+        return False
+    spare = (steps[first - 1] + steps[last] - 2.0 * usual) / ((last - first) * usual)
+    return float(np.median(spare)) >= 0.5
 
 
 def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -204,19 +211,6 @@ def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArra
     step, due = step[moves], due[moves]
     size = float(np.sqrt(np.mean(due**2))) if due.size else 1.0
     return step / size, due / size
-
-
-def _take_time(stamps: FloatArray) -> bool:
-    """Whether the stamps around rows with equal stamps leave enough time for so many samples."""
-    steps = np.diff(stamps)
-    usual = float(np.median(steps[steps > 0.0]))
-    first, last = runs_of(steps == 0.0)
-    inner = (first > 0) & (last < steps.size)
-    first, last = first[inner], last[inner]
-    if not first.size:
-        return False
-    spare = (steps[first - 1] + steps[last] - 2.0 * usual) / ((last - first) * usual)
-    return float(np.median(spare)) >= 0.5
 
 
 def _spread(stamps: FloatArray) -> FloatArray:
@@ -261,6 +255,12 @@ def rough_period(rows: Rows) -> float:
     return middle
 
 
+def follow_rows(stamps: FloatArray) -> int:
+    """Number of rows after which late stamps have returned to the clock."""
+    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
+    return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
+
+
 def count_samples(stamps: FloatArray, period: float) -> IntArray:
     """Sample index on an even clock of each row, (n,), from 0; missing samples are counted.
 
@@ -271,8 +271,7 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     from scipy.ndimage import minimum_filter1d
 
     n = stamps.size
-    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
-    window = min(max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
+    window = min(follow_rows(stamps), n)
     residual = stamps / period - np.arange(n)
     lowest_ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
     # no later rows show whether the last ones are late or follow a missing sample
@@ -412,13 +411,3 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
         if as_written + as_sorted > 0.0:
             votes.append((as_sorted - as_written) / (as_sorted + as_written))
     return sum(votes) > 0.0
-
-
-def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Late stamps lowered until all rise by at least a thousandth of a period, since a sample is
-    older than the stamp of any later sample."""
-    restored, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
-    for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
-        piece, rise = rows[start:end], least * np.arange(end - start)
-        restored[piece] = np.minimum.accumulate((stamps[piece] - rise)[::-1])[::-1] + rise
-    return restored

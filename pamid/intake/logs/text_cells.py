@@ -188,6 +188,13 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
     half = parts["half"].astype(object).fillna(parts["only_half"].astype(object)).str.lower()
     hours = np.where(half.notna(), hours % 12, hours)
     hours = hours + np.where((half == "pm").fillna(False), 12.0, 0.0)
+    # offsets of time zones from UTC, s; 0 if none is written
+    zones = parts["zone"].astype(object)
+    offsets = {zone: 0.0 for zone in zones.dropna().unique()}
+    for zone in offsets:
+        if zone[0] in "+-":
+            sign = -1.0 if zone[0] == "-" else 1.0
+            offsets[zone] = sign * (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60)
     digits = parts["fraction"].astype(object).fillna(parts["only_fraction"].astype(object))
     fractions = np.nan_to_num(_floats("0." + digits))
     seconds = (
@@ -195,7 +202,7 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
         + hours * 3600
         + part("minute", "only_minute") * 60
         + part("second", "only_second")
-        - _zones(parts["zone"].astype(object))
+        - np.nan_to_num(_floats(zones.map(offsets)))
     )
     if np.isnan(days).all():
         days = np.zeros(len(text))
@@ -259,16 +266,6 @@ def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> Float
     first = months.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
     days = first + np.where(there, day, 1) - 1
     return np.where(there, days, np.nan)
-
-
-def _zones(zones: Any) -> FloatArray:
-    """Offset of a time zone from UTC, s; 0 if none is written."""
-    seconds = {zone: 0.0 for zone in zones.dropna().unique()}
-    for zone in seconds:
-        if zone[0] in "+-":
-            sign = -1.0 if zone[0] == "-" else 1.0
-            seconds[zone] = sign * (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60)
-    return np.nan_to_num(_floats(zones.map(seconds)))
 
 
 def _floats(cells: Any) -> FloatArray:

@@ -28,11 +28,11 @@ import numpy as np
 from pamid.base.metrics import FloatArray
 from pamid.base.schemas.ingest_file import ClockRepair, ClockWitness
 from pamid.intake.logs.stamps import (
-    LATE_WINDOW,
     IntArray,
     Rows,
     count_samples,
     fit_clock,
+    follow_rows,
     repair,
     rough_period,
 )
@@ -57,6 +57,8 @@ LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
 JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
 # largest deviation of the earliest stamps from an even clock, periods; beyond it there is none
 MOST_WANDER = 3.0
+# s: decimal prints, and 1/64 s, the default tick of Windows
+TICKS = (1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6)
 # a gap splits the recording if it is longer than this many periods, unless the mapping sets it
 GAP_PERIODS = 10
 
@@ -99,12 +101,14 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
     counts = np.concatenate([np.diff(samples[p]) for p in pieces])
     rounding = 2.0 * float(np.spacing(np.abs(rows.stamps).max()))
+    centred = late - late.mean()
+    spread = float(np.sqrt(np.mean(centred**2)))
     numbers = {
         "period_s": period,
         "earliest_s": float(late.min()),
         "latest_s": float(late.max()),
         "spread_s": float(late.std()),
-        "skewness": _skewness(late),
+        "skewness": float(np.mean(centred**3)) / spread**3 if spread else 0.0,
     }
     if np.abs(steps - counts * period).max(initial=0.0) <= UNIFORM_TO * period + rounding:
         why = "the stamps are even to 1 % of a period"
@@ -117,7 +121,15 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
         )
         numbers["shared_stamps"] = share
         return StampDiagnosis("blocks", "late-stamps", why, period, numbers)
-    tick = _tick(rows.stamps, steps, rounding)
+    # time of which all stamps are whole multiples; 0 if there is none that matters
+    tick, positive = 0.0, steps[steps > rounding]
+    for candidate in TICKS if positive.size else ():
+        multiples = (rows.stamps - rows.stamps[0]) / candidate
+        off = np.abs(multiples - np.round(multiples)).max()
+        matters = candidate < 2.5 * float(np.median(positive))
+        if matters and off <= max(1e-6, 4.0 * rounding / candidate):
+            tick = candidate
+            break
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
         why = (
             f"the stamps are whole multiples of {_time(tick)} and deviate from an even clock by "
@@ -142,10 +154,7 @@ def reconstructed_time_base(
     lost = sum(int((np.diff(samples[p]) - 1).sum()) for p in pieces)
     if cure == "jittered-sampling":
         limit = GAP_PERIODS * period if max_gap is None else max_gap
-        pieces = _between(
-            sorted({*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}),
-            rows.stamps.size,
-        )
+        pieces = _between_gaps(rows, np.diff(rows.stamps), limit)
         # sampling with cumulative errors has no even clock, so the steps show missing samples
         steps = sum(
             int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
@@ -158,7 +167,7 @@ def reconstructed_time_base(
     instants = even.copy()
     for piece in pieces:
         if clock.wanders:
-            instants[piece] += _earliest(late[piece], _follow_rows(rows, piece))
+            instants[piece] += _earliest(late[piece], follow_rows(rows.stamps[piece]))
         elif cure == "late-stamps":
             instants[piece] += float(np.quantile(late[piece], LEAST_LATENCY_QUANTILE))
     repairs = _repairs(instants, pieces, rows.starts, lost)
@@ -194,18 +203,16 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     for _ in range(2):
         limit = GAP_PERIODS * period if max_gap is None else max_gap
         samples = np.concatenate([count_samples(rows.stamps[p], period) for p in rows.pieces()])
-        cuts = {*rows.starts, *(np.flatnonzero(np.diff(samples) * period > limit) + 1).tolist()}
-        split = _between(sorted(cuts), rows.stamps.size)
+        split = _between_gaps(rows, np.diff(samples) * period, limit)
         period, begins = fit_clock(rows.stamps, samples, split)
     late = np.concatenate(
         [rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)]
     )
     # a late host returns to the even clock; sampling at a lower rate does not
-    wander = max(float(np.ptp(_earliest(late[p], _follow_rows(rows, p)))) for p in split)
+    wander = max(float(np.ptp(_earliest(late[p], follow_rows(rows.stamps[p])))) for p in split)
     if wander <= MOST_WANDER * period:
         return _EvenClock(samples, split, period, late)
-    cuts = {*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}
-    split = _between(sorted(cuts), rows.stamps.size)
+    split = _between_gaps(rows, np.diff(rows.stamps), limit)
     spans = [rows.stamps[piece.stop - 1] - rows.stamps[piece.start] for piece in split]
     period = float(sum(spans)) / max(1, rows.stamps.size - len(split))
     samples = np.arange(rows.stamps.size, dtype=np.int64)
@@ -213,12 +220,6 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     for piece in split:
         late[piece] -= np.median(late[piece])
     return _EvenClock(samples, split, period, late, wanders=True)
-
-
-def _follow_rows(rows: Rows, piece: slice) -> int:
-    """Number of rows after which late stamps have returned to the clock."""
-    runs = np.diff(np.flatnonzero(np.diff(rows.stamps[piece]) > 0.0), prepend=-1)
-    return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
 
 
 def _earliest(late: FloatArray, window: int) -> FloatArray:
@@ -362,21 +363,6 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockW
     )
 
 
-def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
-    """Time (s) of which all stamps are whole multiples; 0.0 if there is none that matters."""
-    positive = steps[steps > rounding]
-    if not positive.size:
-        return 0.0
-    # decimal prints, and 1/64 s, the default tick of Windows
-    candidates = [1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6]
-    for tick in candidates:
-        if tick < 2.5 * float(np.median(positive)):
-            multiples = (stamps - stamps[0]) / tick
-            if np.abs(multiples - np.round(multiples)).max() <= max(1e-6, 4.0 * rounding / tick):
-                return tick
-    return 0.0
-
-
 def _repairs(
     instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
 ) -> tuple[ClockRepair, ...]:
@@ -391,14 +377,10 @@ def _repairs(
     return tuple(repairs)
 
 
-def _between(cuts: list[int], end: int) -> list[slice]:
-    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], end], strict=True)]
-
-
-def _skewness(values: FloatArray) -> float:
-    centred = values - values.mean()
-    spread = float(np.sqrt(np.mean(centred**2)))
-    return float(np.mean(centred**3)) / spread**3 if spread else 0.0
+def _between_gaps(rows: Rows, steps: FloatArray, limit: float) -> list[slice]:
+    """Pieces between settings of the clock and steps longer than the limit (s)."""
+    cuts = sorted({*rows.starts, *(np.flatnonzero(steps > limit) + 1).tolist()})
+    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], rows.stamps.size], strict=True)]
 
 
 def _time(seconds: float) -> str:

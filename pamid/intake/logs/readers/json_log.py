@@ -36,9 +36,13 @@ def _parsed(builder: ChannelBuilder, text: str) -> Any:
     lines = [line for line in text.split("\n") if line.strip()]
     try:
         values = [json.loads(line) for line in lines[:-1]]
-        values += _last(builder, lines[-1])
     except json.JSONDecodeError:
         values = []
+    else:
+        try:
+            values.append(json.loads(lines[-1]))
+        except json.JSONDecodeError:
+            builder.note("the last line is incomplete and is left out")
     if len(values) < 2:
         raise FileError(
             f"{builder.path}, line {whole.lineno}: {whole.msg}: this is not JSON.",
@@ -46,14 +50,6 @@ def _parsed(builder: ChannelBuilder, text: str) -> Any:
             code="damaged",
         )
     return values
-
-
-def _last(builder: ChannelBuilder, line: str) -> list[Any]:
-    try:
-        return [json.loads(line)]
-    except json.JSONDecodeError:
-        builder.note("the last line is incomplete and is left out")
-        return []
 
 
 def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
@@ -71,10 +67,14 @@ def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
 def _enter_record(builder: ChannelBuilder, name: str, record: dict[str, Any]) -> None:
     arrays = [key for key, value in record.items() if isinstance(value, list)]
     unit = next((record[k] for k in _UNIT_KEYS if isinstance(record.get(k), str)), "")
-    names = record.get("columns")
-    if isinstance(names, list) and _is_table(record.get("data"), len(names)):  # as pandas splits it
+    names, rows = record.get("columns"), record.get("data")
+    if (  # as pandas splits a table
+        isinstance(names, list)
+        and isinstance(rows, list)
+        and all(_is_plain(row) and len(row) == len(names) for row in rows)
+    ):
         for column, key in enumerate(names):
-            _column(builder, _inside(name, str(key)), [row[column] for row in record["data"]])
+            _column(builder, _inside(name, str(key)), [row[column] for row in rows])
     elif unit and len(arrays) == 1 and _is_plain(record[arrays[0]]):
         _column(builder, name or arrays[0], record[arrays[0]], unit)
     elif len(record) > 1 and list(record) == [str(i) for i in range(len(record))]:
@@ -87,13 +87,19 @@ def _enter_record(builder: ChannelBuilder, name: str, record: dict[str, Any]) ->
 def _enter_list(builder: ChannelBuilder, name: str, values: list[Any]) -> None:
     if _is_plain(values):
         _column(builder, name, values)
-    elif all(isinstance(value, dict) for value in values) and _are_rows(values):
+        return
+    there = [value for value in values if value is not None]
+    of_records = all(isinstance(value, dict) for value in there)
+    # columns of rows of numbers; 0 where they are none
+    widths = {len(value) if _is_plain(value) else 0 for value in there}
+    width = widths.pop() if len(widths) == 1 else 0
+    if of_records and len(there) == len(values) and _are_rows(values):
         keys = dict.fromkeys(key for value in values for key in value)
         for key in keys:
             _enter_list(builder, _inside(name, key), [value.get(key) for value in values])
-    elif _is_record_column(values):  # some records lack it
+    elif of_records and len(there) < len(values):  # some records lack it
         _enter_list(builder, name, [value if isinstance(value, dict) else {} for value in values])
-    elif width := _width(values):
+    elif 0 < width <= min(MAX_COLUMNS, len(values)):
         for column in range(width):
             cells = [None if row is None else row[column] for row in values]
             _column(builder, _inside(name, str(column + 1)), cells)
@@ -117,15 +123,6 @@ def _is_plain(values: Any) -> bool:
     return isinstance(values, list) and not any(isinstance(value, list | dict) for value in values)
 
 
-def _is_table(rows: Any, width: int) -> bool:
-    return isinstance(rows, list) and all(_is_plain(row) and len(row) == width for row in rows)
-
-
-def _is_record_column(values: list[Any]) -> bool:
-    there = [value for value in values if value is not None]
-    return 0 < len(there) < len(values) and all(isinstance(item, dict) for item in there)
-
-
 def _are_rows(records: list[Any]) -> bool:
     """Are these samples? Else they are recordings, with arrays of different lengths."""
     count = len(records)
@@ -141,14 +138,6 @@ def _are_rows(records: list[Any]) -> bool:
         if any(len(array) >= count or not _is_plain(array) for array in arrays):
             return False
     return True
-
-
-def _width(values: list[Any]) -> int:
-    """Columns of rows of numbers; 0 where they are none."""
-    rows = [row for row in values if row is not None]
-    widths = {len(row) if _is_plain(row) else 0 for row in rows}
-    width = widths.pop() if len(widths) == 1 else 0
-    return width if 0 < width <= min(MAX_COLUMNS, len(values)) else 0
 
 
 KIND = Kind("json", (".json", ".jsonl", ".ndjson"), read_json)

@@ -60,30 +60,26 @@ def read_lerobot(builder: ChannelBuilder) -> None:
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     if not files:
         raise FileError(f"{root / 'data'}: there are no Parquet files.", code="no-signals")
-    tables = [_table(builder, file) for file in files]
+    tables: list[dict[str, Any]] = []
+    for file in files:
+        open_data(file, LOG).close()  # a regular file of a size that can be read
+        tables.append({name: values for name, values, _ in columns_of(builder, file)})
     wanted = [name for name in tables[0] if all(name in table for table in tables)]
     for name in {name for table in tables for name in table}.difference(wanted):
         builder.leave_out(name, "not in every file")
-    whole = {name: _joined(builder, name, [t[name] for t in tables]) for name in wanted}
-    stamps = _stamps(builder, {n: v for n, v in whole.items() if v is not None}, info, files[0])
+    whole: dict[str, Any] = {}
+    for name in wanted:
+        parts = [table[name] for table in tables]
+        if len({part.shape[1:] for part in parts}) > 1:
+            builder.leave_out(name, "another number of values from file to file")
+            continue
+        # the columns of the files, joined; then every channel
+        builder.budget.charge(name, 2 * sum(part.size for part in parts))
+        whole[name] = np.concatenate(parts)
+    stamps = _stamps(builder, whole, info, files[0])
     for name, values in whole.items():
-        if name not in _PLACES and values is not None:
+        if name not in _PLACES:
             _enter(builder, name, values, stamps, features.get(name))
-
-
-def _table(builder: ChannelBuilder, file: Path) -> dict[str, Any]:
-    """Columns of a file by name."""
-    open_data(file, LOG).close()  # a regular file of a size that can be read
-    return {name: values for name, values, _ in columns_of(builder, file)}
-
-
-def _joined(builder: ChannelBuilder, name: str, parts: list[Any]) -> Any:
-    if len({part.shape[1:] for part in parts}) > 1:
-        builder.leave_out(name, "another number of values from file to file")
-        return None
-    # the columns of the files, joined; then every channel
-    builder.budget.charge(name, 2 * sum(part.size for part in parts))
-    return np.concatenate(parts)
 
 
 # ---- the time ------------------------------------------------------------------------------------
@@ -100,7 +96,18 @@ def _stamps(
     stamps = np.asarray(columns["timestamp"], dtype=np.float64)
     if stamps.ndim != 1 or not np.isfinite(stamps).all():
         raise FileError(f"{file}: timestamp is not a number in every row.", code="stamps")
-    stamps = _exact(builder, stamps, columns.get("frame_index"), info.get("fps"))
+    # the stamps without the rounding of single precision
+    frames, fps = columns.get("frame_index"), info.get("fps")
+    if (
+        frames is not None
+        and isinstance(fps, int | float)
+        and not isinstance(fps, bool)
+        and fps > 0
+    ):
+        even = np.asarray(frames, dtype=np.float64) / fps
+        if even.shape == stamps.shape and np.abs(even - stamps).max() < min(_EXACT, 0.05 / fps):
+            builder.note(f"stamps: frame_index / {fps:g}, which timestamp agrees with")
+            stamps = even
     episode = np.asarray(columns.get("episode_index", np.zeros(len(stamps))))
     begins = [0, *(np.flatnonzero(np.diff(episode) != 0) + 1).tolist(), len(stamps)]
     step = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -118,17 +125,6 @@ def _stamps(
     return shifted
 
 
-def _exact(builder: ChannelBuilder, stamps: FloatArray, frames: Any, fps: Any) -> FloatArray:
-    """The stamps without the rounding of single precision."""
-    if frames is None or not isinstance(fps, int | float) or isinstance(fps, bool) or not fps > 0:
-        return stamps
-    even: FloatArray = np.asarray(frames, dtype=np.float64) / fps
-    if even.shape == stamps.shape and np.abs(even - stamps).max() < min(_EXACT, 0.05 / fps):
-        builder.note(f"stamps: frame_index / {fps:g}, which timestamp agrees with")
-        return even
-    return stamps
-
-
 # ---- the vectors ---------------------------------------------------------------------------------
 
 
@@ -142,23 +138,20 @@ def _enter(
     of_robot = name.startswith("action") or (
         name.startswith("observation") and not name.startswith("observation.environment")
     )
+    of_group = next((JOINT_QUANTITIES[w] for w in tokens(name) if w in JOINT_QUANTITIES), "")
     for place in range(size):
         axis_name = names[place] if names else ""
         label = f"{name}/{axis_name or place + 1}" if size > 1 or axis_name else name
-        robot = _robot(name, axis_name, place, size) if of_robot else None
+        robot = None
+        if of_robot:
+            # "shoulder_pan.pos" is a position of shoulder_pan
+            element, _, ending = axis_name.rpartition(".")
+            quantity = JOINT_QUANTITIES.get(ending, "") if element else ""
+            element, quantity = (element, quantity) if quantity else (axis_name, of_group)
+            robot = RobotValue(name, element, place, size, quantity, names_command(name))
         builder.add(label, values[:, place], stamps, robot=robot)
     if of_robot and not names and size > 1:
         builder.note(f"{name}: {INFO} does not name its {size} values")
-
-
-def _robot(group: str, name: str, place: int, size: int) -> RobotValue:
-    """Role of a value by its name: "shoulder_pan.pos" is a position of shoulder_pan."""
-    element, _, ending = name.rpartition(".")
-    quantity = JOINT_QUANTITIES.get(ending, "") if element else ""
-    if not quantity:
-        element = name
-        quantity = next((JOINT_QUANTITIES[w] for w in tokens(group) if w in JOINT_QUANTITIES), "")
-    return RobotValue(group, element, place, size, quantity, names_command(group))
 
 
 def _names(feature: Any, size: int) -> list[str]:

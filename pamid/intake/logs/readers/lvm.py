@@ -13,7 +13,6 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.channels import Channel
 from pamid.intake.logs.dialect import TextDialect
 from pamid.intake.logs.log_kinds import Kind
 from pamid.intake.logs.readers.text import add_table, decode
@@ -108,21 +107,19 @@ def _segment(
         if channel.name.startswith("X_Value"):
             x = channel.values
             continue
-        stamps = _even_stamps(channel, tags, number, way.decimal) if way.x_columns == "No" else x
+        stamps = x
+        if way.x_columns == "No":  # X0 + k Delta_X, if the header says both
+            try:
+                start, step = (
+                    float(tags[tag][number].replace(way.decimal, ".")) for tag in ("X0", "Delta_X")
+                )
+                samples = np.arange(channel.values.size, dtype=np.float64)
+                stamps = start + step * samples if step > 0 else None
+            except (KeyError, IndexError, ValueError):
+                stamps = None
         unit = units[number] if number < len(units) else ""
         builder.add(prefix + channel.name, channel.values, stamps, unit)
         number += 1
-
-
-def _even_stamps(
-    channel: Channel, tags: dict[str, list[str]], number: int, decimal: str
-) -> FloatArray | None:
-    """X0 + k Delta_X of the channel with this number; None if the header does not say."""
-    try:
-        start, step = (float(tags[tag][number].replace(decimal, ".")) for tag in ("X0", "Delta_X"))
-    except (KeyError, IndexError, ValueError):
-        return None
-    return start + step * np.arange(channel.values.size, dtype=np.float64) if step > 0 else None
 
 
 KIND = Kind("lvm", (".lvm",), read_lvm, (b"LabVIEW Measurement",))

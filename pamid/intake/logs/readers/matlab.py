@@ -24,8 +24,6 @@ OPAQUE = (
     "an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries "
     "x, the timetable of a Dataset"
 )
-
-
 CELL_TEXT_BYTES = 80  # bytes of a short text and of its place in a list
 OCTAVE_STRUCTS = ("struct", "scalar struct")
 
@@ -83,8 +81,18 @@ def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
     elif isinstance(value, list):
         for index, item in enumerate(value):
             _enter(builder, f"{name}/{index + 1}", item)
+    elif type(value).__module__.startswith("pandas") and hasattr(value, "columns"):
+        # a table, or a timetable, whose row times become the stamps
+        times = np.asarray(value.index.to_numpy())
+        stamps = None
+        if times.dtype.kind in "mM" and times.size:
+            spans = times - times[0] if times.dtype.kind == "M" else times
+            stamps = spans.astype("timedelta64[ns]").astype(np.int64) / 1e9
+            builder.note(f"{name}: timetable, stamps from its row times")
+        for column in value.columns:
+            _add(builder, f"{name}/{column}", value[column].to_numpy(), stamps, "")
     elif type(value).__module__.startswith("pandas"):
-        _enter_table(builder, name, value)
+        builder.leave_out(name, "not an array of numbers")
     elif isinstance(value, str):
         builder.leave_out(name, "text")
     else:
@@ -94,9 +102,26 @@ def _enter(builder: ChannelBuilder, name: str, value: Any) -> None:
 def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
     folded = {key.casefold(): key for key in value}
     if "X" in value and "Y" in value and all("Data" in struct for struct in _structs(value["Y"])):
-        _enter_controldesk(builder, name, value)
+        # ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its stamps
+        rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
+        builder.note(f"{name}: ControlDesk structure, stamps from X")
+        for index, struct in enumerate(_structs(value["Y"])):
+            which = struct.get("XIndex")
+            raster = 0
+            if isinstance(which, np.ndarray) and which.size:
+                raster = int(np.ravel(which)[0]) - 1
+            label = str(struct.get("Name") or index + 1).replace('"', "")
+            stamps = rasters[raster] if 0 <= raster < len(rasters) else None
+            _add(builder, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
     elif {"time", "signals"} <= folded.keys():
-        _enter_simulink(builder, name, value[folded["time"]], _structs(value[folded["signals"]]))
+        # Structure With Time of Simulink; without time its signals have no stamps
+        stamps, signals = _stamps(value[folded["time"]]), _structs(value[folded["signals"]])
+        source = "without time" if stamps is None else "stamps from its time"
+        builder.note(f"{name}: Simulink structure, {source}")
+        for index, signal in enumerate(signals):
+            label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
+            full = f"{name}/{label}" if isinstance(label, str) and label else name
+            _add(builder, full, signal.get("values"), stamps, _unit(signal))
     elif {"time", "data"} <= folded.keys() and isinstance(value[folded["time"]], np.ndarray):
         stamps = _stamps(value[folded["time"]])
         builder.note(f"{name}: stamps from its field {folded['time']}")
@@ -104,47 +129,6 @@ def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> 
     else:
         for key, inside in value.items():
             _enter(builder, f"{name}/{key}", inside)
-
-
-def _enter_simulink(
-    builder: ChannelBuilder, name: str, time: Any, signals: list[dict[str, Any]]
-) -> None:
-    """Structure With Time of Simulink; without time its signals have no stamps."""
-    stamps = _stamps(time)
-    source = "without time" if stamps is None else "stamps from its time"
-    builder.note(f"{name}: Simulink structure, {source}")
-    for index, signal in enumerate(signals):
-        label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
-        full = f"{name}/{label}" if isinstance(label, str) and label else name
-        _add(builder, full, signal.get("values"), stamps, _unit(signal))
-
-
-def _enter_controldesk(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> None:
-    """Enter an export of ControlDesk: X has the stamps, and XIndex (from 1) of each Y points to its
-    stamps."""
-    rasters = [_stamps(struct.get("Data")) for struct in _structs(value["X"])]
-    builder.note(f"{name}: ControlDesk structure, stamps from X")
-    for index, struct in enumerate(_structs(value["Y"])):
-        which = struct.get("XIndex")
-        raster = int(np.ravel(which)[0]) - 1 if isinstance(which, np.ndarray) and which.size else 0
-        label = str(struct.get("Name") or index + 1).replace('"', "")
-        stamps = rasters[raster] if 0 <= raster < len(rasters) else None
-        _add(builder, f"{name}/{label}", struct["Data"], stamps, _unit(struct))
-
-
-def _enter_table(builder: ChannelBuilder, name: str, table: Any) -> None:
-    """A MATLAB table or timetable; row times become the stamps."""
-    if not hasattr(table, "columns"):
-        builder.leave_out(name, "not an array of numbers")
-        return
-    index = np.asarray(table.index.to_numpy())
-    stamps = None
-    if index.dtype.kind in "mM" and index.size:
-        spans = (index - index[0] if index.dtype.kind == "M" else index).astype("timedelta64[ns]")
-        stamps = spans.astype(np.int64) / 1e9
-        builder.note(f"{name}: timetable, stamps from its row times")
-    for column in table.columns:
-        _add(builder, f"{name}/{column}", table[column].to_numpy(), stamps, "")
 
 
 def _add(

@@ -38,7 +38,12 @@ def read_mdf(builder: ChannelBuilder) -> None:
             name = (
                 channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
             )
-            if _reserve(builder, groups[number].channel_group, name):
+            # memory for a channel and its stamps, by the records that its group declares
+            group = groups[number].channel_group
+            cycles = int(group.cycles_nr)
+            record = int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
+            if builder.reserve(name, (cycles,), record):
+                builder.budget.charge(name, cycles)
                 reserved.append((number, index, name))
         for number, index, name in reserved:  # the sum of all is known before any is read
             _add(builder, file, number, index, name)
@@ -52,7 +57,11 @@ def _add(builder: ChannelBuilder, file: Any, number: int, index: int, name: str)
     if conversion in _FORMULA[four]:
         builder.leave_out(name, "its conversion is a formula")
         return
-    if _clock_conversion(file, number) in _FORMULA[four]:
+    # whoever reads a channel evaluates the conversion of the clock of its group, too
+    master = file.masters_db.get(number)
+    clock = None if master is None else group.channels[master]
+    clock_conversion = getattr(clock, "conversion", None)
+    if getattr(clock_conversion, "conversion_type", None) in _FORMULA[four]:
         builder.leave_out(name, "the conversion of its clock is a formula")
         return
     words = conversion in _TEXT[four]
@@ -68,38 +77,14 @@ def _add(builder: ChannelBuilder, file: Any, number: int, index: int, name: str)
         if invalid.any():
             builder.note(f"{name}: {int(invalid.sum())} values are marked invalid and become empty")
             values = np.where(invalid, np.nan, values.astype(np.float64))
-    stamps = _stamps(builder, file, number, signal, name)
-    builder.add(name, values, stamps, signal.unit or "")
-
-
-def _reserve(builder: ChannelBuilder, group: Any, name: str) -> bool:
-    """Reserve memory for a channel and its stamps by the records that its group declares."""
-    cycles = int(group.cycles_nr)
-    record = int(group.samples_byte_nr) + int(getattr(group, "invalidation_bytes_nr", 0))
-    if not builder.reserve(name, (cycles,), record):
-        return False
-    builder.budget.charge(name, cycles)
-    return True
-
-
-def _clock_conversion(file: Any, number: int) -> Any:
-    """The conversion_type of the channel that stamps a group: whoever reads another channel
-    evaluates it, too."""
-    master = file.masters_db.get(number)
-    clock = None if master is None else file.groups[number].channels[master]
-    return getattr(getattr(clock, "conversion", None), "conversion_type", None)
-
-
-def _stamps(builder: ChannelBuilder, file: Any, number: int, signal: Any, name: str) -> Any:
-    master = file.masters_db.get(number)
-    if master is None:
+    stamps = None
+    if clock is None:
         builder.note(f"{name}: its group has no clock")
-        return None
-    channel = file.groups[number].channels[master]
-    if getattr(channel, "sync_type", 1) not in _TIME_MASTER:
-        builder.note(f"{name}: its group counts in {channel.name!r}, not in time")
-        return None
-    return np.asarray(signal.timestamps, dtype=np.float64)
+    elif getattr(clock, "sync_type", 1) not in _TIME_MASTER:
+        builder.note(f"{name}: its group counts in {clock.name!r}, not in time")
+    else:
+        stamps = np.asarray(signal.timestamps, dtype=np.float64)
+    builder.add(name, values, stamps, signal.unit or "")
 
 
 KIND = Kind(

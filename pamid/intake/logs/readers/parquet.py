@@ -27,6 +27,7 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
     """(name, values, unit) of every column that can be a channel, or (n, m) lists of m numbers; the
     others are left out by name."""
     import pyarrow
+    import pyarrow.compute
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
@@ -48,12 +49,19 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
         for name in reserved:
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
-            if _is_list(field.type):
-                values = _lists(builder, name, column, file.metadata.num_rows)
-                if values is not None:
-                    yield name, values, _unit(field)
-            else:
+            if not _is_list(field.type):
                 yield name, _values(pyarrow, column), _unit(field)
+                continue
+            lengths = pyarrow.compute.list_value_length(column).drop_null().unique().to_pylist()
+            if len(lengths) != 1 or not lengths[0]:
+                builder.leave_out(name, "lists of different lengths" if lengths else "empty")
+                continue
+            builder.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
+            flat = pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False)
+            flat = flat.fill_null(np.nan)
+            values = np.full((rows, lengths[0]), np.nan)  # NaN where a list is missing
+            values[column.is_valid().to_numpy()] = flat.to_numpy().reshape(-1, lengths[0])
+            yield name, values, _unit(field)
 
 
 def _is(kind: Any, *words: str) -> bool:
@@ -66,25 +74,6 @@ def _is(kind: Any, *words: str) -> bool:
 def _is_list(kind: Any) -> bool:
     lists = _is(kind, "list", "large_list", "fixed_size_list")
     return lists and _is(kind.value_type, "floating", "integer")
-
-
-def _lists(builder: ChannelBuilder, name: str, column: Any, rows: int) -> Any:
-    """A column of lists as (n, m), NaN where a list is missing; None, and left out, where their
-    lengths differ."""
-    import pyarrow
-    import pyarrow.compute
-
-    lengths = pyarrow.compute.list_value_length(column).drop_null().unique().to_pylist()
-    if len(lengths) != 1 or not lengths[0]:
-        builder.leave_out(name, "lists of different lengths" if lengths else "empty")
-        return None
-    builder.budget.charge(name, 0, raw=FLOAT * rows * lengths[0])
-    flat = pyarrow.compute.list_flatten(column).cast(pyarrow.float64(), safe=False)
-    flat = flat.fill_null(np.nan)
-    there = column.is_valid().to_numpy()
-    values = np.full((rows, lengths[0]), np.nan)
-    values[there] = flat.to_numpy().reshape(-1, lengths[0])
-    return values
 
 
 def _columns(builder: ChannelBuilder, file: Any) -> list[str]:

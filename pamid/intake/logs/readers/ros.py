@@ -156,19 +156,16 @@ class _Flat:
             parts.pop("header", None)
             for word in _NAMES:
                 if isinstance(parts.get(word), list):
-                    names = self._distinct_names(parts.pop(word), path)
+                    names = parts.pop(word)
+                    if not all(isinstance(name, str) for name in names):
+                        names = None
+                    elif len(set(names)) < len(names):
+                        self.builder.leave_out(path, "messages that name a joint twice")
+                        names = []
             for word, inside in parts.items():
                 self._field(inside, path, word, names)
         else:
             self.builder.leave_out(path, "text")
-
-    def _distinct_names(self, names: list[Any], path: str) -> list[str] | None:
-        if not all(isinstance(name, str) for name in names):
-            return None
-        if len(set(names)) < len(names):
-            self.builder.leave_out(path, "messages that name a joint twice")
-            return []
-        return names
 
     def _field(self, value: Any, path: str, word: str, names: list[str] | None) -> None:
         inside = f"{path}/{word}"
@@ -178,9 +175,16 @@ class _Flat:
         elif count > MAX_COLUMNS:
             self.builder.leave_out(inside, f"more than {MAX_COLUMNS} elements")
         elif names is not None and len(names) == count:
+            part = path.removeprefix(self.topic).strip("/")
+            of_robot = word in _PER_JOINT and (not part or part in _CONTROLLER_PARTS)
             for index, name in enumerate(names):
-                self.enter(value[index], f"{inside}/{name}", names)
-                self._of_robot(f"{inside}/{name}", path, word, name, (index, count))
+                element = f"{inside}/{name}"
+                self.enter(value[index], element, names)
+                if of_robot and element not in self.robot:
+                    topic = self.topic.rpartition("/")[2]
+                    sent = _CONTROLLER_PARTS.get(part, names_command(topic))
+                    role = RobotValue(path, name, index, count, _PER_JOINT[word], sent, si=True)
+                    self.robot[element] = role
         elif names and word in _PER_JOINT:
             if count:
                 self.builder.leave_out(
@@ -189,16 +193,6 @@ class _Flat:
         elif names != []:
             for index in range(count):
                 self.enter(value[index], f"{inside}/{index + 1}", names)
-
-    def _of_robot(
-        self, path: str, group: str, word: str, name: str, where: tuple[int, int]
-    ) -> None:
-        """Note what the value at `path` is to a robot, the first time it is met."""
-        part = group.removeprefix(self.topic).strip("/")
-        if word not in _PER_JOINT or path in self.robot or (part and part not in _CONTROLLER_PARTS):
-            return
-        sent = _CONTROLLER_PARTS.get(part, names_command(self.topic.rpartition("/")[2]))
-        self.robot[path] = RobotValue(group, name, *where, _PER_JOINT[word], sent, si=True)
 
 
 KIND = Kind(

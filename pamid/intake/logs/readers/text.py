@@ -144,28 +144,22 @@ def add_table(builder: ChannelBuilder, text: str, dialect: TextDialect) -> None:
             f"a table: {error}."
         ) from error
     frame, dialect = _signal_per_column(builder, frame, dialect)
-    dates = _joined_dates(builder, frame, dialect)
-    for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
-        series = frame[column]
-        if column == dates or name == f"column_{column + 1}" and series.isna().all():
-            continue  # what a delimiter at the end of every row makes
-        add_column(builder, name, series, unit, dialect.decimal)
-
-
-def _joined_dates(builder: ChannelBuilder, frame: Any, dialect: TextDialect) -> int | None:
-    """The column of dates that was put before the times of day in another column; None if either
-    is missing."""
+    # a column of dates is put before the times of day in another column
     places: dict[str, list[int]] = {}
     for column in range(dialect.width):
         cells = frame[column].dropna()
         if frame[column].dtype.kind not in "biuf" and len(cells):
             places.setdefault(moment_kind(str(cells.iloc[0])), []).append(column)
     dates, times = places.get("date", []), places.get("time", [])
-    if len(dates) != 1 or len(times) != 1:
-        return None
-    frame[times[0]] = frame[dates[0]].astype("string") + " " + frame[times[0]].astype("string")
-    builder.note(f"{dialect.names[dates[0]]} is the date of {dialect.names[times[0]]}")
-    return dates[0]
+    joined = len(dates) == len(times) == 1
+    if joined:
+        frame[times[0]] = frame[dates[0]].astype("string") + " " + frame[times[0]].astype("string")
+        builder.note(f"{dialect.names[dates[0]]} is the date of {dialect.names[times[0]]}")
+    for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
+        series = frame[column]
+        if joined and column == dates[0] or name == f"column_{column + 1}" and series.isna().all():
+            continue  # what a delimiter at the end of every row makes
+        add_column(builder, name, series, unit, dialect.decimal)
 
 
 def _signal_per_column(
@@ -223,16 +217,13 @@ def _long_columns(frame: Any, words: int) -> tuple[int, int, list[int]] | None:
         for place in values
     )
     enough = instants > RUN * signals and (shared or turns) and numbers
-    return (words, stamp, values) if enough and _is_stamp(frame, words, stamp) else None
-
-
-def _is_stamp(frame: Any, words: int, stamp: int) -> bool:
-    """Does each signal have a single value at an instant, and do instants rise?"""
-    if frame[[words, stamp]].duplicated().any():
-        return False
-    if frame[stamp].dtype.kind not in "biuf":  # dates
-        return bool(moment_kind(str(frame[stamp].iloc[0])))
-    return bool(frame.groupby(words)[stamp].agg(lambda item: item.is_monotonic_increasing).all())
+    if not enough or frame[[words, stamp]].duplicated().any():
+        return None  # several values of a signal at an instant
+    if frame[stamp].dtype.kind not in "biuf":
+        rises = bool(moment_kind(str(frame[stamp].iloc[0])))  # dates
+    else:
+        rises = frame.groupby(words)[stamp].agg(lambda item: item.is_monotonic_increasing).all()
+    return (words, stamp, values) if rises else None
 
 
 def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tuple[bytes, int]:
