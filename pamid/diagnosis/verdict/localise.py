@@ -65,26 +65,23 @@ class _Stretch:
         return float((self.inside & other.inside).sum() / (self.inside | other.inside).sum())
 
 
-def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
-    """Squared error per sample that the cause (or the noise alone) does not account for, in noise
-    variances."""
-    loss = ((before.residual / noise) ** 2).sum(axis=1)
-    rest = ((after.residual / noise) ** 2).sum(axis=1) if after is not None else float(len(noise))
-    return np.where(before.scored, loss - rest, 0.0)
-
-
 def regimes(
     evidence: DataSplit, base: CandidateModel, after: CandidateModel | None
 ) -> tuple[Regime, ...]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better."""
     befores = base.replays
-    gap = np.concatenate(
-        [
-            _excess(b, after.replays[i] if after else None, evidence.noise)[b.scored]
-            for i, b in enumerate(befores)
-        ]
-    )
+    # squared error per sample, in noise variances, less that with the cause or of noise alone
+    excesses = []
+    for i, b in enumerate(befores):
+        loss = ((b.residual / evidence.noise) ** 2).sum(axis=1)
+        rest = (
+            ((after.replays[i].residual / evidence.noise) ** 2).sum(axis=1)
+            if after
+            else float(len(evidence.noise))
+        )
+        excesses.append((loss - rest)[b.scored])
+    gap = np.concatenate(excesses)
     if gap.sum() <= 0.0:
         return ()
     inner, recorded = port_signals(base), recorded_units(evidence)

@@ -37,24 +37,24 @@ def sentence(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     doubts = (
         f" First correct the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
     )
-    return f"{_verdict_text(diagnosis, spelling)}{doubts}"
-
-
-def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if diagnosis.remark:
-        return diagnosis.remark
-    if diagnosis.verdict == "no-structural-gap":
-        return _no_gap_text(diagnosis)
-    if diagnosis.verdict == "unknown-effect":
-        return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
-    if diagnosis.verdict == "cannot-tell":
-        return _undecided_text(diagnosis, spelling)
-    if diagnosis.verdict == "ambiguous":
-        return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
-    if len(diagnosis.causes) > 1:
-        return f"{_joint_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
-    removing = _share_text(diagnosis, findings_of(diagnosis)[0], spelling)
-    return f"{removing}.{_next_family_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+        verdict = diagnosis.remark
+    elif diagnosis.verdict == "no-structural-gap":
+        verdict = _no_gap_text(diagnosis)
+    elif diagnosis.verdict == "unknown-effect":
+        verdict = f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
+    elif diagnosis.verdict == "cannot-tell":
+        verdict = _undecided_text(diagnosis, spelling)
+    else:
+        if diagnosis.verdict == "ambiguous":
+            causes = _set_text(diagnosis, spelling)
+        elif len(diagnosis.causes) > 1:
+            causes = _joint_text(diagnosis, spelling)
+        else:
+            removing = _share_text(diagnosis, findings_of(diagnosis)[0], spelling)
+            causes = f"{removing}.{_next_family_text(diagnosis, spelling)}"
+        verdict = f"{causes}{_rest_text(diagnosis, spelling)}"
+    return f"{verdict}{doubts}"
 
 
 def _no_gap_text(diagnosis: DiagnosisFile) -> str:
@@ -119,7 +119,13 @@ def finding_label(
     first = finding[0]
     if len(finding) == 1:
         return spelling.effect(first.effect)
-    return f"{spelling.effect(_effect_name(first))} {_places_text(diagnosis, finding, spelling)}"
+    mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
+    joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
+    if {c.port for c in finding} == joints:
+        places = "in the joints"
+    else:
+        places = f"at {join_words(spelling.port(c.port) for c in finding)}"
+    return f"{spelling.effect(_effect_name(first))} {places}"
 
 
 def finding_text(
@@ -134,16 +140,6 @@ def finding_text(
     ports = join_words((spelling.port(port) for port in first.or_at), "or")
     elsewhere = f" (or equally at the {ports} port)" if ports else ""
     return f"{label}{place}{elsewhere}"
-
-
-def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
-    """Ports of an effect; "in the joints" if these are all motion ports with a torque."""
-    ports = {c.port for c in finding}
-    mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
-    joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
-    if ports == joints:
-        return "in the joints"
-    return f"at {join_words(spelling.port(c.port) for c in finding)}"
 
 
 def _probability_text(c: Cause) -> str:
