@@ -121,7 +121,12 @@ def answer(
         verdict = "partly-explained" if rest else "explained"
     # A share off zero that misses the required certainty is neither a cause nor proof of a
     # complete model.
-    elif leader is not None and _is_open(comparison, leader):
+    elif (
+        leader is not None
+        and (removed := comparison.removed(leader)).share >= settings.material_share
+        and removed.low > 0.0
+        and removed.z < settings.standard_errors
+    ):
         verdict = "cannot-tell"
     # A curve at a port absorbs more than any equation of the catalogue: a cause exists, without a
     # name.
@@ -138,15 +143,6 @@ def answer(
         best, rest = comparison.budget.baseline, bool(forms)
     floors = comparison.floors(best)
     return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
-
-
-def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
-    """Whether the leader's share is material with an interval off zero, at too few standard
-    errors."""
-    settings, removed = comparison.budget.settings, comparison.removed(leader)
-    return removed.share >= settings.material_share and (
-        removed.low > 0.0 and removed.z < settings.standard_errors
-    )
 
 
 def _cause(

@@ -47,11 +47,8 @@ class Guards:
 
     def objections(self, model: CandidateModel) -> tuple[str, ...]:
         """Reasons against naming a model; empty without any."""
-        if model not in self._objections:
-            self._objections[model] = tuple(self._reasons(model))
-        return self._objections[model]
-
-    def _reasons(self, model: CandidateModel) -> list[str]:
+        if model in self._objections:
+            return self._objections[model]
         reasons = []
         settings, base = self.search.settings, self.search.budget.baseline
         acting: list[Attachment] = []
@@ -74,7 +71,8 @@ class Guards:
                     )
             if terms := duplicated_terms(model, a.label, base, settings):
                 reasons.append(f"{a.label} duplicates {', '.join(terms)} of the rig")
-        return reasons
+        self._objections[model] = tuple(reasons)
+        return self._objections[model]
 
     def ignores_inputs(self, model: CandidateModel) -> bool:
         """Whether a model explains no channel by its inputs, to which the outputs respond."""

@@ -136,7 +136,18 @@ def rig_story(
         ),
         variants=_variants(type(rig)),
         states=tuple(result.NamedUnit(name=s.name, unit=s.unit) for s in rig.states),
-        ports=tuple(_port(rig, name, fit) for name in rig.ports),
+        ports=tuple(
+            result.RigPort(
+                name=name,
+                kind=port.kind,
+                unit=port.unit,
+                places=port.places,
+                group=rig.group_of(name),
+                signals={s: port.unit_of(s) for s in port.signals},
+                effects=tuple(sorted({a.effect.name for a in fit if name in a.ports})),
+            )
+            for name, port in rig.ports.items()
+        ),
         no_place=tuple(no_places(rig, known, rigs)),
         parameters=tuple(map(_parameter, rig.parameters)),
         on_request=tuple(rig.on_request),
@@ -146,19 +157,6 @@ def rig_story(
             for x in rig.loops
         ),
         equations=equations(rig),
-    )
-
-
-def _port(rig: Rig, name: str, fit: list[Attachment]) -> result.RigPort:
-    port = rig.ports[name]
-    return result.RigPort(
-        name=name,
-        kind=port.kind,
-        unit=port.unit,
-        places=port.places,
-        group=rig.group_of(name),
-        signals={s: port.unit_of(s) for s in port.signals},
-        effects=tuple(sorted({a.effect.name for a in fit if name in a.ports})),
     )
 
 
@@ -339,7 +337,12 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         "",
         "Ports",
     ]
-    for names, port in _like_ports(story.ports):
+    # ports that differ in nothing but their names are listed together
+    alike: dict[str, tuple[list[str], result.RigPort]] = {}
+    for port in story.ports:
+        rest = port.model_copy(update={"name": "", "group": ""})
+        alike.setdefault(repr(rest), ([], port))[0].append(port.name)
+    for names, port in alike.values():
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
         places = f" at places {', '.join(port.places)}" if port.places else ""
         lines += _wrapped(
@@ -364,36 +367,20 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         few = len(b.terms) <= MANY_TERMS
         terms = ", ".join(b.terms) if few else f"{b.terms[0]} .. {b.terms[-1]}"
         lines.append(f"    {b.name} at {b.port}: {terms}, sd {b.tolerance:g}")
-    equations = _equation_lines(story.equations)
-    if not everything and len(equations) > MOST_EQUATION_LINES:
-        equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
-    return "\n".join([*lines, *equations])
-
-
-def _equation_lines(equations: result.RigEquations) -> list[str]:
-    lines = []
+    equations = []
     for part, title in (
         ("rates", "Equations (SI)"),
         ("ports", "Through the ports"),
         ("outputs", "Outputs"),
         ("where", "where"),
     ):
-        if getattr(equations, part):
-            lines += ["", title]
-            for name, value in getattr(equations, part).items():
-                lines += _wrapped(f"{name} = {value}", 4)
-    return lines
-
-
-def _like_ports(
-    ports: Sequence[result.RigPort],
-) -> list[tuple[list[str], result.RigPort]]:
-    """Ports that differ in nothing but their names, with these names, and the first of them."""
-    alike: dict[str, tuple[list[str], result.RigPort]] = {}
-    for port in ports:
-        rest = port.model_copy(update={"name": "", "group": ""})
-        alike.setdefault(repr(rest), ([], port))[0].append(port.name)
-    return list(alike.values())
+        if formulas := getattr(story.equations, part):
+            equations += ["", title]
+            for name, value in formulas.items():
+                equations += _wrapped(f"{name} = {value}", 4)
+    if not everything and len(equations) > MOST_EQUATION_LINES:
+        equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
+    return "\n".join([*lines, *equations])
 
 
 def _in(unit: str) -> str:

@@ -289,7 +289,14 @@ def _shared(
         same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
         if first.shows_noise and second.shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
-    return _longest(same, moves, start)
+    starts, stops = runs_of(same)
+    levels_before = np.concatenate([[0], np.cumsum(moves)])
+    count = levels_before[stops] - levels_before[starts]
+    best = int(np.argmax(count)) if count.size else -1
+    covers_all = best >= 0 and stops[best] - starts[best] == same.size
+    if best < 0 or count[best] < (TELLING_SAMPLES if covers_all else BROKEN * TELLING_SAMPLES):
+        return None
+    return start + int(starts[best]), int(stops[best] - starts[best])
 
 
 def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
@@ -310,17 +317,3 @@ def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
     dx = x - x.mean()
     slope = float(dx @ (y - y.mean()) / (dx @ dx))
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _longest(
-    same: NDArray[np.bool_], moves: NDArray[np.bool_], start: int
-) -> tuple[int, int] | None:
-    """First sample and length of the stretch that tells most; None where it has too little."""
-    starts, stops = runs_of(same)
-    levels_before = np.concatenate([[0], np.cumsum(moves)])
-    count = levels_before[stops] - levels_before[starts]
-    best = int(np.argmax(count)) if count.size else -1
-    covers_all = best >= 0 and stops[best] - starts[best] == same.size
-    if best < 0 or count[best] < (TELLING_SAMPLES if covers_all else BROKEN * TELLING_SAMPLES):
-        return None
-    return start + int(starts[best]), int(stops[best] - starts[best])

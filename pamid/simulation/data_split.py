@@ -114,9 +114,17 @@ class DataSplit:
             lead = min(span.start, self._lead(assembly, span)) if held_out else 0
             first = span.start - lead
             p, known = known_values(assembly, span.recording.known)
+            # Models with the same inputs share these arrays, which otherwise would take most of the
+            # memory.
+            inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
+            key = id(span.recording), first, span.stop, inputs
+            if key not in self._samples:
+                # The arrays come from a slice, so that the rest of a long recording can be freed.
+                part = span.recording.slice(first, span.stop)
+                self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
             track = Track(
                 span.recording.name,
-                *self._tables(assembly, span.recording, first, span.stop),
+                *self._samples[key],
                 p,
                 tuple(known),
                 span.recording.sampling_period_s,
@@ -128,19 +136,6 @@ class DataSplit:
             )
             tracks.append(track)
         return tuple(tracks)
-
-    def _tables(
-        self, assembly: Assembly, recording: Data, start: int, stop: int
-    ) -> tuple[Array, Array]:
-        """Inputs and channels (SI) of a part of a recording. Models with the same inputs share
-        these arrays, which otherwise would take most of the memory."""
-        inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
-        key = id(recording), start, stop, inputs
-        if key not in self._samples:
-            # The arrays come from a slice, so that the rest of a long recording can be freed.
-            part = recording.slice(start, stop)
-            self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
-        return self._samples[key]
 
     @cached_property
     def _samples(self) -> dict[tuple[object, ...], tuple[Array, Array]]:

@@ -137,7 +137,10 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
 def serve() -> None:
     """Answer the request on stdin; the entry point of the child process."""
     request = json.load(sys.stdin)
-    _end_with(request["parent"])
+    if sys.platform == "linux":  # end when the parent ends, whatever is going on then
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != request["parent"]:  # it ended before
+            os._exit(1)
     folder = Path(request["folder"])
     module, _, name = request["function"].partition(":")
     answer: dict[str, Any]
@@ -152,15 +155,6 @@ def serve() -> None:
     except MemoryError:
         os._exit(_OUT_OF_MEMORY)
     (folder / _ANSWER).write_text(text, encoding="utf-8")
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent ends, whatever it is doing then."""
-    if sys.platform != "linux":
-        return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before
-        os._exit(1)
 
 
 def _limit(seconds: float, memory: int) -> None:

@@ -108,7 +108,16 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     models = models_to_keep(d, pairs)
     ways = ways_to_run(predictions, bench, menu(bench), models)
     if not ways:
-        return _withheld(d, predictions, bench, models)
+        # what the mildest way of an entry would do
+        reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
+        name, away = next(((n, text) for n, text in reasons if text), ("", ""))
+        if not away:
+            return None
+        return WithheldExperiment(
+            f"{WITHHELD}: in open loop, each experiment would drive the rig beyond the recorded "
+            f"range, {name} even at its smallest amplitude ({away}). Record an experiment in a "
+            "position loop, or between stops that the rig may touch."
+        )
     for truth, _ in pairs:
         predictions.of_all(truth, ways)
     race = []
@@ -196,21 +205,6 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
     )
     return WithheldExperiment(
         f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and {remains}."
-    )
-
-
-def _withheld(
-    d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
-) -> WithheldExperiment | None:
-    """Why nothing is proposed: what the mildest way of an entry would do."""
-    reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
-    name, away = next(((n, text) for n, text in reasons if text), ("", ""))
-    if not away:
-        return None
-    return WithheldExperiment(
-        f"{WITHHELD}: in open loop, each experiment would drive the rig beyond the "
-        f"recorded range, {name} even at its smallest amplitude ({away}). Record an experiment in "
-        "a position loop, or between stops that the rig may touch."
     )
 
 

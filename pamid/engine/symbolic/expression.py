@@ -362,10 +362,6 @@ def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
     return [new.get(r, r) for r in roots]
 
 
-def _value_of(node: Expr) -> tuple[Expr, ...]:
-    return node.args[:1] if node.op == "tangent" else node.args
-
-
 def change_of(node: Expr) -> tuple[Expr, ...]:
     """The arguments of a node that its derivatives are made of: of `where`, the branches alone."""
     return node.args[1:] if node.op in ("tangent", "where") else node.args
@@ -375,7 +371,7 @@ def plain(roots: Iterable[Expr]) -> list[Expr]:
     """The roots for their values alone: the derivatives of `tangent` are dropped."""
     roots = list(roots)
     new: dict[Expr, Expr] = {}  # of those alone that change
-    for node in walk(roots, _value_of):
+    for node in walk(roots, lambda node: node.args[:1] if node.op == "tangent" else node.args):
         if node.op == "tangent":
             new[node] = new.get(node.args[0], node.args[0])
         elif (other := _on_other_arguments(node, new)) is not node:
