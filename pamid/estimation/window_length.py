@@ -25,15 +25,9 @@ SEEN = 60.0  # length of the data on which the step is tried, in correlation tim
 def with_linear_windows(evidence: DataSplit) -> DataSplit:
     """Halve the windows until the first Gauss-Newton step from the data sheet lowers the misfit.
 
-    Parameters
-    ----------
-    evidence
-        Recordings of a rig. Their windows scale with the correlation time `timescale_s`.
-
-    Returns
-    -------
-    The evidence with a shorter correlation time. If every step raises the misfit, the one that
-    raises it least decides; if the model diverges in all of them, the evidence is unchanged.
+    Windows scale with the correlation time `timescale_s`, which becomes shorter. If every step
+    raises the misfit, the one that raises it least decides; if the model diverges in all of them,
+    the evidence is unchanged.
     """
     excerpt = evidence.excerpt(SEEN, SEEN)
     assembly = model_with(excerpt, (), observed_sizes(excerpt))

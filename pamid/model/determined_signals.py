@@ -34,22 +34,9 @@ SHIFTED_ALONG = frozenset({"play", "lag", "delay"})  # memories whose output shi
 def determined(
     rig: Rig, outputs: Collection[str], still: Collection[str], candidates: Iterable[Attachment]
 ) -> tuple[list[Attachment], dict[str, str]]:
-    """Return the candidates whose signals are determined, and why the others are left out.
+    """Return the candidates whose signals are determined, and by label why others are left out.
 
-    Parameters
-    ----------
-    rig
-        Rig that the candidates attach to.
-    outputs
-        Measured outputs of the rig.
-    still
-        Inputs that are 0 in all recordings.
-    candidates
-        Effects at their ports.
-
-    Returns
-    -------
-    list of Attachment, dict of label to reason
+    outputs: measured outputs of the rig; still: inputs that are 0 in all recordings.
     """
     traced = trace(rig, lambda port, place: [], {})
     is_stepped = isinstance(rig, StepRig)  # the equations of a stepped rig are unknown

@@ -111,12 +111,6 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
 
 
-def absorbed_effects(rig: Rig, *names: str) -> str:
-    """Effects that maps at these ports can absorb besides roughness."""
-    along = {_along(rig.ports[name]) for name in names}
-    return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
-
-
 def _of(rig: Rig, name: str) -> str:
     """The signal of which a map at this port is a share: "" for what passes; of a balance a part of
     it, "load" where none is offered."""
@@ -170,10 +164,12 @@ def tolerance_words(rig: Rig) -> list[str]:
             f"of the rough part: {stated_roughness(rig, name)}"
             for name in whole
         ]
+    along = {_along(rig.ports[name]) for name in mapped}
+    absorbed = "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
     return [
         "the rig states no tolerances, so an error of 2 % in a force, a flow or a loss can look "
         "like a missing effect, or hide an effect. A map allows such an error, but within its "
-        f"tolerance the map can absorb {absorbed_effects(rig, *mapped)}. To allow such errors: "
+        f"tolerance the map can absorb {absorbed}. To allow such errors: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 

@@ -245,18 +245,14 @@ def _followed(
         shown = recorded.get(quantity_of(unit or NONE), display_unit(unit))
         out[name] = (from_si(x, shown), "" if shown == NONE else shown)
         if name == inner.velocity:
-            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
+            # since the velocity last changed its sign; a resting velocity keeps its sign
+            moving = np.abs(x) > STILL_SHARE * np.percentile(np.abs(x), 95.0)
+            place = np.arange(len(x))
+            direction = np.sign(x[np.maximum.accumulate(np.where(moving, place, 0))])
+            turned = np.concatenate([[False], direction[1:] * direction[:-1] < 0.0])
+            since = place - np.maximum.accumulate(np.where(turned, place, 0))
+            out["time_since_reversal"] = (r.track.period_s * since.astype(np.float64), "s")
     return out
-
-
-def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; a resting velocity keeps its sign."""
-    moving = np.abs(velocity) > STILL_SHARE * np.percentile(np.abs(velocity), 95.0)
-    place = np.arange(len(velocity))
-    last = np.maximum.accumulate(np.where(moving, place, 0))
-    direction = np.sign(velocity[last])
-    turned = np.concatenate([[False], direction[1:] * direction[:-1] < 0.0])
-    return (place - np.maximum.accumulate(np.where(turned, place, 0))).astype(np.float64)
 
 
 # ---- bands and windows -------------------------------------------------------------------------

@@ -126,7 +126,16 @@ class _Split:
 
         Only the outermost nonlinear expressions are formed twice, with the value before and after.
         """
-        straight = _straightness(roots, self.mean)
+        # whether each node below the roots is affine in the mean; None if it does not contain it
+        straight: dict[Expr, bool | None] = {}
+        for node in walk(roots):
+            followed = [straight[a] for a in node.args]
+            if node is self.mean:
+                straight[node] = True
+            elif all(f is None for f in followed):
+                straight[node] = None
+            else:
+                straight[node] = False not in followed and _is_linear(node, straight)
 
         def bent_arguments(node: Expr) -> tuple[Expr, ...]:
             linear = _is_linear(node, straight)
@@ -138,20 +147,6 @@ class _Split:
         late = substitute(doubled, {self.mean: self.after})
         means = (b + self.share * (a - b) for a, b in zip(early, late, strict=True))
         return substitute(roots, dict(zip(doubled, means, strict=True)))
-
-
-def _straightness(roots: list[Expr], part: Expr) -> dict[Expr, bool | None]:
-    """Whether each node below the roots is affine in this part; None if it does not contain it."""
-    straight: dict[Expr, bool | None] = {}
-    for node in walk(roots):
-        followed = [straight[a] for a in node.args]
-        if node is part:
-            straight[node] = True
-        elif all(f is None for f in followed):
-            straight[node] = None
-        else:
-            straight[node] = False not in followed and _is_linear(node, straight)
-    return straight
 
 
 def _is_linear(node: Expr, straight: dict[Expr, bool | None]) -> bool:
