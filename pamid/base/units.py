@@ -343,6 +343,11 @@ def display_unit(symbol: str) -> str:
     return _DISPLAY.get(symbol, symbol)
 
 
+def unit_label(symbol: str) -> str:
+    """The symbol as it is shown, "" of a plain number."""
+    return "" if symbol == NONE else symbol
+
+
 def known_symbols() -> tuple[str, ...]:
     """Every unit that products, powers and quotients are made of: "kg", "mm", "rpm" ..."""
     return tuple(_ATOMS)

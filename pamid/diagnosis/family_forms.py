@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pamid.base.parallel.jobs import Failed
 from pamid.base.schemas.diagnosis_file import FormCurve, GapShare
-from pamid.base.units import NONE, display_unit, from_si, size_from_si
+from pamid.base.units import display_unit, from_si, size_from_si, unit_label
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.search import RefitStart, RefitWork, Search
@@ -152,8 +152,8 @@ def curve_of(c: CandidateModel) -> FormCurve:
     variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     shared = form.along == "time"  # a response is a share of the step
-    x_unit = _shown_unit("s" if shared else port.unit_of(along))
-    y_unit = "" if shared else _shown_unit(port.unit)
+    x_unit = unit_label(display_unit("s" if shared else port.unit_of(along)))
+    y_unit = "" if shared else unit_label(display_unit(port.unit))
     lower, middle, upper = (size_from_si(v, y_unit) for v in (y - half, y, y + half))
     return FormCurve(
         signal=along,
@@ -165,11 +165,6 @@ def curve_of(c: CandidateModel) -> FormCurve:
         low=tuple(map(float, lower)),
         high=tuple(map(float, upper)),
     )
-
-
-def _shown_unit(si: str) -> str:
-    symbol = display_unit(si)
-    return "" if symbol == NONE else symbol
 
 
 def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:

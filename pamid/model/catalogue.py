@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pamid.base.schemas import catalogue_files as result
-from pamid.base.units import NONE
+from pamid.base.units import unit_label
 from pamid.engine.symbolic.expression import plain, rebuild, symbol, text, walk
 from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.assembly import Assembly
@@ -180,7 +180,7 @@ def _parameter(p: Parameter) -> result.ParameterRow:
         value=p.value,
         low=low,
         high=high,
-        unit="" if p.unit == NONE else p.unit,
+        unit=unit_label(p.unit),
         multiple_of=p.size,
         null=p.null,
         fitted=p.fitted,
@@ -215,16 +215,8 @@ def equations(rig: Rig) -> result.RigEquations:
         "outputs": dict(traced.outputs),
     }
     parts = {k: dict(zip(part, plain(part.values()), strict=True)) for k, part in parts.items()}
-    short, shorthands = _shorten([e for part in parts.values() for e in part.values()])
-    printed = {
-        part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()
-    }
-    return result.RigEquations(**printed, where={name: text(e) for name, e in shorthands.items()})
-
-
-def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
-    """The roots with long expressions that occur more than once replaced by names, and what the
-    names stand for."""
+    roots = [e for part in parts.values() for e in part.values()]
+    # long expressions that occur more than once are replaced by names
     order = walk(roots)
     uses: dict[Expr, int] = {}
     for parent in order:
@@ -242,7 +234,10 @@ def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
         if uses[node] > 1 and size[node] > LONG:
             name = f"k{len(names) + 1}"
             names[name], new[node], size[node] = new[node], symbol("short", name), 1
-    return new, names
+    printed = {
+        part: {name: text(new[e]) for name, e in listed.items()} for part, listed in parts.items()
+    }
+    return result.RigEquations(**printed, where={name: text(e) for name, e in names.items()})
 
 
 # ---- text --------------------------------------------------------------------------------------

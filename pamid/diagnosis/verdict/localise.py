@@ -18,6 +18,7 @@ from pamid.base.units import (
     quotient,
     size_from_si,
     split_column,
+    unit_label,
 )
 from pamid.base.units import unit as unit_of
 from pamid.diagnosis.budget import Budget
@@ -160,7 +161,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
         rated = quotient(unit, "s")
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
         smooth, rate = (local_parabola(y, length, period, order) for order in (0, 1))
-        out[stem] = (from_si(smooth, unit), "" if unit == NONE else unit)
+        out[stem] = (from_si(smooth, unit), unit_label(unit))
         out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
             size_from_si(rate, unit),
             rated,
@@ -168,7 +169,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
     for i, name in enumerate(evidence.rig.inputs):
         stem, unit = split_column(name)
         if name not in evidence.rig.optional:
-            out[stem] = (from_si(r.track.u[:, i], unit), "" if unit == NONE else unit)
+            out[stem] = (from_si(r.track.u[:, i], unit), unit_label(unit))
     return out
 
 
@@ -243,7 +244,7 @@ def _followed(
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
         shown = recorded.get(quantity_of(unit or NONE), display_unit(unit))
-        out[name] = (from_si(x, shown), "" if shown == NONE else shown)
+        out[name] = (from_si(x, shown), unit_label(shown))
         if name == inner.velocity:
             # since the velocity last changed its sign; a resting velocity keeps its sign
             moving = np.abs(x) > STILL_SHARE * np.percentile(np.abs(x), 95.0)

@@ -19,7 +19,7 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.schemas import diagnosis_file as result
-from pamid.base.units import NONE, display_unit, from_si, with_unit
+from pamid.base.units import display_unit, from_si, unit_label, with_unit
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.estimation.smoother import (
@@ -114,10 +114,7 @@ class _Describing(Work[str, Missing | None]):
         signals.pop(PASSING)
         if len(values) < FEWEST_SLICES or not values.std() > 0.0 or not signals:
             return None
-        units = {
-            k: "" if (u := display_unit(port.unit_of(k))) == NONE else u
-            for k in ("value", *signals)
-        }
+        units = {k: unit_label(display_unit(port.unit_of(k))) for k in ("value", *signals)}
         values = from_si(values, units["value"])
         signals = {k: from_si(x, units[k]) for k, x in signals.items()}
         names, columns = regressors(signals, units)

@@ -45,7 +45,14 @@ class Expr:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value = op, args, value
-            node.reach = _bit_of(value) if op == "symbol" else _united(args)
+            if op == "symbol":
+                with _naming:  # two threads may meet a new symbol at once
+                    if value not in _bits:
+                        _bits[value] = 1 << len(_symbols)
+                        _symbols.append(value)
+                    node.reach = _bits[value]
+            else:
+                node.reach = _united(args)
             node = cls._table.setdefault(key, node)  # another thread may have been first
         return node
 
@@ -120,14 +127,6 @@ class Expr:
 _symbols: list[tuple[str, str]] = []
 _bits: dict[tuple[str, str], int] = {}
 _naming = threading.Lock()
-
-
-def _bit_of(name: tuple[str, str]) -> int:
-    with _naming:  # two threads may meet a new symbol at once
-        if name not in _bits:
-            _bits[name] = 1 << len(_symbols)
-            _symbols.append(name)
-        return _bits[name]
 
 
 def _united(nodes: Iterable[Expr]) -> int:
