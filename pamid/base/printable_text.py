@@ -19,21 +19,22 @@ _UNSEEN = re.compile(
 
 def printable(text: str) -> str:
     """The text with everything written out that a terminal obeys or hides."""
-    return _UNSEEN.sub(_written_out, text)
+
+    def written_out(match: re.Match[str]) -> str:
+        code = ord(match[0])
+        return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+    return _UNSEEN.sub(written_out, text)
 
 
 def printable_json(text: str) -> str:
     """The same of JSON: it stays JSON, and holds the same."""
-    return _UNSEEN.sub(_written_out_in_json, text)
 
+    def written_out(match: re.Match[str]) -> str:
+        code = ord(match[0])
+        if code < 0x10000:
+            return f"\\u{code:04x}"
+        high, low = 0xD800 + (code - 0x10000 >> 10), 0xDC00 + (code - 0x10000 & 0x3FF)
+        return f"\\u{high:04x}\\u{low:04x}"
 
-def _written_out(match: re.Match[str]) -> str:
-    code = ord(match[0])
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
-
-
-def _written_out_in_json(match: re.Match[str]) -> str:
-    code = ord(match[0])
-    if code < 0x10000:
-        return f"\\u{code:04x}"
-    return f"\\u{0xD800 + (code - 0x10000 >> 10):04x}\\u{0xDC00 + (code - 0x10000 & 0x3FF):04x}"
+    return _UNSEEN.sub(written_out, text)

@@ -151,7 +151,6 @@ class ProgressLine:
             self._say_what_stays(now - self._begun)
             return
         stage = self._counted(text, now)
-        self._count_stages(text)
         wait = _LIVE_S if self._live else _LOG_S if self._length else _FIRST_S
         if now - self._shown < wait:
             return
@@ -192,25 +191,21 @@ class ProgressLine:
         for line in lines:
             self._write(("\r" + line.ljust(self._length) if self._live else line) + "\n")
 
-    def _count_stages(self, text: str) -> None:
-        """Which stage the text tells of, and how much of the whole is done then: never less than
-        before, as some stages come again."""
-        matching = [k for k, stage in enumerate(self._stages) if text.startswith(stage.begins)]
-        if not matching:
-            return
-        self._again = matching[0] < self._reached
-        self._reached = max(self._reached, matching[0])
-        match = _COUNTED.match(text)
-        part = min(1.0, int(match[2]) / int(match[3])) if match and int(match[3]) else 0.0
-        before = sum(stage.share for stage in self._stages[: matching[0]])
-        self._share = max(self._share, before + part * self._stages[matching[0]].share)
-
     def _counted(self, text: str, now: float) -> str:
-        """How much of a stage that counts is done, and what of it is left; else nothing."""
+        """Note the stage of the text, and how much of the whole is done. Return how much of a stage
+        that counts is done, and what of it is left; else nothing."""
         match = _COUNTED.match(text)
-        if match is None or int(match[3]) == 0:
+        name, done, total = (match[1], int(match[2]), int(match[3])) if match else ("", 0, 0)
+        part = min(1.0, done / total) if total else 0.0
+        at = next((k for k, s in enumerate(self._stages) if text.startswith(s.begins)), None)
+        if at is not None:
+            self._again = at < self._reached
+            self._reached = max(self._reached, at)
+            # never less than before, as some stages come again
+            earlier = sum(stage.share for stage in self._stages[:at])
+            self._share = max(self._share, earlier + part * self._stages[at].share)
+        if not total:
             return ""
-        name, done, total = match[1], int(match[2]), int(match[3])
         if name != self._stage[0] or done < self._stage[1]:
             self._stage = (name, done, now)
         _, before, since = self._stage

@@ -343,6 +343,11 @@ def display_unit(symbol: str) -> str:
     return _DISPLAY.get(symbol, symbol)
 
 
+def unit_label(symbol: str) -> str:
+    """The symbol as it is shown, "" of a plain number."""
+    return "" if symbol == NONE else symbol
+
+
 def known_symbols() -> tuple[str, ...]:
     """Every unit that products, powers and quotients are made of: "kg", "mm", "rpm" ..."""
     return tuple(_ATOMS)
@@ -405,14 +410,7 @@ def _split_fraction(text: str) -> tuple[Factors, Factors]:
             readings = [
                 [*r[:k], (way, [option]), *r[k + 1 :]] for r in readings for option in options
             ]
-    factors = _likeliest([[(way, factor[0]) for way, factor in reading] for reading in readings])
-    signed = [(atom, way * power) for way, part in factors for atom, power in part]
-    return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
-
-
-def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Factors]]:
-    """Of several readings of a symbol that of a known quantity, else that with a torque in it,
-    else that of the fewest units."""
+    spelled = [[(way, factor[0]) for way, factor in reading] for reading in readings]
 
     def rank(reading: list[tuple[int, Factors]]) -> tuple[bool, bool, int]:
         dimension = _dimension([(atom, way * n) for way, part in reading for atom, n in part])
@@ -420,7 +418,10 @@ def _likeliest(readings: list[list[tuple[int, Factors]]]) -> list[tuple[int, Fac
         torque = any([a for a, _ in part[:2]] == ["N", "m"] for _, part in reading)
         return not known, not torque, sum(len(part) for _, part in reading)
 
-    return readings[0] if len(readings) == 1 else min(readings, key=rank)
+    # that of a known quantity, else that with a torque in it, else that of the fewest units
+    factors = spelled[0] if len(spelled) == 1 else min(spelled, key=rank)
+    signed = [(atom, way * power) for way, part in factors for atom, power in part]
+    return [(a, n) for a, n in signed if n > 0], [(a, -n) for a, n in signed if n < 0]
 
 
 def _factors(word: str, text: str) -> list[Factors]:

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from pamid.base.parallel.jobs import Failed
 from pamid.base.schemas.diagnosis_file import FormCurve, GapShare
-from pamid.base.units import NONE, display_unit, from_si, size_from_si
+from pamid.base.units import display_unit, from_si, size_from_si, unit_label
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.search import RefitStart, RefitWork, Search
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
-from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.determined_signals import determined
 from pamid.model.free_form import FreeFormEffect
@@ -75,22 +74,6 @@ def free_forms(
 
     The best and those that tie with it, the best first. best: with effects or without.
     """
-    models = [c for c in _fitted(search, best, ports) if comparison.is_material(c, best)]
-    ordered = comparison.ordered(models)
-    return [
-        FreeForm(c, comparison.removed(c, best), curve_of(c))
-        for c in ordered
-        if c is ordered[0] or comparison.is_tied(c, ordered[0])
-    ]
-
-
-def _form(a: Attachment) -> FreeFormEffect:
-    return cast(FreeFormEffect, a.effect)
-
-
-def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[CandidateModel]:
-    """`best` with each free form that fits any of the ports and has something to be drawn over
-    there, refitted and replayed."""
     rig, reached = search.evidence.rig, reached_at(best, ports)
     forms = attachments(rig, free_form_effects().values())
     determined_forms, _ = determined(
@@ -104,8 +87,21 @@ def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[
         if (span := _span(a, rig, reached)) is not None
     ]
     work = RefitWork(search.evidence, best.fit, search.budget.sizes)
-    models = search.pool.run(work, starts, search.progress)
-    return [c for c in models if not isinstance(c, Failed) and c.finite]
+    models = [
+        c
+        for c in search.pool.run(work, starts, search.progress)
+        if not isinstance(c, Failed) and c.finite and comparison.is_material(c, best)
+    ]
+    ordered = comparison.ordered(models)
+    return [
+        FreeForm(c, comparison.removed(c, best), curve_of(c))
+        for c in ordered
+        if c is ordered[0] or comparison.is_tied(c, ordered[0])
+    ]
+
+
+def _form(a: Attachment) -> FreeFormEffect:
+    return cast(FreeFormEffect, a.effect)
 
 
 def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> RefitStart:
@@ -146,13 +142,18 @@ def curve_of(c: CandidateModel) -> FormCurve:
     shapes = form.curve(p, *(span or (0.0, 0.0)))
     coefficients = np.array([fit.p[places[name]] for name in form.coefficients()])
     y = shapes.base + shapes.columns @ coefficients
-    known = _covariance(fit, [places[name] for name in form.coefficients()])
+    free = list(fit.problem.free)
+    rows = [free.index(places[name]) for name in form.coefficients()]
+    # A fit works in prior spreads, on a logarithm for factors. The chain rule converts its
+    # covariance to SI units.
+    slope = fit.problem.scale.slope(fit.p[free])[rows]
+    known = fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope)
     # The curve is linear in its coefficients, so that their covariance gives its variance exactly.
     variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     shared = form.along == "time"  # a response is a share of the step
-    x_unit = _shown_unit("s" if shared else port.unit_of(along))
-    y_unit = "" if shared else _shown_unit(port.unit)
+    x_unit = unit_label(display_unit("s" if shared else port.unit_of(along)))
+    y_unit = "" if shared else unit_label(display_unit(port.unit))
     lower, middle, upper = (size_from_si(v, y_unit) for v in (y - half, y, y + half))
     return FormCurve(
         signal=along,
@@ -164,21 +165,6 @@ def curve_of(c: CandidateModel) -> FormCurve:
         low=tuple(map(float, lower)),
         high=tuple(map(float, upper)),
     )
-
-
-def _shown_unit(si: str) -> str:
-    symbol = display_unit(si)
-    return "" if symbol == NONE else symbol
-
-
-def _covariance(fit: Fit, places: list[int]) -> Array:
-    """Covariance of fitted parameters at these places of the parameter vector (SI)."""
-    free = list(fit.problem.free)
-    rows = [free.index(i) for i in places]
-    # A fit works in prior spreads, on a logarithm for factors. The chain rule converts its
-    # covariance to SI units.
-    slope = fit.problem.scale.slope(fit.p[free])[rows]
-    return np.asarray(fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope))
 
 
 def reached_at(c: CandidateModel, ports: Sequence[str]) -> Reached:

@@ -47,14 +47,15 @@ class Guards:
 
     def objections(self, model: CandidateModel) -> tuple[str, ...]:
         """Reasons against naming a model; empty without any."""
-        if model not in self._objections:
-            self._objections[model] = tuple(self._reasons(model))
-        return self._objections[model]
-
-    def _reasons(self, model: CandidateModel) -> list[str]:
+        if model in self._objections:
+            return self._objections[model]
         reasons = []
         settings, base = self.search.settings, self.search.budget.baseline
-        for a in _that_act(model):
+        acting: list[Attachment] = []
+        for added in model.additions:
+            # a member whose amount ended at nothing is no part of the model that is named
+            acting += [a for a in added.members if not vanished(model, a.label)] or added.members
+        for a in acting:
             if ended := at_bounds(model, settings, a.label):
                 reasons.append(f"{', '.join(ended)} of {a.label} ended at a bound")
             if gone := vanished(model, a.label):
@@ -70,7 +71,8 @@ class Guards:
                     )
             if terms := duplicated_terms(model, a.label, base, settings):
                 reasons.append(f"{a.label} duplicates {', '.join(terms)} of the rig")
-        return reasons
+        self._objections[model] = tuple(reasons)
+        return self._objections[model]
 
     def ignores_inputs(self, model: CandidateModel) -> bool:
         """Whether a model explains no channel by its inputs, to which the outputs respond."""
@@ -83,16 +85,6 @@ class Guards:
         if ignores:
             self._objections[model] = (*self.objections(model), reason)
         return ignores
-
-
-def _that_act(model: CandidateModel) -> list[Attachment]:
-    """The model's effects without those of an effect at several ports whose amounts ended at
-    nothing: they are no part of the model that is named."""
-    acting_members: list[Attachment] = []
-    for added in model.additions:
-        acting = [a for a in added.members if not vanished(model, a.label)]
-        acting_members += acting or added.members
-    return acting_members
 
 
 # ---- terms of the rig ----------------------------------------------------------------------------
@@ -143,7 +135,14 @@ def duplicated_terms(
     weight = np.linalg.lstsq(terms / size, added, rcond=None)[0]
     left = float(np.sqrt(((added - terms / size @ weight) ** 2).mean()))
     least = settings.own_terms * all_of_it
-    if left > least or _leaves_its_prior(model, places, weight / size, settings):
+    if left > least:
+        return ()
+    scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
+    before = scale.inside(p[free])
+    p[places] += weight / size
+    # A parameter that is far off already would be blamed for its distance, not for the effect's.
+    most = np.maximum(settings.far_off, np.abs(before))
+    if (np.abs(scale.inside(p[free])) > most).any():
         return ()
     return tuple(bounds[i].name for i, w in zip(places, weight, strict=True) if abs(w) > least)
 
@@ -197,20 +196,6 @@ def _along_fit(
             wanted.append((moved - q.value) * (1.0 / step))
     rows = model.along_fit(wanted).reshape(-1, 1 + len(places))
     return rows[:, 0], rows[:, 1:]
-
-
-def _leaves_its_prior(
-    model: CandidateModel, places: list[int], by: Array, settings: Settings
-) -> bool:
-    """Whether any of these parameters, moved by so much (SI) from the fit, would be `far_off` its
-    data sheet and farther than it is."""
-    scale, free, p = model.fit.problem.scale, list(model.fit.problem.free), model.fit.p.copy()
-    before = scale.inside(p[free])
-    p[places] += by
-    after = scale.inside(p[free])
-    # A parameter that is far off already would be blamed for its distance, not for the effect's.
-    most = np.maximum(settings.far_off, np.abs(before))
-    return bool((np.abs(after) > most).any())
 
 
 class _Closed(Effect):

@@ -219,19 +219,13 @@ def _beats_extrapolation(budget: Budget, model: CandidateModel, seed: int) -> bo
             not started or near or _is_better(error, guess, seed, budget.settings)
         ):
             return True
-    return _follows(model, budget.settings)
-
-
-def _follows(model: CandidateModel, settings: Settings) -> bool:
-    """Whether free runs from the first start of every recording leave plainly less than the median,
-    in any channel, in the held-out or in the fitted data."""
     held_out = [(r.track, r.entered[0]) for r in model.replays]
     fitted = [(t, x[0]) for t, x in zip(model.fit.problem.tracks, model.fit.starts, strict=True)]
     # A slow machine may hardly move in the held-out part. Its fitted data still show whether the
     # model follows.
     for begun in (held_out, fitted):
         free, flat = _free_run_errors(model, begun, ())
-        if (free < settings.naive_plain * flat).any():
+        if (free < budget.settings.naive_plain * flat).any():
             return True
     return False
 

@@ -139,32 +139,20 @@ def _least(where: ScanPart, place: int, values: Array, count: int) -> Array:
         len(common),
     )
     least = float((free.part_of(residual[:, None]) ** 2).sum())
-    parts = [values[k : k + LANES] for k in range(0, len(values), LANES)]
-    misfits = np.concatenate([_misfits(where, at, place, v, amounts, free) for v in parts])
+    misfits = np.full(len(values), np.inf)  # where the model blows up
+    for first in range(0, len(values), LANES):
+        residuals, slopes_there = _side_by_side(
+            where, at, place, values[first : first + LANES], amounts
+        )
+        finite = np.flatnonzero(np.isfinite(residuals).all(axis=0))
+        for k, left in zip(finite, free.part_of(residuals[:, finite]).T, strict=True):
+            if amounts:
+                further = np.linalg.qr(free.part_of(slopes_there[:, k]))[0]
+                left = left - further @ (further.T @ left)
+            misfits[first + k] = left @ left
     # Equal misfits keep the grid's order, which begins at the upper end of the range.
     order = np.argsort(misfits, kind="stable")[:count]
     return values[[i for i in order if misfits[i] < least]]
-
-
-def _misfits(
-    where: ScanPart,
-    at: Array,
-    place: int,
-    values: Array,
-    amounts: tuple[int, ...],
-    free: _Orthogonal,
-) -> Array:
-    """Squares of the residual at each of these values with the free directions, and the slopes by
-    the amounts there, projected out; infinite where the model blows up."""
-    residuals, slopes = _side_by_side(where, at, place, values, amounts)
-    finite = np.flatnonzero(np.isfinite(residuals).all(axis=0))
-    misfits = np.full(len(values), np.inf)
-    for k, left in zip(finite, free.part_of(residuals[:, finite]).T, strict=True):
-        if amounts:
-            further = np.linalg.qr(free.part_of(slopes[:, k]))[0]
-            left = left - further @ (further.T @ left)
-        misfits[k] = left @ left
-    return misfits
 
 
 class _Orthogonal(NamedTuple):

@@ -150,22 +150,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find where the gap lies, which effect causes it and how far it shrinks.
 
-    Parameters
-    ----------
-    evidence
-        Recordings of a rig, divided into a fitted and a held-out part.
-    catalogue
-        Effects by name.
-    seed
-        Seed of all random draws.
-    jobs
-        Number of processes on this machine, unless `pool` is given.
-    progress
-        Callback for progress messages.
-    pool
-        Workers for the fits.
-    settings
-        Thresholds, counts and times (see `pamid.diagnosis.settings`).
+    catalogue: effects by name; jobs: processes on this machine, unless `pool` is given.
     """
     pool = pool or WorkerPool(jobs)
     # The cost grows with the length of the data, the certainty only with its square root.
@@ -269,17 +254,6 @@ def candidates_to_screen(
     Up to `held_background_from` candidates are all screened. Of more, we screen those at the ports
     with the largest latent evidence among the ports of their kind. Evidence selects between joints,
     but not between a motor and its gear: a slowly varying value cannot mimic play in a stiff gear.
-
-    Parameters
-    ----------
-    candidates
-        Effects at their ports.
-    ports
-        Ports of the rig by name.
-    located
-        Latent evidence at the ports.
-    settings
-        Thresholds of the diagnosis.
     """
     if len(candidates) <= settings.held_background_from:
         return candidates

@@ -33,7 +33,9 @@ def widened(assembly: Assembly, fitted: Fit) -> Assembly | None:
     without such parameters. The lower end of a factor stays where it keeps an equation from growing
     stiff."""
     ranges = {
-        b.key: _wider(b, end)
+        b.key: (b.low, b.high * WIDER)
+        if end == "high"
+        else (b.low / WIDER if b.log else b.low * WIDER, b.high)
         for a in assembly.attachments
         for b, end, _ in _at_guesses(assembly, fitted, a.label)
         if not _is_limit(b, end)
@@ -45,12 +47,6 @@ def with_ranges_of(assembly: Assembly, *others: Assembly) -> Assembly:
     """The model with the ranges to which those of its parameters were widened in others."""
     ranges = {key: r for other in others for key, r in other.ranges.items() if key in assembly.keys}
     return replace(assembly, ranges={**assembly.ranges, **ranges}) if ranges else assembly
-
-
-def _wider(b: Bound, end: str | None) -> Range:
-    if end == "high":
-        return b.low, b.high * WIDER
-    return (b.low / WIDER if b.log else b.low * WIDER), b.high
 
 
 def at_bounds(
@@ -95,16 +91,10 @@ def _at_guesses(assembly: Assembly, fitted: Fit, label: str = "") -> list[tuple[
     return [
         (b, e.at_bound, abs(float(g)))
         for (b, e), g in zip(estimates(fitted).items(), held, strict=True)
-        if b.owner == owner and e.at_bound and _guessed(b, e.at_bound)
+        if b.owner == owner and e.at_bound
+        # a guess is a multiple of a typical magnitude, and not the amount nothing
+        if b.sized and (b.high > 0.0 if e.at_bound == "high" else b.low != 0.0)
     ]
-
-
-def _guessed(bound: Bound, end: str) -> bool:
-    """Whether this end of the range is a multiple of a typical magnitude, and not the amount
-    nothing."""
-    if not bound.sized:
-        return False
-    return bound.high > 0.0 if end == "high" else bound.low != 0.0
 
 
 def vanished(model: CandidateModel, label: str) -> tuple[str, ...]:

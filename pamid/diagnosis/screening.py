@@ -246,11 +246,6 @@ class ScreeningBaseline:
             self.stepping,
         )
 
-    def extended_model(self, evidence: DataSplit, added: Addition, sizes: Sizes) -> Assembly:
-        """Return the baseline with a candidate. Ranges widened for the baseline stay wide."""
-        assembly = model_with(evidence, (*self.baseline.attached, *added.members), sizes)
-        return with_ranges_of(assembly, self.baseline.assembly)
-
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
@@ -308,7 +303,9 @@ def screen(
     """Take the first steps of a candidate from every starting point, and return the best."""
     baseline, steps = reference.baseline, reference.settings.probe_steps
     try:
-        assembly = reference.extended_model(evidence, added, sizes)
+        assembly = model_with(evidence, (*baseline.attached, *added.members), sizes)
+        # ranges widened for the baseline stay wide
+        assembly = with_ranges_of(assembly, baseline.assembly)
         problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return ScreenedCandidate(added, None, {}, -np.inf, str(error))

@@ -142,7 +142,10 @@ class RefitWork(Work[RefitStart, CandidateModel]):
         return known_along(self.after)
 
     def __call__(self, item: RefitStart) -> CandidateModel:
-        assembly, known = self._assembly(item), self.known
+        assembly = item.assembly or model_with(self.evidence, item.attached, self.sizes)
+        known = self.known
+        if item.ranges:
+            assembly = replace(assembly, ranges={**assembly.ranges, **item.ranges})
         # All parameters are fitted jointly, else the effect would absorb the errors of the others.
         fitted = refit(self.evidence, assembly, self.after, p=item.p, first=item.first, known=known)
         # The number of widenings is limited, because a diverging parameter without an upper bound
@@ -154,14 +157,6 @@ class RefitWork(Work[RefitStart, CandidateModel]):
             assembly = wider
             fitted = refit(self.evidence, assembly, self.after, p=fitted.p, known=known)
         return replayed(self.evidence, assembly, fitted)
-
-    def _assembly(self, item: RefitStart) -> Assembly:
-        assembly = item.assembly or model_with(self.evidence, item.attached, self.sizes)
-        return (
-            replace(assembly, ranges={**assembly.ranges, **item.ranges})
-            if item.ranges
-            else assembly
-        )
 
     def name(self, item: RefitStart) -> str:
         return " + ".join(a.label for a in item.attached)

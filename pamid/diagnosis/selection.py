@@ -206,16 +206,20 @@ def _larger(
     if best.attached:
         least = search.settings.port_reach * after.most
         open_ports = {p for k in located.classes for p in k if after.gains[k[0]] >= least}
-        others = [
-            Addition(left)
-            for added in search.candidates
-            if open_ports & set(added.ports)
-            and (
-                left := tuple(
-                    a for a in added.members if not _is_explained(search, a, best, located)
+        others = []
+        for added in search.candidates:
+            # Two joints may both have dry friction; two laws of it at the same joint are a single
+            # cause.
+            left = tuple(
+                a
+                for a in added.members
+                if not any(
+                    search.family(b) == search.family(a) and _alike(a, located) & set(b.ports)
+                    for b in best.attached
                 )
             )
-        ]
+            if left and open_ports & set(added.ports):
+                others.append(Addition(left))
         # the lines of the gap's spectrum, and over the position, are those of the present remainder
         hints = gather_hints(search.evidence, best)
         models = run_round(replace(search, hints=hints), best, others).models
@@ -231,17 +235,6 @@ def _larger(
     work = RefitWork(search.evidence, search.budget.baseline.fit, search.budget.sizes)
     refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     return [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
-
-
-def _is_explained(
-    search: Search, a: Attachment, best: CandidateModel, located: PortEvidence
-) -> bool:
-    """Whether `best` has an effect of the same family at this port or at an inseparable port.
-
-    Two joints may both have dry friction; two laws of it at the same joint are a single cause.
-    """
-    places, family = _alike(a, located), search.family(a)
-    return any(search.family(b) == family and places & set(b.ports) for b in best.attached)
 
 
 def _alike(a: Addition | Attachment, located: PortEvidence) -> set[str]:
@@ -332,27 +325,22 @@ def with_needed_ports(
     many small losses add up.
     """
     best = whole
-    while weakest := _weakest(best):
+    while shared := [added.members for added in best.additions if len(added.members) > 1]:
+        # attachments whose amount vanished, otherwise the least significant; one per effect stays
+        gone = [
+            a
+            for members in shared
+            for a in sorted(members, key=lambda a: amount_z(best, a.label))[:-1]
+            if vanished(best, a.label)
+        ]
+        rest = [a for members in shared for a in members]
+        weakest = gone or sorted(rest, key=lambda a: amount_z(best, a.label))[:1]
         left = tuple(a for a in best.attached if a not in weakest)
         smaller = refitted_with(search, left, best)
         if not smaller.finite or not comparison.is_tied(smaller, whole):
             break
         best = smaller
     return best
-
-
-def _weakest(model: CandidateModel) -> list[Attachment]:
-    """Attachments to remove next from effects at several ports: those whose amount vanished,
-    otherwise the least significant. At least one per effect stays."""
-    shared = [added.members for added in model.additions if len(added.members) > 1]
-    gone = [
-        a
-        for members in shared
-        for a in sorted(members, key=lambda a: amount_z(model, a.label))[:-1]
-        if vanished(model, a.label)
-    ]
-    rest = [a for members in shared for a in members]
-    return gone or sorted(rest, key=lambda a: amount_z(model, a.label))[:1]
 
 
 def _with_rivals(

@@ -239,20 +239,15 @@ def settings_from(
         if type(value) in (int, float) and float(value).is_integer():
             values[name] = int(value) if isinstance(defaults[name], int) else float(value)
     if horizon is not None:
-        values["horizon_s"] = _seconds(horizon)
+        try:
+            values["horizon_s"] = math.inf if horizon == "whole" else float(horizon)
+        except ValueError:
+            values["horizon_s"] = math.nan
+        if not values["horizon_s"] > 0.0:
+            raise UsageError(
+                f"The horizon {horizon!r} is invalid.", 'Give seconds above 0, or "whole".'
+            )
     return Settings(**values)
-
-
-def _seconds(horizon: float | str) -> float:
-    try:
-        seconds = math.inf if horizon == "whole" else float(horizon)
-    except ValueError:
-        seconds = math.nan
-    if not seconds > 0.0:
-        raise UsageError(
-            f"The horizon {horizon!r} is invalid.", 'Give seconds above 0, or "whole".'
-        )
-    return seconds
 
 
 def described() -> list[dict[str, Any]]:

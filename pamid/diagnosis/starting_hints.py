@@ -250,9 +250,16 @@ def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
         return ()
     total = np.zeros(2 * SPATIAL_BINS + 1)
     for order in range(3):
-        where, turn, gap = _differenced(parts, order)
-        at = (SPATIAL_BINS * (where - low) / span).astype(np.int64)
+        where, turns, gaps = [], [], []
+        for x, r in parts:
+            d = np.diff(r, order, axis=0)
+            rows = slice((order + 1) // 2, (order + 1) // 2 + len(d))
+            where.append(x[rows])
+            turns.append(np.sign(np.gradient(x))[rows])
+            gaps.append(d - d.mean(axis=0))
+        at = (SPATIAL_BINS * (np.concatenate(where) - low) / span).astype(np.int64)
         at = np.minimum(at, SPATIAL_BINS - 1)
+        gap, turn = np.concatenate(gaps), np.concatenate(turns)
         for channel in np.hstack([gap, gap * turn[:, None]]).T:
             total += _contrast(at, channel)
     frequency = np.arange(len(total)) / (4.0 * span)
@@ -266,19 +273,6 @@ def spatial_periods(parts: list[tuple[Array, Array]]) -> tuple[float, ...]:
         periods.append(float(1.0 / frequency[k]))
         total[max(0, k - 8) : k + 9] = 0.0
     return tuple(periods)
-
-
-def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, Array, Array]:
-    """Positions, the sign of the motion there, and the differences of the gap less their mean in
-    every window."""
-    where, turn, gap = [np.empty(0)], [np.empty(0)], [np.empty((0, parts[0][1].shape[1]))]
-    for x, r in parts:
-        d = np.diff(r, order, axis=0)
-        rows = slice((order + 1) // 2, (order + 1) // 2 + len(d))
-        where.append(x[rows])
-        turn.append(np.sign(np.gradient(x))[rows])
-        gap.append(d - d.mean(axis=0))
-    return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
 
 
 def _contrast(at: NDArray[np.int64], values: Array) -> Array:

@@ -39,17 +39,14 @@ def lane_module_text(
     part, kind = part_of(list(groups.values())), replace(HYPOTHESES, shared=shared)
     functions = [function_text(n, g, index, part, kind) for n, g in groups.items()]
     text = "\n".join([_vector_functions(), *functions])
-    return "\n".join([*([] if part is None else [IN_PARTS]), *_declarations(text), text])
-
-
-def _declarations(text: str) -> list[str]:
-    """Intrinsics that a text calls and does not declare."""
+    # intrinsics that the text calls and does not declare
     calls = re.findall(r'call (<\d+ x double>) @"?(llvm\.\w+\.v\d+f64)"?\(([^)]*)\)', text)
     arguments = {name: (kind, values.count(kind)) for kind, name, values in calls}
-    return [
+    declarations = (
         f"declare {kind} @{name}({', '.join([kind] * count)})"
         for name, (kind, count) in sorted(arguments.items())
-    ]
+    )
+    return "\n".join([*([] if part is None else [IN_PARTS]), *declarations, text])
 
 
 @cache

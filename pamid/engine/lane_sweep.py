@@ -252,17 +252,6 @@ def _group(memory, g):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
-def _take_over(memory, n, dependent):  # type: ignore[no-untyped-def]
-    """Copy the memory of lane 0, behind the first n states, to the lanes from `dependent` on."""
-    for g in range(memory.x.shape[0]):
-        for lane in range(max(0, dependent - g * LANES), LANES):
-            memory.x[g, n:, lane] = memory.x[0, n:, 0]
-            memory.cells[g, :, lane] = memory.cells[0, :, 0]
-            memory.past[g, :, lane] = memory.past[0, :, 0]
-            memory.buffers[g, :, :, lane] = memory.buffers[0, :, :, 0]
-
-
 @njit(cache=True, nogil=True)
 def sweep_lanes(equations, memory, inputs, times, windows, results, work):  # type: ignore[no-untyped-def]
     """Run over all windows, filling Y, ends and bad; memory is carried on in place.
@@ -275,7 +264,13 @@ def sweep_lanes(equations, memory, inputs, times, windows, results, work):  # ty
     equations, work = borrowed(equations), borrowed(work)
     for w in range(edges.shape[0] - 1):
         if w > 0:
-            _take_over(memory, n, dependent)
+            # the memory of lane 0, behind the first n states, for the lanes from `dependent` on
+            for g in range(groups):
+                for lane in range(max(0, dependent - g * LANES), LANES):
+                    memory.x[g, n:, lane] = memory.x[0, n:, 0]
+                    memory.cells[g, :, lane] = memory.cells[0, :, 0]
+                    memory.past[g, :, lane] = memory.past[0, :, 0]
+                    memory.buffers[g, :, :, lane] = memory.buffers[0, :, :, 0]
         now = LaneTimes(
             times.time_s,
             times.period_s,

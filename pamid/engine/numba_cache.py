@@ -32,17 +32,12 @@ def _settle() -> None:
     if not chosen and os.access(Path(__file__).parent, os.W_OK):
         return
     folder = Path(chosen) if chosen else home_cache()
-    if folder is None or not _is_ours(folder):
+    # a folder that does not exist yet takes the rights of the nearest that does
+    while folder is not None and not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if folder is None or not os.access(folder, os.W_OK | os.X_OK) or is_shared(folder.lstat()):
         os.environ["NUMBA_CACHE_DIR"] = str(private_folder())
         config.reload_config()
-
-
-def _is_ours(folder: Path) -> bool:
-    """Whether the folder, or the nearest existing folder above it, can be written by this user
-    alone."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return os.access(folder, os.W_OK | os.X_OK) and not is_shared(folder.lstat())
 
 
 _settle()

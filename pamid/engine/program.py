@@ -465,16 +465,9 @@ def build_program(
 ) -> Program:
     """Compile equations, or load their code from the cache on disk.
 
-    Parameters
-    ----------
-    equations
-        State equations from `expand_memory`.
-    inputs, parameters, outputs
-        Names in the order of the arrays.
-    sensitive
-        Parameters with sensitivities (default: all); fewer are cheaper.
-    linear
-        Inputs that `expand_memory` has treated as linear over a sample.
+    inputs, parameters, outputs: names in the order of the arrays. sensitive: parameters with
+    sensitivities (default: all); fewer are cheaper. linear: inputs that `expand_memory` has treated
+    as linear over a sample.
     """
     text = ProgramText(equations, inputs, parameters, sensitive, linear)
     return Program(

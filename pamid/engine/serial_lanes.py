@@ -84,12 +84,13 @@ class SerialLanes:
         *,
         stepping: Stepping | None = None,
     ) -> tuple[Array, NDArray[np.int64]]:
-        runs = [
-            self.program.run(
-                lane_memory, _inputs_of_lane(inputs, lane), _of_lane(p, lane, 1), stepping=stepping
+        runs = []
+        for lane, lane_memory in enumerate(memory.memories):
+            after = None if inputs.after is None else _of_lane(inputs.after, lane, 1)
+            given = replace(inputs, u=_of_lane(inputs.u, lane, 2), after=after)
+            runs.append(
+                self.program.run(lane_memory, given, _of_lane(p, lane, 1), stepping=stepping)
             )
-            for lane, lane_memory in enumerate(memory.memories)
-        ]
         return np.stack([Y for Y, _, _ in runs], axis=2), np.array([bad for _, _, bad in runs])
 
     def run_windows(
@@ -124,11 +125,6 @@ class SerialLanes:
             if (bad >= 0).all() or (bad[0] >= 0 and shared < lanes):
                 break
         return Y, ends, bad
-
-
-def _inputs_of_lane(inputs: SampledInputs, lane: int) -> SampledInputs:
-    after = None if inputs.after is None else _of_lane(inputs.after, lane, 1)
-    return replace(inputs, u=_of_lane(inputs.u, lane, 2), after=after)
 
 
 def _of_lane(values: Array, lane: int, axes: int) -> Array:

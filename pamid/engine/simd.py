@@ -80,14 +80,11 @@ class Vectors:
         """1 - 2 / (exp(2 a) + 1): right to round-off of 1, not of a small result."""
         b, unit = self.builder, self.constant(1.0)
         a = self._between(a, -_TANH_FLAT, _TANH_FLAT)
-        e = self._exp(b.fmul(a, self.constant(2.0)))
+        # exp(2 a): 2^k times a series in 2 a - k ln(2)
+        shifted, r = self._reduced(b.fmul(a, self.constant(2.0)))
+        exponent = b.add(self._bits(shifted), self._integers(_BIAS))
+        e = b.fmul(self._series(r, 0), self._power(exponent))
         return b.fsub(unit, b.fdiv(self.constant(2.0), b.fadd(e, unit)))
-
-    def _exp(self, a: Any) -> Any:
-        """exp(a) for |a| < 700: 2^k times a series in a - k ln(2)."""
-        shifted, r = self._reduced(a)
-        exponent = self.builder.add(self._bits(shifted), self._integers(_BIAS))
-        return self.builder.fmul(self._series(r, 0), self._power(exponent))
 
     def exp(self, a: Any) -> Any:
         """exp(a) for every a: inf, 0, denormal and NaN where the exact result rounds to these."""

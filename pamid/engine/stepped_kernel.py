@@ -277,25 +277,18 @@ def _slopes(c, w, x, f, steps, plain, slopes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _rescaled(w, t, row, far):  # type: ignore[no-untyped-def]
-    """Scale the slopes of a row to the present parameters. Mark in `far` (columns,) those by
-    parameters that have moved too far for that."""
-    at = t.x.shape[1] + t.f.shape[1]
-    for k in range(t.chosen.shape[0]):
-        before, now = t.p[row, t.chosen[k]], w.p[t.chosen[k]]
-        far[at + k] = abs(now - before) > FAR * abs(before)
-        if before != now and now != 0.0:
-            for j in range(t.slopes.shape[1]):
-                t.slopes[row, j, at + k] *= before / now
-
-
-@njit(cache=True)
 def _probed(e, row, x, f, steps, plain, moves):  # type: ignore[no-untyped-def]
     """Work out slopes of a row anew that are in doubt and fail a probe; were there any? moves: only
     those by parameters are in doubt."""
     c, w, t = e
     at, slopes, far = x.shape[0] + f.shape[0], t.slopes[row], np.zeros(steps.shape[0], np.bool_)
-    _rescaled(w, t, row, far)
+    # Slopes scale with their parameters, unless these have moved too far.
+    for k in range(t.chosen.shape[0]):
+        before, now = t.p[row, t.chosen[k]], w.p[t.chosen[k]]
+        far[at + k] = abs(now - before) > FAR * abs(before)
+        if before != now and now != 0.0:
+            for j in range(slopes.shape[0]):
+                slopes[j, at + k] *= before / now
     motion, parameters = steps.copy(), steps.copy()
     motion[at:] = 0.0
     parameters[:at] = 0.0

@@ -78,14 +78,7 @@ def repaired(refit: Refit, sheet: Sequence[Replay], seed: int) -> Refit:
     """Return the refit, or the best attempt to mend a refit that predicts worse than the data
     sheet.
 
-    Parameters
-    ----------
-    refit
-        The fitted model.
-    sheet
-        Held-out replays of the data sheet.
-    seed
-        Of the starts drawn from the priors.
+    sheet: held-out replays of the data sheet; seed: of the starts drawn from the priors.
     """
     # The data sheet is the reference, because a fit that predicts worse than no fit at all has a
     # wrong cause for its cost.

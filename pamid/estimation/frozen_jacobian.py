@@ -217,10 +217,8 @@ def begin_chords(
 ) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
     """The least squares of a fit by chord steps, and the point where it begins.
 
-    Parameters
-    ----------
-    problem : of a model with the parameters of `frozen` and more, over the same tracks
-    start : with parameters, states, weights and stepping
+    problem: of a model with the parameters of `frozen` and more, over the same tracks; start: with
+    parameters, states, weights and stepping.
     """
     p, starts, weights, stepping = start.p, start.starts, start.weights, start.stepping
     assert p is not None and starts is not None and weights is not None and stepping is not None

@@ -181,14 +181,7 @@ def require_predictable(
 ) -> None:
     """Raise ConvergenceError where the noise floor of a channel exceeds all that it moves by.
 
-    Parameters
-    ----------
-    evidence
-        Recordings, with the channels that are compared.
-    floor
-        Replays of the model as the truth.
-    tracks
-        Recordings by which the channels' ranges are measured.
+    floor: replays of the model as the truth; tracks: by which the channels' ranges are measured.
     """
     # A floor above the whole range means that no comparison of models could be decided.
     ranges = np.max([np.nan_to_num(np.ptp(t.y, axis=0)) for t in tracks], axis=0)

@@ -456,22 +456,10 @@ def fit(
 
     A fit that does not converge is returned as well; see `converged` and `why`.
 
-    Parameters
-    ----------
-    problem
-        Model, tracks, priors and free parameters.
-    start
-        Where the fit begins.
-    iterations, tolerance
-        Maximum number of steps; gain of the cost below which the fit has converged.
-    exact
-        Whether the fit ends with newly computed slopes. If False, or for a probe, the slopes are
-        returned for reuse in a later fit.
-    progress
-        Callback of the iteration.
-    probe
-        Whether only the cost and the parameters are needed. The last step then has no derivatives
-        and no covariance.
+    tolerance: gain of the cost below which the fit has converged. exact: the fit ends with newly
+    computed slopes; otherwise, or for a probe, the slopes are returned for reuse in a later fit.
+    probe: only the cost and the parameters are needed; the last step has no derivatives and no
+    covariance.
     """
     shooting, begun = begin(problem, start, tolerance=tolerance, probe=probe)
     if not begun.point.normal.fine:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import NONE, column_size, split_column
+from pamid.base.units import column_size, split_column, unit_label
 from pamid.estimation.prior import Coordinates
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.assembly import Assembly
@@ -206,9 +206,9 @@ def straight_coordinates(problem: Problem, p: Array, covariance: Array) -> Coord
 
 def declared_quantities(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
-    measures = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
     quantities = [
-        space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures
+        space.quantity(name, unit_label(split_column(name)[1]), of)
+        for name, of in declared(assembly).items()
     ]
     return [q for q in quantities if q.slope.any()]
 

@@ -427,14 +427,14 @@ class Smoother:
 
     @cached_property
     def tracks(self) -> tuple[SlicedTrack, ...]:
-        known = self.base.slopes_along_replays
-        return tuple(self._sliced(r, k) for r, k in zip(self.base.replays, known, strict=True))
-
-    def _sliced(self, r: Replay, known: tuple[KnownSlopes | None, ...]) -> SlicedTrack:
-        runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
-        slices, opens = slices_of(r)
-        start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
-        return SlicedTrack(runner, slices, opens, start, known)
+        tracks = []
+        for r, known in zip(self.base.replays, self.base.slopes_along_replays, strict=True):
+            stepping = self.base.fit.stepping
+            runner = Runner(self.assembly, r.track, stepping, self.free, all_states=True)
+            slices, opens = slices_of(r)
+            start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
+            tracks.append(SlicedTrack(runner, slices, opens, start, known))
+        return tuple(tracks)
 
     @property
     def times_s(self) -> tuple[float, ...]:

@@ -198,21 +198,21 @@ class Assembly:
 
     @cached_property
     def traced(self) -> Traced:
-        upper_bounds = {b.key: b.high for b in self.parameters if b.owner}
-        return trace(self.rig, self._effects_at, dict(self.controller), upper_bounds)
+        def effects_at(port: str, place: str) -> list[tuple[str, Effect]]:
+            nuisance = [
+                (nuisance_owner(term, at), term)
+                for name, at, term in self._nuisance()
+                if (name, at) == (port, place)
+            ]
+            attached = [
+                (a.label, a.effect)
+                for a in sorted(self.attachments, key=lambda a: a.label)
+                if a.acts_at(port, place)
+            ]
+            return nuisance + attached
 
-    def _effects_at(self, port: str, place: str) -> list[tuple[str, Effect]]:
-        nuisance = [
-            (nuisance_owner(term, at), term)
-            for name, at, term in self._nuisance()
-            if (name, at) == (port, place)
-        ]
-        attached = [
-            (a.label, a.effect)
-            for a in sorted(self.attachments, key=lambda a: a.label)
-            if a.acts_at(port, place)
-        ]
-        return nuisance + attached
+        upper_bounds = {b.key: b.high for b in self.parameters if b.owner}
+        return trace(self.rig, effects_at, dict(self.controller), upper_bounds)
 
     @cached_property
     def program(self) -> Executable:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from pamid.base.units import NONE, named_with, quantity_of, quotient, to_si
+from pamid.base.units import named_with, quantity_of, quotient, to_si, unit_label
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
@@ -78,7 +78,7 @@ def _unit(port: Port, what: str) -> str:
         return "Hz"
     top, *below = (port.unit_of(TRAVELLED if s == TRAVEL else s) for s in what.split("/"))
     unit = quotient(top, *below) if below else top
-    return "" if unit == NONE else unit
+    return unit_label(unit)
 
 
 def parameters_of(effect: Effect, port: Port) -> tuple[Parameter, ...]:
@@ -114,7 +114,7 @@ def bind(
         f"{owner}:{parameter.name}" if owner else parameter.name,
         owner,
         named_with(parameter.name if "{" in label else label, unit),
-        "" if unit == NONE else unit,
+        unit_label(unit),
         to_si(1.0, unit) if unit else 1.0,
         parameter.value * si,
         parameter.low * si,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pamid.base.schemas import catalogue_files as result
-from pamid.base.units import NONE
+from pamid.base.units import unit_label
 from pamid.engine.symbolic.expression import plain, rebuild, symbol, text, walk
 from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.assembly import Assembly
@@ -136,7 +136,18 @@ def rig_story(
         ),
         variants=_variants(type(rig)),
         states=tuple(result.NamedUnit(name=s.name, unit=s.unit) for s in rig.states),
-        ports=tuple(_port(rig, name, fit) for name in rig.ports),
+        ports=tuple(
+            result.RigPort(
+                name=name,
+                kind=port.kind,
+                unit=port.unit,
+                places=port.places,
+                group=rig.group_of(name),
+                signals={s: port.unit_of(s) for s in port.signals},
+                effects=tuple(sorted({a.effect.name for a in fit if name in a.ports})),
+            )
+            for name, port in rig.ports.items()
+        ),
         no_place=tuple(no_places(rig, known, rigs)),
         parameters=tuple(map(_parameter, rig.parameters)),
         on_request=tuple(rig.on_request),
@@ -146,19 +157,6 @@ def rig_story(
             for x in rig.loops
         ),
         equations=equations(rig),
-    )
-
-
-def _port(rig: Rig, name: str, fit: list[Attachment]) -> result.RigPort:
-    port = rig.ports[name]
-    return result.RigPort(
-        name=name,
-        kind=port.kind,
-        unit=port.unit,
-        places=port.places,
-        group=rig.group_of(name),
-        signals={s: port.unit_of(s) for s in port.signals},
-        effects=tuple(sorted({a.effect.name for a in fit if name in a.ports})),
     )
 
 
@@ -182,7 +180,7 @@ def _parameter(p: Parameter) -> result.ParameterRow:
         value=p.value,
         low=low,
         high=high,
-        unit="" if p.unit == NONE else p.unit,
+        unit=unit_label(p.unit),
         multiple_of=p.size,
         null=p.null,
         fitted=p.fitted,
@@ -217,16 +215,8 @@ def equations(rig: Rig) -> result.RigEquations:
         "outputs": dict(traced.outputs),
     }
     parts = {k: dict(zip(part, plain(part.values()), strict=True)) for k, part in parts.items()}
-    short, shorthands = _shorten([e for part in parts.values() for e in part.values()])
-    printed = {
-        part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()
-    }
-    return result.RigEquations(**printed, where={name: text(e) for name, e in shorthands.items()})
-
-
-def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
-    """The roots with long expressions that occur more than once replaced by names, and what the
-    names stand for."""
+    roots = [e for part in parts.values() for e in part.values()]
+    # long expressions that occur more than once are replaced by names
     order = walk(roots)
     uses: dict[Expr, int] = {}
     for parent in order:
@@ -244,7 +234,10 @@ def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
         if uses[node] > 1 and size[node] > LONG:
             name = f"k{len(names) + 1}"
             names[name], new[node], size[node] = new[node], symbol("short", name), 1
-    return new, names
+    printed = {
+        part: {name: text(new[e]) for name, e in listed.items()} for part, listed in parts.items()
+    }
+    return result.RigEquations(**printed, where={name: text(e) for name, e in names.items()})
 
 
 # ---- text --------------------------------------------------------------------------------------
@@ -339,7 +332,12 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         "",
         "Ports",
     ]
-    for names, port in _like_ports(story.ports):
+    # ports that differ in nothing but their names are listed together
+    alike: dict[str, tuple[list[str], result.RigPort]] = {}
+    for port in story.ports:
+        rest = port.model_copy(update={"name": "", "group": ""})
+        alike.setdefault(repr(rest), ([], port))[0].append(port.name)
+    for names, port in alike.values():
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
         places = f" at places {', '.join(port.places)}" if port.places else ""
         lines += _wrapped(
@@ -364,36 +362,20 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         few = len(b.terms) <= MANY_TERMS
         terms = ", ".join(b.terms) if few else f"{b.terms[0]} .. {b.terms[-1]}"
         lines.append(f"    {b.name} at {b.port}: {terms}, sd {b.tolerance:g}")
-    equations = _equation_lines(story.equations)
-    if not everything and len(equations) > MOST_EQUATION_LINES:
-        equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
-    return "\n".join([*lines, *equations])
-
-
-def _equation_lines(equations: result.RigEquations) -> list[str]:
-    lines = []
+    equations = []
     for part, title in (
         ("rates", "Equations (SI)"),
         ("ports", "Through the ports"),
         ("outputs", "Outputs"),
         ("where", "where"),
     ):
-        if getattr(equations, part):
-            lines += ["", title]
-            for name, value in getattr(equations, part).items():
-                lines += _wrapped(f"{name} = {value}", 4)
-    return lines
-
-
-def _like_ports(
-    ports: Sequence[result.RigPort],
-) -> list[tuple[list[str], result.RigPort]]:
-    """Ports that differ in nothing but their names, with these names, and the first of them."""
-    alike: dict[str, tuple[list[str], result.RigPort]] = {}
-    for port in ports:
-        rest = port.model_copy(update={"name": "", "group": ""})
-        alike.setdefault(repr(rest), ([], port))[0].append(port.name)
-    return list(alike.values())
+        if formulas := getattr(story.equations, part):
+            equations += ["", title]
+            for name, value in formulas.items():
+                equations += _wrapped(f"{name} = {value}", 4)
+    if not everything and len(equations) > MOST_EQUATION_LINES:
+        equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
+    return "\n".join([*lines, *equations])
 
 
 def _in(unit: str) -> str:

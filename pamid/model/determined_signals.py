@@ -34,22 +34,9 @@ SHIFTED_ALONG = frozenset({"play", "lag", "delay"})  # memories whose output shi
 def determined(
     rig: Rig, outputs: Collection[str], still: Collection[str], candidates: Iterable[Attachment]
 ) -> tuple[list[Attachment], dict[str, str]]:
-    """Return the candidates whose signals are determined, and why the others are left out.
+    """Return the candidates whose signals are determined, and by label why others are left out.
 
-    Parameters
-    ----------
-    rig
-        Rig that the candidates attach to.
-    outputs
-        Measured outputs of the rig.
-    still
-        Inputs that are 0 in all recordings.
-    candidates
-        Effects at their ports.
-
-    Returns
-    -------
-    list of Attachment, dict of label to reason
+    outputs: measured outputs of the rig; still: inputs that are 0 in all recordings.
     """
     traced = trace(rig, lambda port, place: [], {})
     is_stepped = isinstance(rig, StepRig)  # the equations of a stepped rig are unknown
@@ -99,7 +86,14 @@ def _at_rest(traced: Traced, candidate: Attachment, inputs_at_rest: frozenset[st
     drivers = [[q.value for q in passages]]
     drivers += [_signal(passages, candidate.effect, name) for name in candidate.effect.signals]
     for sources in drivers:
-        at_rest = [_inputs_alone(root) for root in sources]
+        at_rest = []
+        for root in sources:
+            leaves = symbols([root])
+            # an expression that depends on other signals, too, is not at rest with its inputs
+            moving = {space for space, _ in leaves} - {"input", "parameter"}
+            if moving or any(node.op == SIMULATED for node in walk([root])):
+                leaves = set()
+            at_rest.append({name for space, name in leaves if space == "input"})
         if at_rest and all(inputs and inputs <= inputs_at_rest for inputs in at_rest):
             names = sorted(set().union(*at_rest))
             return f"{' and '.join(names)} is 0 in all recordings"
@@ -114,15 +108,6 @@ def _signal(passages: list[Passage], effect: Effect, name: str) -> list[Expr]:
         expression = offered.get(effect.offered_as(name, set(offered)))
         expressions += [expression] if isinstance(expression, Expr) else []
     return expressions
-
-
-def _inputs_alone(root: Expr) -> frozenset[str]:
-    """Inputs that an expression depends on; empty if it also depends on other signals."""
-    leaves = symbols([root])
-    moving = {space for space, _ in leaves} - {"input", "parameter"}
-    if moving or any(node.op == SIMULATED for node in walk([root])):
-        return frozenset()
-    return frozenset(name for space, name in leaves if space == "input")
 
 
 class _MarkerEffect(Effect):

@@ -27,11 +27,7 @@ class KnownObjection:
 def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | None:
     """The objection to a known value, None where it lies within the bounds.
 
-    Parameters
-    ----------
-    b : the parameter
-    name, value : as written, in the unit of that name
-    si : the same value in SI
+    name, value: as written, in the unit of that name; si: the same value in SI.
     """
     if b.low <= si <= b.high:
         return None

@@ -30,21 +30,23 @@ def no_places(
 ) -> list[NoPlaceRow]:
     """Return the effects that fit a rig for the same quantities and not this rig.
 
-    Parameters
-    ----------
-    rig
-        Rig, of the catalogue or of a file.
-    effects
-        Catalogue of effects.
-    others
-        Rigs to compare with, by name.
+    rig: of the catalogue or of a file; others: rigs to compare with, by name.
     """
     known = {effect.name: effect for effect in effects}
     placed = _placed(rig, known.values())
     elsewhere: dict[str, list[str]] = {}
     for name, kind in others.items():
         other = kind()
-        if name != rig.name and _same_quantities(rig, other):
+        commanded, offered = (
+            Counter(symbol for column, symbol in m.inputs.items() if column not in m.optional)
+            for m in (rig, other)
+        )
+        # a command without a unit, which any machine may take, does not identify it
+        same = commanded == offered and any(offered) == bool(rig.inputs)
+        general = all(port.general for m in (rig, other) for port in m.ports.values())
+        read = set(rig.outputs.values()) & set(other.outputs.values())
+        holds_as_many = len(other.states) >= len(rig.states)
+        if name != rig.name and general and same and read and holds_as_many:
             for effect in sorted(_placed(other, known.values()) - placed):
                 elsewhere.setdefault(effect, []).append(name)
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
@@ -58,20 +60,6 @@ def no_places(
 
 def _placed(rig: Rig, effects: Iterable[type[Effect]]) -> set[str]:
     return {a.effect.name for a in attachments(rig, effects)}
-
-
-def _same_quantities(rig: Rig, other: Rig) -> bool:
-    available, needed = (
-        Counter(
-            symbol for column, symbol in machine.inputs.items() if column not in machine.optional
-        )
-        for machine in (rig, other)
-    )
-    general = all(port.general for machine in (rig, other) for port in machine.ports.values())
-    # a command without a unit, which any machine may take, does not identify it
-    same = needed == available and any(needed) == bool(rig.inputs)
-    read = set(rig.outputs.values()) & set(other.outputs.values())
-    return general and same and bool(read) and len(other.states) >= len(rig.states)
 
 
 def _title(effect: type[Effect]) -> str:

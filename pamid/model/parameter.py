@@ -98,18 +98,8 @@ class Parameter:
             )
         if self.log and not (self.low > 0.0 or (self.low == 0.0 and self.value > 0.0)):
             raise FileError(f"parameter {self.name!r}: a logarithmic prior needs a positive range")
-        self._settle_unit()
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        """A spread that is not stated is the same NaN in every process: what has been sent
-        stays equal to what it was."""
-        for name, value in state.items():
-            unstated = name == "spread" and math.isnan(value)
-            object.__setattr__(self, name, math.nan if unstated else value)
-
-    def _settle_unit(self) -> None:
-        """A rule for all names: the unit at the end of the name is that of the value, and another
-        in `unit` is refused, as is a unit that is unknown or counts from another zero."""
+        # The unit at the end of the name is that of the value. Another in `unit` is refused, as is
+        # a unit that is unknown or counts from another zero.
         named = split_column(self.name)[1]
         if self.size:
             if named != NONE:
@@ -131,6 +121,13 @@ class Parameter:
                 "Give it in K.",
                 code="unit",
             )
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """A spread that is not stated is the same NaN in every process: what has been sent
+        stays equal to what it was."""
+        for name, value in state.items():
+            unstated = name == "spread" and math.isnan(value)
+            object.__setattr__(self, name, math.nan if unstated else value)
 
     @classmethod
     def level(

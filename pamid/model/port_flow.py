@@ -12,7 +12,7 @@ from pamid.base.schemas.rig_map import MappedPort, RigMap
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.isolability import Cut, unknowns_of
 from pamid.model.rig import Rig
-from pamid.model.trace import Traced, trace
+from pamid.model.trace import trace
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
@@ -23,9 +23,19 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
     FileError where the rig's equations cannot be traced."""
     traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
     port_of = {passage.where: passage.port for passage in traced.passages}
-    behind = {
-        name: {port_of[cut] for cut in cuts} for name, cuts in _cuts_behind_states(traced).items()
-    }
+    # ports whose cuts the rate of a state holds, directly or through the rates of other states
+    unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
+    behind = {}
+    for state in unknowns:
+        held, passed, waiting = set(), {state}, [state]
+        while waiting:
+            for space, other in unknowns.get(waiting.pop(), frozenset()):
+                if space == "cut":
+                    held.add(port_of[other])
+                elif other not in passed:
+                    passed.add(other)
+                    waiting.append(other)
+        behind[state] = held
     before: dict[str, set[str]] = {name: set() for name in rig.ports}
 
     def sources(value: Expr) -> set[str]:
@@ -65,20 +75,3 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
             if name in seen
         ),
     )
-
-
-def _cuts_behind_states(traced: Traced) -> dict[str, set[str]]:
-    """State -> the cuts that its rate holds, directly or through the rates of other states."""
-    unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
-    by_state = {}
-    for name in unknowns:
-        seen, waiting, cuts = {name}, [name], set()
-        while waiting:
-            for space, other in unknowns.get(waiting.pop(), frozenset()):
-                if space == "cut":
-                    cuts.add(other)
-                elif other not in seen:
-                    seen.add(other)
-                    waiting.append(other)
-        by_state[name] = cuts
-    return by_state

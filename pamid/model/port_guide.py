@@ -92,7 +92,14 @@ def stated_roughness(rig: Rig, *names: str) -> str:
     """Signals to be offered first at ports that pass a balance, with their maps; then the line of
     a rig file that states an ordinary roughness of what passes the other ports."""
     of = {name: _of(rig, name) for name in names}
-    maps = {name: _rough_map(rig.ports[name], name, signal) for name, signal in of.items()}
+    maps = {}
+    for name, signal in of.items():
+        along = _along(rig.ports[name])
+        over = f', "{along}"' if along else ""
+        share = f', of="{signal}"' if signal else ""
+        maps[name] = (
+            f'"{name}": RoughMap("{name}_map"{over}{share}, tolerance={ORDINARY_ROUGHNESS})'
+        )
     # a balance is next to nothing where the parts of it that are rough are large
     lacking = [name for name, signal in of.items() if signal not in ("", *rig.ports[name].signals)]
     ready = ", ".join(maps[name] for name in names if name not in lacking)
@@ -102,12 +109,6 @@ def stated_roughness(rig: Rig, *names: str) -> str:
         for name in lacking
     ]
     return "; ".join([*parts, *([f"background = {{{ready}}}"] if ready else [])])
-
-
-def absorbed_effects(rig: Rig, *names: str) -> str:
-    """Effects that maps at these ports can absorb besides roughness."""
-    along = {_along(rig.ports[name]) for name in names}
-    return "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
 
 
 def _of(rig: Rig, name: str) -> str:
@@ -135,19 +136,6 @@ def _is_balance(passage: Passage) -> bool:
     return driven and rest is not passage.value
 
 
-def _is_whole(rig: Rig, name: str) -> bool:
-    """Whether a rough map at this port is a share of its value."""
-    stated = rig.background[name]
-    terms = stated if isinstance(stated, (list, tuple)) else [stated]
-    return any(isinstance(term, RoughMap) and term.of == "value" for term in terms)
-
-
-def _rough_map(port: Port, name: str, of: str) -> str:
-    over = f', "{_along(port)}"' if _along(port) else ""
-    share = f', of="{of}"' if of else ""
-    return f'"{name}": RoughMap("{name}_map"{over}{share}, tolerance={ORDINARY_ROUGHNESS})'
-
-
 def _along(port: Port) -> str:
     """The signal that a map at this port runs along, "" for what passes."""
     return next((s for s in ALONG if s in port.signals), "")
@@ -163,17 +151,25 @@ def tolerance_words(rig: Rig) -> list[str]:
     a balance as a whole."""
     mapped = mapped_ports(rig)
     if rig.background or not mapped:
-        whole = [name for name in rig.background if _of(rig, name) and _is_whole(rig, name)]
+        whole = []
+        for name, stated in rig.background.items():
+            terms = stated if isinstance(stated, (list, tuple)) else [stated]
+            if _of(rig, name) and any(
+                isinstance(term, RoughMap) and term.of == "value" for term in terms
+            ):
+                whole.append(name)
         return [
             f"the map at port {name} is a share of a balance. The balance can be near zero while "
             "its parts are large, so a rough drive looks like friction. State the map as a share "
             f"of the rough part: {stated_roughness(rig, name)}"
             for name in whole
         ]
+    along = {_along(rig.ports[name]) for name in mapped}
+    absorbed = "; ".join(TAKEN_UP[signal] for signal in ("", *ALONG) if signal in along)
     return [
         "the rig states no tolerances, so an error of 2 % in a force, a flow or a loss can look "
         "like a missing effect, or hide an effect. A map allows such an error, but within its "
-        f"tolerance the map can absorb {absorbed_effects(rig, *mapped)}. To allow such errors: "
+        f"tolerance the map can absorb {absorbed}. To allow such errors: "
         f"{stated_roughness(rig, *mapped)}"
     ]
 
@@ -212,7 +208,15 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
         if sum(kind in (*e.kinds, *e.general_kinds) for kind in kinds) >= max(1, len(e.roles))
     ]
     fit = attachments(rig, known)
-    driven = _imposed(rig)
+    # ports of motion and actuators whose position or velocity follows from inputs directly
+    driven = {
+        passage.port
+        for passage in Assembly(rig).traced.passages
+        if rig.ports[passage.port].kind in ("motion", "actuator-force")
+        for name, value in passage.signals
+        if name in ("position", "velocity") and isinstance(value, Expr)
+        if any(space == "input" for space, _ in symbols([value]))
+    }
     rows = []
     for name, port in rig.ports.items():
         more = reachable(port, known)
@@ -233,19 +237,6 @@ def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _imposed(rig: Rig) -> set[str]:
-    """Ports of motion and actuators whose position or velocity follows from inputs directly."""
-    signals = set()
-    for passage in Assembly(rig).traced.passages:
-        if rig.ports[passage.port].kind not in ("motion", "actuator-force"):
-            continue
-        for name, value in passage.signals:
-            moves = symbols([value]) if isinstance(value, Expr) else set()
-            if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
-                signals.add(passage.port)
-    return signals
 
 
 def driven_by_speed(rig: Rig) -> dict[str, float]:

@@ -168,13 +168,6 @@ def in_catalogue(name: str) -> bool:
     return name.partition(":")[0] in rigs()
 
 
-def _rig_file_in(name: str) -> str:
-    """A rig file of that name in the folder, which is named by its path."""
-    file = Path(f"{name}.py")
-    there = name.isidentifier() and file.is_file()
-    return f"The file {file} is named by its path: ./{file}" if there else ""
-
-
 def catalogue_rig(name: str) -> Rig:
     """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
     file is ever run: this is the look-up for names that came from data."""
@@ -190,9 +183,11 @@ def catalogue_rig(name: str) -> Rig:
     if base not in known:
         if is_code(name):
             raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
+        file = Path(f"{base}.py")
+        there = base.isidentifier() and file.is_file()
         raise FileError(
             f"unknown rig {base!r}",
-            _rig_file_in(base)
+            (f"The file {file} is named by its path: ./{file}" if there else "")
             or nearest(base, list(known))
             or f"rigs: {', '.join(known)}; or the path of a rig file",
         )

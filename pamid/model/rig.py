@@ -302,7 +302,30 @@ def check_rig(rig: Rig, where: str) -> None:
         raise FileError(
             f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}'
         )
-    _check_inputs(rig, kind)
+    for what in ("inputs", "outputs"):
+        for column, declared in getattr(rig, what).items():
+            _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)
+    read_before = {c for c, way in rig.between.items() if way == BEFORE and c in rig.outputs}
+    for what, stated in (("between", rig.between), ("ranges", rig.ranges)):
+        for column in stated:
+            if column not in rig.inputs and not (what == "between" and column in read_before):
+                raise FileError(
+                    f"{kind}: {what} names {column!r}, which is not among the inputs",
+                    nearest(column, list(rig.inputs)) or f"inputs: {', '.join(rig.inputs)}",
+                )
+    for column, way in rig.between.items():
+        if way not in BETWEEN and column not in read_before:
+            raise FileError(
+                f"{kind}: between is {way!r} for the input {column!r}",
+                f'between = {{"{column}": "linear"}}, or "held"',
+            )
+    for column, limits in rig.ranges.items():
+        sound = isinstance(limits, tuple | list) and len(limits) == 2
+        if not sound or not float(limits[0]) < float(limits[1]):
+            raise FileError(
+                f"{kind}: the range of {column!r} is {limits!r:.60}",
+                f'ranges = {{"{column}": (lowest, highest)}}, in the unit of the column',
+            )
     for name, port in rig.ports.items():
         if port.kind not in KINDS:
             raise FileError(
@@ -331,34 +354,6 @@ def check_rig(rig: Rig, where: str) -> None:
             raise FileError(
                 f"{kind}: background names the port {name!r}, which it does not have",
                 nearest(name, list(rig.ports)),
-            )
-
-
-def _check_inputs(rig: Rig, kind: str) -> None:
-    """Refuse units that contradict a column's name, and entries for inputs that do not exist."""
-    for what in ("inputs", "outputs"):
-        for column, declared in getattr(rig, what).items():
-            _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)
-    read_before = {c for c, way in rig.between.items() if way == BEFORE and c in rig.outputs}
-    for what, stated in (("between", rig.between), ("ranges", rig.ranges)):
-        for column in stated:
-            if column not in rig.inputs and not (what == "between" and column in read_before):
-                raise FileError(
-                    f"{kind}: {what} names {column!r}, which is not among the inputs",
-                    nearest(column, list(rig.inputs)) or f"inputs: {', '.join(rig.inputs)}",
-                )
-    for column, way in rig.between.items():
-        if way not in BETWEEN and column not in read_before:
-            raise FileError(
-                f"{kind}: between is {way!r} for the input {column!r}",
-                f'between = {{"{column}": "linear"}}, or "held"',
-            )
-    for column, limits in rig.ranges.items():
-        sound = isinstance(limits, tuple | list) and len(limits) == 2
-        if not sound or not float(limits[0]) < float(limits[1]):
-            raise FileError(
-                f"{kind}: the range of {column!r} is {limits!r:.60}",
-                f'ranges = {{"{column}": (lowest, highest)}}, in the unit of the column',
             )
 
 

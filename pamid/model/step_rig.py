@@ -287,8 +287,13 @@ class StepRig(Rig):
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process without what was made here."""
-        names = (k for k in vars(self) if k != "_known_links" and not _is_cached(type(self), k))
-        return {k: vars(self)[k] for k in names}
+        cached = {
+            name
+            for kind in type(self).__mro__
+            for name, value in vars(kind).items()
+            if isinstance(value, cached_property)
+        }
+        return {k: v for k, v in vars(self).items() if k not in {"_known_links", *cached}}
 
 
 def _numbers(names: tuple[str, ...], values: list[float]) -> SimpleNamespace:
@@ -367,7 +372,3 @@ def _check_repeats(rig: StepRig, into: tuple[str, ...]) -> None:
             "set everything from x at the beginning of step(), or declare it as a state",
             code="simulation",
         )
-
-
-def _is_cached(kind: type, name: str) -> bool:
-    return any(isinstance(vars(c).get(name), cached_property) for c in kind.__mro__)

@@ -114,11 +114,27 @@ class _Tracer:
         u = Names(columns, "input")
         rates = self._call("rates", x, u, p, self.rig.differential_states())
         outputs = self._call("measure", x, u, p, list(self.rig.outputs))
-        outputs = self._as_logged(outputs, columns)
+        # a log may read an output before it sends the command of the same row
+        between = self.rig.between
+        held_inputs = (u for column, u in columns.items() if between.get(column) != "linear")
+        before = {u: u - tick("period") * rate_of(u) for u in held_inputs}
+        outputs = {
+            column: substitute([value], before)[0] if between.get(column) == BEFORE else value
+            for column, value in outputs.items()
+        }
         if self.controller:
             for loop in self.rig.loops:
                 self._close(loop, outputs)
-        self._every_port_used()
+        for name, port in self.rig.ports.items():
+            for place in port.places or ("",):
+                if (name, place) not in self.passages:
+                    at = f" at place {place!r}" if place else ""
+                    raise FileError(
+                        f"rig {self.rig.name!r} declares the port {name!r} but never passes a "
+                        f"value through it{at}",
+                        f"write ... = port({name!r}, value, ...) in rates or measure, "
+                        "or drop the port",
+                    )
         return Traced(
             {**rates, **self.effect_rates},
             outputs,
@@ -127,17 +143,6 @@ class _Tracer:
             tuple(self.passages.values()),
             tuple(c for c in self.inputs if self.rig.between.get(c) == "linear"),
         )
-
-    def _as_logged(self, outputs: dict[str, Expr], inputs: dict[str, Expr]) -> dict[str, Expr]:
-        """The outputs, with the inputs of the row before in those that a log reads before it sends
-        the command of the same row."""
-        between = self.rig.between
-        held_inputs = (u for column, u in inputs.items() if between.get(column) != "linear")
-        before = {u: u - tick("period") * rate_of(u) for u in held_inputs}
-        return {
-            column: substitute([value], before)[0] if between.get(column) == BEFORE else value
-            for column, value in outputs.items()
-        }
 
     def _call(
         self, method: str, x: Names, u: Names, p: Names, wanted: list[str]
@@ -289,18 +294,6 @@ class _Tracer:
                 sampled=True,
             ),
         ]
-
-    def _every_port_used(self) -> None:
-        for name, port in self.rig.ports.items():
-            for place in port.places or ("",):
-                if (name, place) not in self.passages:
-                    at = f" at place {place!r}" if place else ""
-                    raise FileError(
-                        f"rig {self.rig.name!r} declares the port {name!r} but never passes a "
-                        f"value through it{at}",
-                        f"write ... = port({name!r}, value, ...) in rates or measure, "
-                        "or drop the port",
-                    )
 
 
 def trace(

@@ -282,7 +282,13 @@ def is_white(values: Array) -> bool:
     comes and goes)?"""
     for order in ORDERS:
         d = np.diff(values, n=order)
-        sizes = _part_medians(np.abs(d), 40) if d.size >= FEW_MOVING else np.zeros(1)
+        if d.size < FEW_MOVING:
+            continue
+        # median of each of 40 parts as of np.array_split, which have two lengths at most
+        length, longer = divmod(d.size, 40)
+        long, short = np.split(np.abs(d), [longer * (length + 1)])
+        tables = long.reshape(longer, length + 1), short.reshape(-1, length)
+        sizes = np.concatenate([np.median(table, axis=1) for table in tables])
         usual = float(np.median(sizes))
         if 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
             # a spike has no information on the colour
@@ -292,15 +298,6 @@ def is_white(values: Array) -> bool:
             if float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded):
                 return True
     return False
-
-
-def _part_medians(values: Array, parts: int) -> Array:
-    """Median of each of the parts of `np.array_split(values, parts)`, of which there are two
-    lengths at most."""
-    length, longer = divmod(values.size, parts)
-    edge = longer * (length + 1)
-    tables = values[:edge].reshape(longer, length + 1), values[edge:].reshape(-1, length)
-    return np.concatenate([np.median(table, axis=1) for table in tables])
 
 
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:
@@ -321,24 +318,16 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
         squares = [np.median([np.mean(part**2) for part in parts]) for parts in blocks]
         noise[c] = max(float(np.sqrt(min(squares))), UNIFORM * steps[c])
     for c in np.flatnonzero(steps == 0.0):
-        noise[c] = _noise_without_repeats(y[:, c], noise[c])
+        # A sensor that is off or at its limit repeats its value, and so do filled gaps. Differences
+        # over exact repeats would bring the median next to zero, and every error of a model would
+        # be large against such noise.
+        moved = y[1:, c] != y[:-1, c]
+        if moved.all():
+            continue
+        sums, levels = np.concatenate([[0], np.cumsum(moved)]), []
+        for order, gain in ORDERS.items():
+            d = np.abs(np.diff(y[:, c], n=order)[sums[order:] - sums[:-order] == order])
+            if d.size >= FEW_MOVING:
+                levels.append(float(np.median(d)) / (gain * MEDIAN))
+        noise[c] = min(levels, default=noise[c])
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
-
-
-def _noise_without_repeats(values: Array, otherwise: float) -> float:
-    """White noise of a channel without steps, from differences that span no exact repeat:
-    a sensor that is off or at its limit repeats its value, and so do filled gaps. `otherwise` where
-    nothing repeats or where too few differences are left.
-
-    With half of the samples repeated the median of differences would be next to zero, and every
-    error of a model large against such noise.
-    """
-    moved = values[1:] != values[:-1]
-    if moved.all():
-        return otherwise
-    sums, levels = np.concatenate([[0], np.cumsum(moved)]), []
-    for order, gain in ORDERS.items():
-        d = np.abs(np.diff(values, n=order)[sums[order:] - sums[:-order] == order])
-        if d.size >= FEW_MOVING:
-            levels.append(float(np.median(d)) / (gain * MEDIAN))
-    return min(levels, default=otherwise)

@@ -17,7 +17,7 @@ a copy: without them the response to a doubled input is a scaled copy, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -136,9 +136,21 @@ def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterato
             fresh.append(i)
     tables = {i: _signals(recordings[i], outputs) for i in fresh}
     copies: set[tuple[int, int]] = set()
-    for words, rescaled in ((_levels_of, False), (_signs_of, True)):
+    for words_of, rescaled in ((_levels_of, False), (_signs_of, True)):
+        votes = []
+        for name in outputs:
+            having = {i: signals[name] for i, signals in tables.items() if name in signals}
+            words = words_of(having) if len(having) > 1 else {}
+            if len(words) > 1:
+                votes.append(_matches(words))
+        if not votes:
+            continue
+        # shifts, place in i minus place in j, at which two recordings share words, most words first
+        pairs, counts = np.unique(np.concatenate(votes), axis=0, return_counts=True)
+        often = np.flatnonzero(counts >= SHARED_WORDS)
         tried: dict[tuple[int, int], int] = {}
-        for i, j, shift in _candidates(outputs, tables, words):
+        for row in often[np.argsort(-counts[often], kind="stable")]:
+            i, j, shift = pairs[row].tolist()
             tried[i, j] = tried.get((i, j), 0) + 1
             if (i, j) in copies or tried[i, j] > SHIFTS:
                 continue
@@ -172,28 +184,6 @@ def _printed_step(values: Array) -> float:
         decimals = mantissa.partition(".")[2]
         last = min(last, int(exponent or 0) - (0 if decimals == "0" else len(decimals)))
     return float(max(10.0**last, CONVERSION_TOLERANCE * size.max()))
-
-
-def _candidates(
-    outputs: Sequence[str],
-    tables: dict[int, dict[str, _Signal]],
-    words_of: Callable[[dict[int, _Signal]], dict[int, Words]],
-) -> Iterator[tuple[int, int, int]]:
-    """Pairs of recordings (i, j) and the shift, place in i minus place in j, at which they share
-    words; those that share most come first."""
-    votes = []
-    for name in outputs:
-        having = {i: signals[name] for i, signals in tables.items() if name in signals}
-        words = words_of(having) if len(having) > 1 else {}
-        if len(words) > 1:
-            votes.append(_matches(words))
-    if not votes:
-        return
-    pairs, counts = np.unique(np.concatenate(votes), axis=0, return_counts=True)
-    often = np.flatnonzero(counts >= SHARED_WORDS)
-    for row in often[np.argsort(-counts[often], kind="stable")]:
-        i, j, shift = pairs[row].tolist()
-        yield i, j, shift
 
 
 def _levels_of(having: dict[int, _Signal]) -> dict[int, Words]:
@@ -289,7 +279,14 @@ def _shared(
         same &= np.convolve(squares, window, "same") / counted <= COPY_SHARE**2
         if first.shows_noise and second.shows_noise:
             moves[1:] |= np.abs(np.diff(a)) > 2.0 * COPY_SHARE * noise
-    return _longest(same, moves, start)
+    starts, stops = runs_of(same)
+    levels_before = np.concatenate([[0], np.cumsum(moves)])
+    count = levels_before[stops] - levels_before[starts]
+    best = int(np.argmax(count)) if count.size else -1
+    covers_all = best >= 0 and stops[best] - starts[best] == same.size
+    if best < 0 or count[best] < (TELLING_SAMPLES if covers_all else BROKEN * TELLING_SAMPLES):
+        return None
+    return start + int(starts[best]), int(stops[best] - starts[best])
 
 
 def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
@@ -310,17 +307,3 @@ def _line(a: Array, b: Array, noise: float) -> tuple[float, float] | None:
     dx = x - x.mean()
     slope = float(dx @ (y - y.mean()) / (dx @ dx))
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _longest(
-    same: NDArray[np.bool_], moves: NDArray[np.bool_], start: int
-) -> tuple[int, int] | None:
-    """First sample and length of the stretch that tells most; None where it has too little."""
-    starts, stops = runs_of(same)
-    levels_before = np.concatenate([[0], np.cumsum(moves)])
-    count = levels_before[stops] - levels_before[starts]
-    best = int(np.argmax(count)) if count.size else -1
-    covers_all = best >= 0 and stops[best] - starts[best] == same.size
-    if best < 0 or count[best] < (TELLING_SAMPLES if covers_all else BROKEN * TELLING_SAMPLES):
-        return None
-    return start + int(starts[best]), int(stops[best] - starts[best])

@@ -359,7 +359,12 @@ def toml_text(tables: Mapping[str, Any]) -> str:
     for title, table in tables.items():
         lines += [
             f"[{title}]",
-            *(f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items()),
+            # TOML allows few keys as they are: names may come from other people's files
+            *(
+                f"{key if re.fullmatch(r'[A-Za-z0-9_-]+', key) else toml_string(key)}"
+                f" = {_toml_value(value)}"
+                for key, value in table.items()
+            ),
             "",
         ]
     return "\n".join(lines)
@@ -413,11 +418,6 @@ def _wrong_unit(name: str, state: str, wanted: str, symbol: str) -> FileError:
     ending = ending if valid else "This signal has no unit: name it as it is."
     hint = f"{ending} Convert the values and rename the column."
     return FileError(f"Column {name!r} is {state}; {wanted!r} is wanted.", hint, code="unit")
-
-
-def _toml_key(key: str) -> str:
-    """As it is where TOML allows that: names may come from other people's files."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml_string(key)
 
 
 def _toml_value(value: Any) -> str:

@@ -114,9 +114,17 @@ class DataSplit:
             lead = min(span.start, self._lead(assembly, span)) if held_out else 0
             first = span.start - lead
             p, known = known_values(assembly, span.recording.known)
+            # Models with the same inputs share these arrays, which otherwise would take most of the
+            # memory.
+            inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
+            key = id(span.recording), first, span.stop, inputs
+            if key not in self._samples:
+                # The arrays come from a slice, so that the rest of a long recording can be freed.
+                part = span.recording.slice(first, span.stop)
+                self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
             track = Track(
                 span.recording.name,
-                *self._tables(assembly, span.recording, first, span.stop),
+                *self._samples[key],
                 p,
                 tuple(known),
                 span.recording.sampling_period_s,
@@ -128,19 +136,6 @@ class DataSplit:
             )
             tracks.append(track)
         return tuple(tracks)
-
-    def _tables(
-        self, assembly: Assembly, recording: Data, start: int, stop: int
-    ) -> tuple[Array, Array]:
-        """Inputs and channels (SI) of a part of a recording. Models with the same inputs share
-        these arrays, which otherwise would take most of the memory."""
-        inputs = (assembly.traced.inputs, *assembly.rig.optional.items())
-        key = id(recording), start, stop, inputs
-        if key not in self._samples:
-            # The arrays come from a slice, so that the rest of a long recording can be freed.
-            part = recording.slice(start, stop)
-            self._samples[key] = part.inputs(assembly), part.outputs(self.channels)
-        return self._samples[key]
 
     @cached_property
     def _samples(self) -> dict[tuple[object, ...], tuple[Array, Array]]:
@@ -155,10 +150,7 @@ class DataSplit:
         sensitivities are a recursion over all samples. A thinned J'r approximates the full gradient
         only if the residuals are smooth. The residuals of a correct model are not.
 
-        Parameters
-        ----------
-        fitted, held_out
-            Maximum total length of the fitted and of the held-out part, in correlation times.
+        fitted, held_out: maximum total length of these parts, in correlation times.
         """
         held = _stretches(self.held_out, held_out, LEAST_HELD_OUT, self.timescale_s)
         return replace(
@@ -227,14 +219,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     hardly moves, three tenths spread over the recording are held out instead. Of episodes shorter
     than `FEWEST_SAMPLES`, three of ten are held out as a whole.
 
-    Parameters
-    ----------
-    rig
-        Rig of the recordings.
-    recordings
-        Recordings to fit, or to divide.
-    held_out
-        Recordings that are held out as a whole; may be empty.
+    held_out: recordings that are held out as a whole; may be empty.
 
     Raises
     ------
@@ -272,7 +257,18 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         moving |= require_informative(rig, r)
     channels = tuple(c for c in channels if c in moving)
     # Sort by content: the last digit of a sum depends on its order, so file names must not set it.
-    sort_keys = {id(r): _sort_key(rig, r) for r in every_recording}
+    # The mean time of the motion does not depend on units, signs, order or unused columns.
+    sort_keys = {}
+    for r in every_recording:
+        total = 0.0
+        for name in sorted({*rig.inputs, *rig.outputs}):
+            if (values := r.values.get(name)) is not None:
+                squares = (values - values.mean()) ** 2
+                peak = float(squares.max())
+                if peak > 0.0:
+                    squares = squares / peak
+                    total += float(np.linspace(0.0, 1.0, len(squares)) @ squares / squares.sum())
+        sort_keys[id(r)] = round(total, ALIKE_DIGITS), r.sha256
     if separate:
         fit_spans = [Span(r, 0, len(r)) for r in pooled]
         held_out_spans = [Span(r, 0, len(r)) for r in separate]
@@ -337,12 +333,8 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
 def shortfall(fit: Sequence[int], held_out: Sequence[int]) -> str:
     """Return why the data are too short to fit and judge a model; empty if they suffice.
 
-    The criterion is the number of independent stretches over all recordings.
-
-    Parameters
-    ----------
-    fit, held_out
-        Number of samples of each span.
+    The criterion is the number of independent stretches over all recordings. fit, held_out: number
+    of samples of each span.
     """
     roles = (fit, FEWEST_FITTED), (held_out, FEWEST_HELD_OUT)
     if all(sum(n // STRETCH_SAMPLES for n in spans) >= fewest for spans, fewest in roles):
@@ -408,20 +400,6 @@ def _motion(spans: Sequence[Span], channel: str) -> float:
     parts = [s.recording.values[channel][s.start : s.stop] for s in recorded]
     count = sum(map(len, parts))
     return float(np.sqrt(sum(len(y) * y.var() for y in parts) / count)) if count else 0.0
-
-
-def _sort_key(rig: Rig, recording: Data) -> tuple[float, str]:
-    """Sort key of a recording: the mean time of its motion, summed over the rig's columns. It does
-    not depend on units, signs, the order of the columns or unused columns."""
-    total = 0.0
-    for name in sorted({*rig.inputs, *rig.outputs}):
-        if (values := recording.values.get(name)) is not None:
-            squares = (values - values.mean()) ** 2
-            peak = float(squares.max())
-            if peak > 0.0:
-                squares = squares / peak
-                total += float(np.linspace(0.0, 1.0, len(squares)) @ squares / squares.sum())
-    return round(total, ALIKE_DIGITS), recording.sha256
 
 
 def require_informative(rig: Rig, recording: Data) -> set[str]:
@@ -492,12 +470,8 @@ def half_of_windows(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
     a single half, the other half would choose without it. Pairs of neighbouring windows stay
     together.
 
-    Parameters
-    ----------
-    replays
-        Held-out windows of the model without effects.
-    losses
-        Losses of that model (windows,). The division does not depend on any effect.
+    replays, losses (windows,): of the model without effects, so that the division does not depend
+    on any effect.
     """
     count = sum(len(r.windows) for r in replays)
     # Both halves are spread over all held-out data, so that they have the same conditions. Windows

@@ -21,7 +21,7 @@ from pamid.model.assembly import Assembly
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
-from pamid.simulation.windows import Runner, Window, cut
+from pamid.simulation.windows import Runner, cut
 
 Array = NDArray[np.float64]
 
@@ -39,16 +39,8 @@ def growth_time_s(
     Every window looked at begins in the state that its readings show. The shortest time of all is
     returned: a fit is lost where any window has no minimum to be found.
 
-    Parameters
-    ----------
-    assembly
-        Model, at its data sheet.
-    tracks
-        Recordings with known parameters in place.
-    noise
-        Of the sensors, per channel (SI).
-    most_s
-        Time looked at, s.
+    assembly: at its data sheet; tracks: with known parameters in place; noise: of the sensors, per
+    channel (SI).
     """
     windows = [
         (place, window)
@@ -62,23 +54,22 @@ def growth_time_s(
         t = tracks[place]
         step = choose_stepping(assembly, t.u, t.p, t.period_s, assembly.start(t.p))
         runners[place] = Runner(assembly, t, step)
-    times = [_time_in(runners[place], window, noise) for place, window in looked_at]
-    return min([most_s, *times])
-
-
-def _time_in(runner: Runner, window: Window, noise: Array) -> float:
-    """The time of a window; infinite where errors do not grow within it."""
-    track, n = runner.track, runner.start_states
-    if n == 0:
-        return np.inf
-    weight = np.where(track.seen, 1.0 / noise, 0.0)
-    memory = runner.memory(track.p)
-    x = WindowStart.of(runner, memory, window, track.p, weight, memory.x[:n]).from_readings()
-    runner.enter(memory, x)
-    Y, J, _ = runner.run(memory, window, track.p, True, weight)
-    size = np.sqrt((J.reshape(*Y.shape, -1)[:, :, :n] ** 2).sum(axis=1))
-    size = np.maximum.accumulate(size[:, size[0] > 0.0])
-    later = np.arange(2, len(size))
-    # a model that has run away shows no number: it has grown, too
-    grown = ~(size[later] < GROWTH_LIMIT * size[later // 2]).all(axis=1)
-    return float(later[grown][0] * track.period_s) if grown.any() else np.inf
+    times = [most_s]
+    for place, window in looked_at:
+        runner = runners[place]
+        track, n = runner.track, runner.start_states
+        if n == 0:
+            continue
+        weight = np.where(track.seen, 1.0 / noise, 0.0)
+        memory = runner.memory(track.p)
+        start = WindowStart.of(runner, memory, window, track.p, weight, memory.x[:n])
+        runner.enter(memory, start.from_readings())
+        Y, J, _ = runner.run(memory, window, track.p, True, weight)
+        size = np.sqrt((J.reshape(*Y.shape, -1)[:, :, :n] ** 2).sum(axis=1))
+        size = np.maximum.accumulate(size[:, size[0] > 0.0])
+        later = np.arange(2, len(size))
+        # a model that has run away shows no number: it has grown, too
+        grown = ~(size[later] < GROWTH_LIMIT * size[later // 2]).all(axis=1)
+        if grown.any():
+            times.append(float(later[grown][0] * track.period_s))
+    return min(times)

@@ -60,24 +60,6 @@ def without_idle_terms(rig: Rig, recordings: Sequence[Data]) -> tuple[Rig, tuple
     Only quantities that follow from inputs are judged: what depends on a state moves between its
     levels.
     """
-    idle = _idle_terms(rig, recordings)
-    if not idle:
-        return rig, ()
-    names = {(term.port, term.name) for term in idle}
-    background = {
-        port: tuple(term for term in terms if (port, term.name) not in names)
-        for port, terms in _listed(rig).items()
-    }
-    changed = copy.copy(rig)
-    vars(changed)["background"] = {port: terms for port, terms in background.items() if terms}
-    return changed, tuple(idle)
-
-
-def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
-    return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
-
-
-def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
     # the signal that a term is a curve over, "" where it is none
     curves = [
         (port, term.name, over if isinstance(over, str) else str(over[0]))
@@ -86,7 +68,7 @@ def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
         if (over := getattr(term, "over", ""))
     ]
     if not curves or isinstance(rig, StepRig):
-        return []
+        return rig, ()
     assembly = Assembly(rig)
     probes: dict[str, Expr] = {}
     wanted: dict[tuple[str, str], list[str]] = {}
@@ -103,21 +85,35 @@ def _idle_terms(rig: Rig, recordings: Sequence[Data]) -> list[IdleTerm]:
     }
     judged = {pair: keys for pair, keys in wanted.items() if given.issuperset(keys)}
     if not judged:
-        return []
+        return rig, ()
     names = sorted({key for keys in judged.values() for key in keys})
     try:
         table = _values(assembly, {key: probes[key] for key in names}, recordings)
     except PamidError:  # reported where the recordings are read
-        return []
+        return rig, ()
     counts = {
         pair: max(_value_count(table[:, names.index(key)]) for key in keys)
         for pair, keys in judged.items()
     }
-    return [
+    idle = [
         IdleTerm(port, name, over, counts[port, over])
         for port, name, over in curves
         if counts.get((port, over), FEW_VALUES + 1) <= FEW_VALUES
     ]
+    if not idle:
+        return rig, ()
+    left_out = {(term.port, term.name) for term in idle}
+    background = {
+        port: tuple(term for term in terms if (port, term.name) not in left_out)
+        for port, terms in _listed(rig).items()
+    }
+    changed = copy.copy(rig)
+    vars(changed)["background"] = {port: terms for port, terms in background.items() if terms}
+    return changed, tuple(idle)
+
+
+def _listed(rig: Rig) -> dict[str, tuple[Effect, ...]]:
+    return {k: v if isinstance(v, tuple | list) else (v,) for k, v in rig.background.items()}
 
 
 def _values(assembly: Assembly, probes: dict[str, Expr], recordings: Sequence[Data]) -> Array:

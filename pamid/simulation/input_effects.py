@@ -30,14 +30,8 @@ def input_effects(
 ) -> dict[str, Array]:
     """Largest change of every output (channels, SI) by input, of the inputs that move.
 
-    Parameters
-    ----------
-    simulate
-        The model.
-    u, names
-        Inputs (samples x inputs, SI) and their columns.
-    run
-        Outputs at these inputs; None where the model blows up. Then no input is assessed.
+    u: inputs (samples x inputs, SI). run: outputs at these inputs; None where the model blows up,
+    and then no input is assessed.
     """
     effects = dict[str, Array]()
     for place, name in enumerate(names):

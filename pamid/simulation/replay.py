@@ -111,14 +111,9 @@ class Replay:
         """Mask of the recorded channels."""
         return self.full_track.seen
 
-    @property
-    def least_error(self) -> Array:
-        """Errors below it count as none, per channel (SI)."""
-        return NEGLIGIBLE_ERROR * self.noise
-
     def losses(self, power: int = 1) -> Array:
         """Mean |residual|^power per window and channel over the scored part (windows x channels),
-        at least that of the least error; NaN where a channel was not recorded.
+        at least that of a negligible error; NaN where a channel was not recorded.
 
         Losses are divided by each other and their logarithms compared. Where recording and model
         rest at exactly the same number the residual is 0, which no sensor can show.
@@ -128,7 +123,7 @@ class Replay:
         means = [
             r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows
         ]
-        return np.maximum(means, self.least_error**power)
+        return np.maximum(means, (NEGLIGIBLE_ERROR * self.noise) ** power)
 
 
 def warm_up(window: Window) -> int:

@@ -64,7 +64,25 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
     patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
     try:
-        _require_alike(client, address, patience.first_s)
+        deadline = time.monotonic() + patience.first_s
+        while not client.scheduler_info(n_workers=-1)["workers"]:
+            if time.monotonic() > deadline:
+                hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
+                raise _refused(f"the scheduler at {address} has no workers", hint)
+            time.sleep(0.1)
+        expected = fingerprint()
+        try:
+            fingerprints = client.run(fingerprint)
+        except (ImportError, AttributeError) as error:
+            message = f"the workers of {address} cannot load pamid: {error}"
+            raise _refused(message, "Install the same version there.") from error
+        other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
+        if other:
+            raise _refused(
+                f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
+                f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
+                "Install the same versions everywhere: results would depend on the worker.",
+            )
         yield Cluster(client, address, patience)
     finally:
         client.close(timeout=LISTEN_S)
@@ -72,14 +90,20 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
 
 def _connected(address: str, patience_s: float) -> Client:
     try:
-        from distributed import Client
+        from distributed import Client, Security, rpc
     except ImportError:
         message = "--cluster needs the package distributed, which is not installed."
         raise FileError(message, "pip install 'pamid[cluster]'", code="missing-package") from None
+
+    async def name() -> str:
+        arguments = Security().get_connection_args("client")
+        async with rpc(address, connection_args=arguments) as scheduler:
+            return str((await scheduler.identity(n_workers=0))["id"])
+
     try:
         # checked first: a port on which something else listens keeps a client waiting whatever its
         # limit
-        asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
+        asyncio.run(asyncio.wait_for(name(), patience_s))
         return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
     # the first: time limits, certificates
     except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
@@ -96,13 +120,6 @@ def _connected(address: str, patience_s: float) -> Client:
         ) from error
 
 
-async def _name_of(address: str) -> str:
-    from distributed import Security, rpc
-
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
-        return str((await scheduler.identity(n_workers=0))["id"])
-
-
 def fingerprint() -> dict[str, str]:
     """Properties in which all machines must agree for equal results; other processors round
     differently."""
@@ -111,28 +128,6 @@ def fingerprint() -> dict[str, str]:
 
 def _refused(message: str, hint: str) -> FileError:
     return FileError(message, hint, code="cluster")
-
-
-def _require_alike(client: Client, address: str, patience_s: float) -> None:
-    deadline = time.monotonic() + patience_s
-    while not client.scheduler_info(n_workers=-1)["workers"]:
-        if time.monotonic() > deadline:
-            hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
-            raise _refused(f"the scheduler at {address} has no workers", hint)
-        time.sleep(0.1)
-    expected = fingerprint()
-    try:
-        fingerprints = client.run(fingerprint)
-    except (ImportError, AttributeError) as error:
-        message = f"the workers of {address} cannot load pamid: {error}"
-        raise _refused(message, "Install the same version there.") from error
-    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
-    if other:
-        raise _refused(
-            f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
-            f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
-            "Install the same versions everywhere: results would depend on the worker.",
-        )
 
 
 @dataclass(eq=False)

@@ -323,17 +323,17 @@ def _begin(work: Work[T, Any], items: Sequence[T]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    # it would wait for ever for the next job of a parent that was killed
+    def end_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
     threadpool_limits(limits=1, user_api="blas")
     _given.append((work, items))
-
-
-def _end_with_parent() -> None:
-    """A pool's process would wait for ever for the next job of a parent that was killed."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def _done_here(number: int) -> Packed | Failed:

@@ -206,9 +206,22 @@ class Predictions:
         self._made.update({(model, way): [] for way in new})
         alike: dict[tuple[bool, int], list[tuple[Way, Recording]]] = {}
         for way in new:
-            for excitation in _excitations(self.evidence, way):
-                kind = excitation.loop == "closed", len(excitation)
-                alike.setdefault(kind, []).append((way, excitation))
+            bench, columns = way.bench, way.columns
+            closed = any(q.reference in columns for q in bench.rig.loops)
+            time = bench.period_s * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
+            for setting in way.settings:
+                excitation = Recording(
+                    "experiment",
+                    Path(NEXT_FILES[0]),
+                    "",
+                    time,
+                    columns,
+                    bench.period_s,
+                    "closed" if closed else "open",
+                    known={**bench.known, **setting},
+                    controller=controller_of(self.evidence) if closed else {},
+                )
+                alike.setdefault((closed, len(excitation)), []).append((way, excitation))
         for pairs in alike.values():
             recordings = _recorded(model, [excitation for _, excitation in pairs])
             for (way, _), recording in zip(pairs, recordings, strict=True):
@@ -301,28 +314,6 @@ def reference_recording(evidence: DataSplit) -> Data:
         (r for r in evidence.recordings if all(c in r.values for c in commands)),
         evidence.recordings[0],
     )
-
-
-def _excitations(evidence: DataSplit, way: Way) -> list[Recording]:
-    """Excitations of an experiment, an excitation per setting, in the loop of the rig for
-    references."""
-    bench, columns = way.bench, way.columns
-    closed = any(q.reference in columns for q in bench.rig.loops)
-    time = bench.period_s * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
-    return [
-        Recording(
-            "experiment",
-            Path(NEXT_FILES[0]),
-            "",
-            time,
-            columns,
-            bench.period_s,
-            "closed" if closed else "open",
-            known={**bench.known, **setting},
-            controller=controller_of(evidence) if closed else {},
-        )
-        for setting in way.settings
-    ]
 
 
 def _recorded(c: CandidateModel, excitations: list[Recording]) -> list[Recording | None]:

@@ -44,11 +44,30 @@ DIGITS = 4  # of a point: a file half as large
 def added_variables(d: Diagnosis) -> AddedVariablesFile:
     """Plots of a diagnosis: of several causes each in addition to the others, then of each
     candidate of the ranking alone."""
-    plots = [
-        plot
-        for below, models in _compared(d)
-        for plot in _plots(below, models, d.evidence.channels)
-    ]
+    plots = []
+    for below, models in _compared(d):
+        if not models:
+            continue
+        fitted = below.fit
+        ground = _rows(fitted, fitted, fitted.p, derivatives=True)
+        pairs = [_with_and_without(fitted, c, label) for c, label in models]
+        usable = [
+            k for k, (a, b) in enumerate(pairs) if np.isfinite(a - b).all() and (a != b).any()
+        ]
+        if not ground.finite or not usable:
+            continue
+        k = len(fitted.problem.free)
+        added = [pairs[i][0] - pairs[i][1] for i in usable]
+        others = [pairs[i][1] - ground.away for i in usable]
+        held = fitted.held != 0.0 if len(fitted.held) == k else np.zeros(k, bool)
+        left, *columns = left_over(ground, np.column_stack([-ground.away, *added, *others]), held).T
+        root = fitted.weights.root * np.sqrt(ground.every)
+        company = tuple(a.label for a in below.attached)
+        for i, x, other in zip(usable, columns[: len(usable)], columns[len(usable) :], strict=True):
+            x, y = _without(x, other), _without(left, other)
+            if x @ x > 0.0 and y @ y > 0.0:
+                label = models[i][1]
+                plots.append(_plot(label, company, ground, root, d.evidence.channels, x, y))
     return AddedVariablesFile(plots=tuple(plots))
 
 
@@ -60,33 +79,6 @@ def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[Candida
                 yield below, [(d.cause, label)]
     # what an effect at several ports adds is all of it
     yield d.budget.baseline, [(c, c.label) for c in d.ranking]
-
-
-def _plots(
-    below: CandidateModel, models: list[tuple[CandidateModel, str]], channels: tuple[str, ...]
-) -> list[AddedVariable]:
-    """Plots of models that each add an effect to the same refitted model."""
-    if not models:
-        return []
-    fitted = below.fit
-    ground = _rows(fitted, fitted, fitted.p, derivatives=True)
-    pairs = [_with_and_without(fitted, c, label) for c, label in models]
-    usable = [k for k, (a, b) in enumerate(pairs) if np.isfinite(a - b).all() and (a != b).any()]
-    if not ground.finite or not usable:
-        return []
-    k = len(fitted.problem.free)
-    added = [pairs[i][0] - pairs[i][1] for i in usable]
-    others = [pairs[i][1] - ground.away for i in usable]
-    held = fitted.held != 0.0 if len(fitted.held) == k else np.zeros(k, bool)
-    left, *columns = left_over(ground, np.column_stack([-ground.away, *added, *others]), held).T
-    root = fitted.weights.root * np.sqrt(ground.every)
-    company = tuple(a.label for a in below.attached)
-    plots = []
-    for i, x, other in zip(usable, columns[: len(usable)], columns[len(usable) :], strict=True):
-        x, y = _without(x, other), _without(left, other)
-        if x @ x > 0.0 and y @ y > 0.0:
-            plots.append(_plot(models[i][1], company, ground, root, channels, x, y))
-    return plots
 
 
 def _without(column: Array, other: Array) -> Array:

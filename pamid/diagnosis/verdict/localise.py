@@ -18,6 +18,7 @@ from pamid.base.units import (
     quotient,
     size_from_si,
     split_column,
+    unit_label,
 )
 from pamid.base.units import unit as unit_of
 from pamid.diagnosis.budget import Budget
@@ -65,26 +66,23 @@ class _Stretch:
         return float((self.inside & other.inside).sum() / (self.inside | other.inside).sum())
 
 
-def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
-    """Squared error per sample that the cause (or the noise alone) does not account for, in noise
-    variances."""
-    loss = ((before.residual / noise) ** 2).sum(axis=1)
-    rest = ((after.residual / noise) ** 2).sum(axis=1) if after is not None else float(len(noise))
-    return np.where(before.scored, loss - rest, 0.0)
-
-
 def regimes(
     evidence: DataSplit, base: CandidateModel, after: CandidateModel | None
 ) -> tuple[Regime, ...]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better."""
     befores = base.replays
-    gap = np.concatenate(
-        [
-            _excess(b, after.replays[i] if after else None, evidence.noise)[b.scored]
-            for i, b in enumerate(befores)
-        ]
-    )
+    # squared error per sample, in noise variances, less that with the cause or of noise alone
+    excesses = []
+    for i, b in enumerate(befores):
+        loss = ((b.residual / evidence.noise) ** 2).sum(axis=1)
+        rest = (
+            ((after.replays[i].residual / evidence.noise) ** 2).sum(axis=1)
+            if after
+            else float(len(evidence.noise))
+        )
+        excesses.append((loss - rest)[b.scored])
+    gap = np.concatenate(excesses)
     if gap.sum() <= 0.0:
         return ()
     inner, recorded = port_signals(base), recorded_units(evidence)
@@ -163,7 +161,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
         rated = quotient(unit, "s")
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
         smooth, rate = (local_parabola(y, length, period, order) for order in (0, 1))
-        out[stem] = (from_si(smooth, unit), "" if unit == NONE else unit)
+        out[stem] = (from_si(smooth, unit), unit_label(unit))
         out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
             size_from_si(rate, unit),
             rated,
@@ -171,7 +169,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
     for i, name in enumerate(evidence.rig.inputs):
         stem, unit = split_column(name)
         if name not in evidence.rig.optional:
-            out[stem] = (from_si(r.track.u[:, i], unit), "" if unit == NONE else unit)
+            out[stem] = (from_si(r.track.u[:, i], unit), unit_label(unit))
     return out
 
 
@@ -246,20 +244,16 @@ def _followed(
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
         shown = recorded.get(quantity_of(unit or NONE), display_unit(unit))
-        out[name] = (from_si(x, shown), "" if shown == NONE else shown)
+        out[name] = (from_si(x, shown), unit_label(shown))
         if name == inner.velocity:
-            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
+            # since the velocity last changed its sign; a resting velocity keeps its sign
+            moving = np.abs(x) > STILL_SHARE * np.percentile(np.abs(x), 95.0)
+            place = np.arange(len(x))
+            direction = np.sign(x[np.maximum.accumulate(np.where(moving, place, 0))])
+            turned = np.concatenate([[False], direction[1:] * direction[:-1] < 0.0])
+            since = place - np.maximum.accumulate(np.where(turned, place, 0))
+            out["time_since_reversal"] = (r.track.period_s * since.astype(np.float64), "s")
     return out
-
-
-def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; a resting velocity keeps its sign."""
-    moving = np.abs(velocity) > STILL_SHARE * np.percentile(np.abs(velocity), 95.0)
-    place = np.arange(len(velocity))
-    last = np.maximum.accumulate(np.where(moving, place, 0))
-    direction = np.sign(velocity[last])
-    turned = np.concatenate([[False], direction[1:] * direction[:-1] < 0.0])
-    return (place - np.maximum.accumulate(np.where(turned, place, 0))).astype(np.float64)
 
 
 # ---- bands and windows -------------------------------------------------------------------------

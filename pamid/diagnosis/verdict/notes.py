@@ -78,27 +78,32 @@ def remark(d: Diagnosis) -> str:
 
 def notes_of(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    kinds = (
-        _form,
-        _signs,
-        _unused,
-        _idle,
-        _instead,
-        _set_aside,
-        _between,
-        _row_order,
-        _no_place,
-        _windows,
-        _split,
-        _fits,
-        _bounds,
-        _background,
-        _strained,
-        _sizes,
-        _noise_and_background,
-        _left_out,
-    )
-    return [note for of_kind in kinds for note in of_kind(d)]
+    e, rig, final = d.evidence, d.evidence.rig, d.cause or d.budget.baseline
+    is_incomplete = d.answer is not None and d.verdict != "explained"
+    missing_ports = no_places(rig, effects().values(), rigs()) if is_incomplete else ()
+    noise = (r.text for r in noise_remarks(rig, e.recordings, e.channels))
+    by_reason: dict[str, list[str]] = {}
+    for label, reason in d.left_out:
+        by_reason.setdefault(reason, []).append(label)
+    return [
+        *filter(None, [rig.form_note]),
+        *_signs(d),
+        *_unused(d),
+        *(f"{text}. {IDLE_CURE}" for text in idle_inputs(final, e.channels, e.noise)),
+        *_instead(d),
+        *_set_aside(d),
+        *_between(d),
+        *_row_order(d),
+        *(f"{rig.name} has {no_place_words(q)}." for q in missing_ports),
+        *_windows(d),
+        *_fits(d),
+        *_sizes(d),
+        *(f"{text}." for text in (*noise, *(term.text for term in e.left_out))),
+        *(
+            f"Not considered, because {reason}: {', '.join(labels)}."
+            for reason, labels in by_reason.items()
+        ),
+    ]
 
 
 def unexplained(reached: Mapping[str, Reach]) -> list[str]:
@@ -107,11 +112,13 @@ def unexplained(reached: Mapping[str, Reach]) -> list[str]:
     Its error with the causes is about that of the data sheet, and far above the noise floor.
     reached: errors by channel.
     """
+    units = {channel: split_column(channel)[1] for channel in reached}
     return [
         f"No model explains {channel}: its error is {reach.mae_with_cause:.3g}"
-        f"{_in_unit(channel)} with the causes and {reach.mae_data_sheet:.3g} with the data sheet; "
-        f"the noise floor is {reach.noise_floor:.2g}. First check its unit, its sign and its "
-        "place: `pamid check` compares the channel with the rig."
+        f"{'' if units[channel] == NONE else f' {units[channel]}'} with the causes "
+        f"and {reach.mae_data_sheet:.3g} with the data sheet; the noise "
+        f"floor is {reach.noise_floor:.2g}. First check its unit, its sign and its place: `pamid "
+        "check` compares the channel with the rig."
         for channel, reach in reached.items()
         if reach.mae_with_cause is not None
         and reach.mae_data_sheet is not None
@@ -119,16 +126,6 @@ def unexplained(reached: Mapping[str, Reach]) -> list[str]:
         and reach.mae_with_cause > UNEXPLAINED_ERROR * reach.mae_data_sheet
         and reach.mae_with_cause > ABOVE_NOISE * reach.noise_floor
     ]
-
-
-def _in_unit(channel: str) -> str:
-    symbol = split_column(channel)[1]
-    return "" if symbol == NONE else f" {symbol}"
-
-
-def _form(d: Diagnosis) -> list[str]:
-    """Reason why a model file is run as equations or stepped, if the recordings decided it."""
-    return list(filter(None, [d.evidence.rig.form_note]))
 
 
 def _signs(d: Diagnosis) -> list[str]:
@@ -181,12 +178,6 @@ def _share_of_remainder(d: Diagnosis, column: str) -> tuple[str, float]:
         if share > best[1]:
             best = channel, share
     return best
-
-
-def _idle(d: Diagnosis) -> list[str]:
-    """Inputs whose term in the equations moves no output."""
-    final, e = d.cause or d.budget.baseline, d.evidence
-    return [f"{text}. {IDLE_CURE}" for text in idle_inputs(final, e.channels, e.noise)]
 
 
 def _instead(d: Diagnosis) -> list[str]:
@@ -261,44 +252,33 @@ def _row_order(d: Diagnosis) -> list[str]:
     ]
 
 
-def _no_place(d: Diagnosis) -> list[str]:
-    """Common effects for which the rig has no port, if the answer is incomplete."""
-    if d.answer is None or d.verdict == "explained":
-        return []
-    rig = d.evidence.rig
-    return [
-        f"{rig.name} has {no_place_words(q)}." for q in no_places(rig, effects().values(), rigs())
-    ]
-
-
 def _windows(d: Diagnosis) -> list[str]:
-    count = len(d.half)
-    if count >= FEW_WINDOWS:
-        return []
-    cure = (
-        "Hold out longer recordings, or more of them."
-        if d.evidence.whole_held_out
-        else "Record for longer, or hold out another recording: --held-out."
-    )
-    return [
-        f"The answer rests on {count} held-out windows; {FEW_WINDOWS} or more make it stable. "
-        f"{cure}"
-    ]
-
-
-def _split(d: Diagnosis) -> list[str]:
+    """Held-out windows that are few, or that move less than the rest of the recordings."""
+    notes, whole = [], d.evidence.whole_held_out
+    if len(d.half) < FEW_WINDOWS:
+        cure = (
+            "Hold out longer recordings, or more of them."
+            if whole
+            else "Record for longer, or hold out another recording: --held-out."
+        )
+        notes.append(
+            f"The answer rests on {len(d.half)} held-out windows; {FEW_WINDOWS} or more make it "
+            f"stable. {cure}"
+        )
     if d.evidence.held_out_rests:
-        how = "" if d.evidence.whole_held_out else ": --held-out"
         return [
+            *notes,
             "The held-out part moves by less than a quarter of the fitted part, so only small "
-            f"signals are tested. Hold out a recording that moves as much{how}."
+            "signals are tested. Hold out a recording that moves as much"
+            f"{'' if whole else ': --held-out'}.",
         ]
     used_s, all_s = d.evidence.used_s
-    excerpt = [
-        f"Of {all_s:.4g} s of recordings {used_s:.4g} s were used, in evenly spread stretches. "
-        "An effect that acts only elsewhere is missed: diagnose that part separately."
-    ]
-    return excerpt * (used_s < 0.99 * all_s) + [
+    if used_s < 0.99 * all_s:
+        notes.append(
+            f"Of {all_s:.4g} s of recordings {used_s:.4g} s were used, in evenly spread stretches. "
+            "An effect that acts only elsewhere is missed: diagnose that part separately."
+        )
+    return notes + [
         f"{r.name} is at rest for part of its length: 30 % in several parts were held out, not the "
         "last 30 %. A separate recording is a better test: --held-out."
         for r in d.evidence.spread
@@ -306,6 +286,7 @@ def _split(d: Diagnosis) -> list[str]:
 
 
 def _fits(d: Diagnosis) -> list[str]:
+    """Fits that did not converge, and parameters at a bound or far from their expectation."""
     notes = []
     base = d.budget.baseline.fit
     if not base.converged:
@@ -317,41 +298,28 @@ def _fits(d: Diagnosis) -> list[str]:
         notes.append(d.budget.model.remark)
     if d.cause is not None and not d.cause.fit.converged:
         notes.append(f"The fit with the cause did not converge ({d.cause.fit.why}).")
-    return notes
-
-
-def _bounds(d: Diagnosis) -> list[str]:
     named = d.cause or (d.ranking[0] if d.ranking else None)
-    held = at_bounds(named, d.settings) if named is not None else ()
-    if named is None or not held:
-        return []
-    return [
-        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound that had been widened: "
-        "the effect may have another form."
-    ]
-
-
-def _background(d: Diagnosis) -> list[str]:
-    """Tolerance terms at their limits, as a force map distorted by unequal muscles."""
-    return [
+    if named is not None and (held := at_bounds(named, d.settings)):
+        notes.append(
+            f"{', '.join(held)} of {named.attached[-1].label} ended at a bound that had been "
+            "widened: the effect may have another form."
+        )
+    notes += [
         f"Tolerance {term} was moved by {pull:.1f} of its standard deviations: "
         f"{like or 'no effect of the ranking explains that; the tolerance may be too tight'}."
         for term, pull, like in _far_off(d, background_pull)
     ]
 
+    # a parameter far from its prior compensates a missing effect, if the data sheet is right
+    def strains(fitted: Fit) -> dict[str, float]:
+        parameters = reported_parameters(fitted).items()
+        return {b.name: e.strain or 0.0 for b, e in parameters if not b.owner}
 
-def _strained(d: Diagnosis) -> list[str]:
-    """Parameters of the rig far from their priors: the data sheet is wrong, or they compensate a
-    missing effect."""
-    return [
+    return notes + [
         f"{name} was moved {strain:.1f} standard deviations of its prior: "
         f"{like or 'no effect of the ranking explains that; the data sheet may be wrong'}."
-        for name, strain, like in _far_off(d, _strains)
+        for name, strain, like in _far_off(d, strains)
     ]
-
-
-def _strains(fitted: Fit) -> dict[str, float]:
-    return {b.name: e.strain or 0.0 for b, e in reported_parameters(fitted).items() if not b.owner}
 
 
 def _far_off(
@@ -391,17 +359,6 @@ def roughness(d: Diagnosis, rest: Remainder | None) -> list[str]:
     ]
 
 
-def _left_out(d: Diagnosis) -> list[str]:
-    """Candidates that were not considered, by the reason."""
-    by_reason: dict[str, list[str]] = {}
-    for label, reason in d.left_out:
-        by_reason.setdefault(reason, []).append(label)
-    return [
-        f"Not considered, because {reason}: {', '.join(labels)}."
-        for reason, labels in by_reason.items()
-    ]
-
-
 def _sizes(d: Diagnosis) -> list[str]:
     bare = ports_without_size(d.evidence, d.budget.sizes)
     if not bare:
@@ -411,11 +368,3 @@ def _sizes(d: Diagnosis) -> list[str]:
         f"The value at {which} is zero in these recordings, so effects there are scaled by 1 SI "
         'unit. State Port(size={"value": ...}).'
     ]
-
-
-def _noise_and_background(d: Diagnosis) -> list[str]:
-    """Channels whose noise differs from that of the rig or the samples, and tolerances that these
-    recordings do not need."""
-    e = d.evidence
-    noise = [r.text for r in noise_remarks(e.rig, e.recordings, e.channels)]
-    return [f"{text}." for text in (*noise, *(term.text for term in e.left_out))]

@@ -19,8 +19,7 @@ from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.schemas import diagnosis_file as result
-from pamid.base.units import NONE, display_unit, from_si, with_unit
-from pamid.diagnosis.family_forms import FreeForm
+from pamid.base.units import display_unit, from_si, unit_label, with_unit
 from pamid.diagnosis.pipeline import Diagnosis
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.estimation.smoother import (
@@ -107,7 +106,40 @@ class _Describing(Work[str, Missing | None]):
 
     def __call__(self, item: str) -> Missing | None:
         smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
-        return _missing_at(smoother, self.seed)
+        port = smoother.base.assembly.rig.ports[smoother.ports[0]]
+        best, rough = smoother.best, smoother.rough
+        recording, time_s, values, signals = missing_value(
+            smoother, smoother.smoothed(best, best.size, best.time_s, SMOOTHER_STEPS)
+        )
+        signals.pop(PASSING)
+        if len(values) < FEWEST_SLICES or not values.std() > 0.0 or not signals:
+            return None
+        units = {k: unit_label(display_unit(port.unit_of(k))) for k in ("value", *signals)}
+        values = from_si(values, units["value"])
+        signals = {k: from_si(x, units[k]) for k, x in signals.items()}
+        names, columns = regressors(signals, units)
+        weights, inclusion = sparse_formula(columns, values, self.seed)
+        if not weights.any():
+            return None
+        rest = values - columns @ weights * values.std()
+        *_, lacking, reestimated = missing_value(
+            smoother,
+            smoother.smoothed(rough, rough.size, rough.time_s, SMOOTHER_STEPS, moving=False),
+        )
+        return Missing(
+            smoother.ports[0],
+            recording,
+            time_s,
+            values,
+            signals,
+            units,
+            names,
+            weights,
+            inclusion,
+            float(1.0 - rest.var() / values.var()),
+            rms(from_si(lacking, units["value"])),
+            rms(from_si(reestimated[PASSING], units["value"])),
+        )
 
 
 def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
@@ -116,7 +148,21 @@ def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
     located, group_of = d.left_at, d.evidence.rig.group_of
     if located is None or located.most <= 0.0:
         return None
-    forms = tuple(_family_form(d, f) for f in (d.answer.free_forms if d.answer else ()))
+    forms = tuple(
+        result.FamilyForm(
+            effect=f.attachment.label,
+            family=f.family,
+            port=f.port,
+            known_by=f.known_by,
+            removes=f.removes,
+            shrinkage=share,
+            low=low,
+            high=high,
+            curve=f.curve,
+        )
+        for f in (d.answer.free_forms if d.answer else ())
+        for share, low, high in [d.comparison.shrinkage(f.model)]
+    )
     if best is None:
         return result.Unknown(
             port=group_of(d.nameless_at[0]),
@@ -151,21 +197,6 @@ def described(d: Diagnosis, best: Missing | None) -> result.Unknown | None:
     )
 
 
-def _family_form(d: Diagnosis, f: FreeForm) -> result.FamilyForm:
-    share, low, high = d.comparison.shrinkage(f.model)
-    return result.FamilyForm(
-        effect=f.attachment.label,
-        family=f.family,
-        port=f.port,
-        known_by=f.known_by,
-        removes=f.removes,
-        shrinkage=share,
-        low=low,
-        high=high,
-        curve=f.curve,
-    )
-
-
 def missing_csv(m: Missing) -> bytes:
     """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice,
     so that they are not too many rows."""
@@ -178,44 +209,6 @@ def missing_csv(m: Missing) -> bytes:
     }
     rows = np.stack([x.astype(np.float64) for x in columns.values()], axis=1)[::step]
     return table_bytes(list(columns), rows, ["%.9g"] * len(columns))
-
-
-def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
-    port = smoother.base.assembly.rig.ports[smoother.ports[0]]
-    best, rough = smoother.best, smoother.rough
-    recording, time_s, values, signals = missing_value(
-        smoother, smoother.smoothed(best, best.size, best.time_s, SMOOTHER_STEPS)
-    )
-    signals.pop(PASSING)
-    if len(values) < FEWEST_SLICES or not values.std() > 0.0 or not signals:
-        return None
-    units = {
-        k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)
-    }
-    values = from_si(values, units["value"])
-    signals = {k: from_si(x, units[k]) for k, x in signals.items()}
-    names, columns = regressors(signals, units)
-    weights, inclusion = sparse_formula(columns, values, seed)
-    if not weights.any():
-        return None
-    rest = values - columns @ weights * values.std()
-    *_, lacking, reestimated = missing_value(
-        smoother, smoother.smoothed(rough, rough.size, rough.time_s, SMOOTHER_STEPS, moving=False)
-    )
-    return Missing(
-        smoother.ports[0],
-        recording,
-        time_s,
-        values,
-        signals,
-        units,
-        names,
-        weights,
-        inclusion,
-        float(1.0 - rest.var() / values.var()),
-        rms(from_si(lacking, units["value"])),
-        rms(from_si(reestimated[PASSING], units["value"])),
-    )
 
 
 def missing_value(

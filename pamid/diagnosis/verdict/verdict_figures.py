@@ -37,8 +37,24 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
     shares, causes, notes = _port_shares(d), _causes(d), notes_of(d)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
     unknown = described(d, missing) if d.left_over else None
-    port = _leading_port(isolable, shares, causes, unknown)
+    if causes:
+        port = causes[0].port
+    else:
+        # of ports that tie with the largest share, or are inseparable from it, that at which the
+        # missing term is described
+        largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
+        alike = {q for group in isolable.groups if shares[0].port in group for q in group}
+        port = unknown.port if unknown and unknown.port in alike.union(largest) else largest[0]
     remainder = _remainder(d, port, unknown, missing)
+    forecast = None
+    if d.cause is not None:
+        before, after = (
+            d.budget.channel_losses(x) for x in (d.budget.baseline.absolutes, d.reported(d.cause))
+        )
+        if len(before) > 1:
+            low, high = forecast_interval(before, after, d.seed)
+            share = float(1.0 - after.sum() / before.sum())
+            forecast = result.Forecast(share=share, low=low, high=high)
     final = d.cause or d.budget.baseline
     reached = {c: _how_far(d, i) for i, c in enumerate(d.evidence.channels)}
     file = result.DiagnosisFile(
@@ -51,7 +67,7 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
         ranking=(*(_ranked(d, c) for c in d.ranking), *map(_unfitted, d.failed)),
         comparison=_comparison(d),
         horizon_s=d.budget.horizon_s,
-        forecast=_forecast(d),
+        forecast=forecast,
         where=_where(d, isolable, port, shares),
         how_far=reached,
         transfer=transfer(d),
@@ -102,19 +118,6 @@ def _comparison(d: Diagnosis) -> tuple[result.ComparisonStep, ...]:
     )
 
 
-def _forecast(d: Diagnosis) -> result.Forecast | None:
-    """Share of the error to be removed on a fresh recording."""
-    if d.cause is None:
-        return None
-    before, after = (
-        d.budget.channel_losses(x) for x in (d.budget.baseline.absolutes, d.reported(d.cause))
-    )
-    if len(before) < 2:
-        return None
-    low, high = forecast_interval(before, after, d.seed)
-    return result.Forecast(share=float(1.0 - after.sum() / before.sum()), low=low, high=high)
-
-
 # ---- where ---------------------------------------------------------------------------------------
 
 
@@ -143,24 +146,6 @@ def _where(
         frequency_hz=frequency_band(list(base.replays), after, d.evidence.noise),
         windows_s=worst_windows(list(base.replays), d.budget),
     )
-
-
-def _leading_port(
-    isolable: Isolability,
-    shares: tuple[result.PortShare, ...],
-    causes: tuple[result.Cause, ...],
-    unknown: result.Unknown | None,
-) -> str:
-    """Return the port of the first cause; without causes, the port with the largest share.
-
-    A port that ties with the largest, or is inseparable from it, is preferred if the missing
-    term is described there.
-    """
-    if causes:
-        return causes[0].port
-    largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
-    alike = {port for group in isolable.groups if shares[0].port in group for port in group}
-    return unknown.port if unknown and unknown.port in alike.union(largest) else largest[0]
 
 
 def _port_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:

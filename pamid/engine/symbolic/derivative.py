@@ -13,13 +13,6 @@ from pamid.engine.symbolic.operators import OPERATORS
 Gradient = dict[Expr, Expr]
 
 
-def _select(condition: Expr, left: Gradient, right: Gradient) -> Gradient:
-    """The derivative of the branch that is taken. Where the condition itself turns there may be a
-    jump, which has none: nothing is added for it."""
-    keys = list(left) + [k for k in right if k not in left]
-    return {k: where(condition, left.get(k, ZERO), right.get(k, ZERO)) for k in keys}
-
-
 DERIVED_SPACES = ("state", "cell", "past", "parameter")
 
 
@@ -41,7 +34,11 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
         elif node.op == "tangent":
             table[node] = table[node.args[1]]
         elif node.op == "where":
-            table[node] = _select(node.args[0], table[node.args[1]], table[node.args[2]])
+            # The branch that is taken. Where the condition itself turns there may be a jump, which
+            # has no derivative: nothing is added for it.
+            condition, left, right = node.args[0], table[node.args[1]], table[node.args[2]]
+            keys = list(left) + [k for k in right if k not in left]
+            table[node] = {k: where(condition, left.get(k, ZERO), right.get(k, ZERO)) for k in keys}
         else:
             total: Gradient = {}
             if any(table[a] for a in node.args):

@@ -45,7 +45,14 @@ class Expr:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value = op, args, value
-            node.reach = _bit_of(value) if op == "symbol" else _united(args)
+            if op == "symbol":
+                with _naming:  # two threads may meet a new symbol at once
+                    if value not in _bits:
+                        _bits[value] = 1 << len(_symbols)
+                        _symbols.append(value)
+                    node.reach = _bits[value]
+            else:
+                node.reach = _united(args)
             node = cls._table.setdefault(key, node)  # another thread may have been first
         return node
 
@@ -120,14 +127,6 @@ class Expr:
 _symbols: list[tuple[str, str]] = []
 _bits: dict[tuple[str, str], int] = {}
 _naming = threading.Lock()
-
-
-def _bit_of(name: tuple[str, str]) -> int:
-    with _naming:  # two threads may meet a new symbol at once
-        if name not in _bits:
-            _bits[name] = 1 << len(_symbols)
-            _symbols.append(name)
-        return _bits[name]
 
 
 def _united(nodes: Iterable[Expr]) -> int:
@@ -362,10 +361,6 @@ def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
     return [new.get(r, r) for r in roots]
 
 
-def _value_of(node: Expr) -> tuple[Expr, ...]:
-    return node.args[:1] if node.op == "tangent" else node.args
-
-
 def change_of(node: Expr) -> tuple[Expr, ...]:
     """The arguments of a node that its derivatives are made of: of `where`, the branches alone."""
     return node.args[1:] if node.op in ("tangent", "where") else node.args
@@ -375,7 +370,7 @@ def plain(roots: Iterable[Expr]) -> list[Expr]:
     """The roots for their values alone: the derivatives of `tangent` are dropped."""
     roots = list(roots)
     new: dict[Expr, Expr] = {}  # of those alone that change
-    for node in walk(roots, _value_of):
+    for node in walk(roots, lambda node: node.args[:1] if node.op == "tangent" else node.args):
         if node.op == "tangent":
             new[node] = new.get(node.args[0], node.args[0])
         elif (other := _on_other_arguments(node, new)) is not node:

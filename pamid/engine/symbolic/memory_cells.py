@@ -111,30 +111,6 @@ def _is_driven(node: Expr) -> bool:
     return all(space != "state" for space, _ in used) and bool(used & _AT_STAGE)
 
 
-def _is_settled(node: Expr) -> bool:
-    """Whether the value is the same at every step."""
-    return all(
-        space == "parameter" or (space, name) in _SAME_AT_EVERY_STEP
-        for space, name in symbols([node])
-    )
-
-
-def _at_step_end(node: Expr) -> Expr:
-    """Value at the end of a step of a driven expression that is read at its start."""
-    part, along = tick("part"), tick("along")
-    ends = {part: part + tick("step") / tick("period"), along: along + 1.0}
-    (end,) = substitute([node], ends)
-    return end
-
-
-def _linear_inputs(roots: list[Expr], linear: tuple[str, ...]) -> list[Expr]:
-    """The roots with these inputs linear over a sample instead of held."""
-    moving = {
-        symbol("input", n): symbol("input", n) + tick("part") * symbol("rise", n) for n in linear
-    }
-    return substitute(roots, moving) if moving else roots
-
-
 @dataclass(frozen=True)
 class _Split:
     """A held value that changes within a step: its mean, its value before and after the change, and
@@ -150,7 +126,16 @@ class _Split:
 
         Only the outermost nonlinear expressions are formed twice, with the value before and after.
         """
-        straight = _straightness(roots, self.mean)
+        # whether each node below the roots is affine in the mean; None if it does not contain it
+        straight: dict[Expr, bool | None] = {}
+        for node in walk(roots):
+            followed = [straight[a] for a in node.args]
+            if node is self.mean:
+                straight[node] = True
+            elif all(f is None for f in followed):
+                straight[node] = None
+            else:
+                straight[node] = False not in followed and _is_linear(node, straight)
 
         def bent_arguments(node: Expr) -> tuple[Expr, ...]:
             linear = _is_linear(node, straight)
@@ -162,20 +147,6 @@ class _Split:
         late = substitute(doubled, {self.mean: self.after})
         means = (b + self.share * (a - b) for a, b in zip(early, late, strict=True))
         return substitute(roots, dict(zip(doubled, means, strict=True)))
-
-
-def _straightness(roots: list[Expr], part: Expr) -> dict[Expr, bool | None]:
-    """Whether each node below the roots is affine in this part; None if it does not contain it."""
-    straight: dict[Expr, bool | None] = {}
-    for node in walk(roots):
-        followed = [straight[a] for a in node.args]
-        if node is part:
-            straight[node] = True
-        elif all(f is None for f in followed):
-            straight[node] = None
-        else:
-            straight[node] = False not in followed and _is_linear(node, straight)
-    return straight
 
 
 def _is_linear(node: Expr, straight: dict[Expr, bool | None]) -> bool:
@@ -293,7 +264,9 @@ class _MemoryExpansion:
 
     def rise(self, name: str, x: Expr) -> tuple[Expr, Expr]:
         """Rise of a driven value over this step, and its value at the end of the step before."""
-        rises = _at_step_end(x) - x
+        part, along = tick("part"), tick("along")
+        ends = {part: part + tick("step") / tick("period"), along: along + 1.0}
+        rises = substitute([x], ends)[0] - x
         ended = symbol("past", f"{name}_input") + symbol("past", f"{name}_rise")
         self.cells += [Cell(f"{name}_rise", rises, rises), Cell(f"{name}_ended", ended, x)]
         return symbol("cell", f"{name}_rise"), symbol("cell", f"{name}_ended")
@@ -301,7 +274,11 @@ class _MemoryExpansion:
     def delay(self, x: Expr, seconds: Expr, longest_s: float) -> Expr:
         name = self.name("delay")
         now = symbol("cell", f"{name}_input")
-        if _is_held_over_step(x) and _is_settled(seconds):
+        is_settled = all(
+            space == "parameter" or (space, leaf) in _SAME_AT_EVERY_STEP
+            for space, leaf in symbols([seconds])
+        )
+        if _is_held_over_step(x) and is_settled:
             return self.split_delay(name, x, seconds, longest_s)
         self.cells += [
             Cell(f"{name}_input", x, x),
@@ -405,7 +382,10 @@ def expand_memory(
     """
     work = _MemoryExpansion()
     explicit = [e for c in cells for e in (c.update, c.start)]
-    roots = _linear_inputs([*rates.values(), *outputs.values(), *explicit], linear)
+    roots = [*rates.values(), *outputs.values(), *explicit]
+    if linear:
+        inputs = ((symbol("input", n), symbol("rise", n)) for n in linear)
+        roots = substitute(roots, {u: u + tick("part") * rise for u, rise in inputs})
     work.run(roots)
     expanded = iter([work.new[e] for e in roots])
     rate_nodes = [next(expanded) for _ in rates]

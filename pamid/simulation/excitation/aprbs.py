@@ -245,8 +245,24 @@ def aprbs(
     while filled < count:
         lengths.append(max(1, round(random.uniform(*hold_s) / period_s)))
         filled += lengths[-1]
-    heights = offset + amplitude * _unit_levels(len(lengths), levels, latin, random)
-    signal = np.concatenate([np.full(begin, rest), np.repeat(heights, lengths)])[:count]
+    holds = len(lengths)
+    if levels is not None:
+        order = np.empty(0, dtype=int)
+        while order.size < holds:
+            deck = random.permutation(levels)
+            # the same level twice in a row would be a single long hold
+            if order.size and deck[0] == order[-1]:
+                deck = np.roll(deck, 1)
+            order = np.concatenate([order, deck])
+        heights = np.linspace(-1.0, 1.0, levels)[order[:holds]]
+    elif latin:
+        # a level in each of `holds` equal parts of the range, in random order (McKay, Beckman and
+        # Conover 1979, Technometrics 21(2)): even a short signal leaves no part of the range out
+        heights = 2.0 * (random.permutation(holds) + random.random(holds)) / holds - 1.0
+    else:
+        heights = random.uniform(-1.0, 1.0, holds)
+    values = np.repeat(offset + amplitude * heights, lengths)
+    signal = np.concatenate([np.full(begin, rest), values])[:count]
     return signal if rate_limit is None else slew(signal, rate_limit * period_s)
 
 
@@ -296,10 +312,22 @@ def coverage(
     strong = np.flatnonzero(power >= 0.01 * power.max())  # 20 dB
     excited = values[int(starts[0]) if starts.size else 0 :]
     library = np.vander((2.0 * excited - low - high) / (high - low), 4, increasing=True)
+    turns, changes = _turns(values, moving), None
+    if turns.size >= 3:
+        size, times = np.abs(np.diff(values[turns])) / (high - low), np.diff(turns) * period_s
+        pace = 0.5 / times
+        slow, fast = _most(pace, times)
+        ratio = max(math.sqrt(fast / slow), 2.0)  # a single pace is a single class, not all
+        edges = math.sqrt(slow * fast) * np.geomspace(1.0 / ratio, ratio, CELLS + 1)
+        row = np.clip((CELLS * size).astype(int), 0, CELLS - 1)
+        column = np.clip(np.searchsorted(edges, pace, side="right") - 1, 0, CELLS - 1)
+        share = np.zeros((CELLS, CELLS))
+        np.add.at(share, (row, column), times / times.sum())
+        changes = Changes(size, pace, edges, share)
     return Coverage(
         low=low,
         high=high,
-        histogram=tuple(float(share) for share in shares),
+        histogram=tuple(map(float, shares)),
         evenness=evenness,
         visited=float(np.count_nonzero(shares) / BINS),
         steps=int(starts.size),
@@ -314,7 +342,7 @@ def coverage(
         crest=crest(values),
         library_condition=_condition(library),
         even_condition=_condition(library[:, ::2]),
-        changes=_by_size_and_pace(values, _turns(values, moving), period_s, high - low),
+        changes=changes,
         bandwidth_hz=bandwidth_hz,
     )
 
@@ -362,26 +390,6 @@ def check_request(
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
 
 
-def _unit_levels(
-    count: int, levels: int | None, latin: bool, random: np.random.Generator
-) -> FloatArray:
-    """`count` levels in [-1, 1]."""
-    if levels is None and latin:
-        # a level in each of `count` equal parts of the range, in random order (McKay, Beckman and
-        # Conover 1979, Technometrics 21(2)): even a short signal leaves no part of the range out
-        return 2.0 * (random.permutation(count) + random.random(count)) / count - 1.0
-    if levels is None:
-        return random.uniform(-1.0, 1.0, count)
-    order = np.empty(0, dtype=int)
-    while order.size < count:
-        deck = random.permutation(levels)
-        # the same level twice in a row would be a single long hold
-        if order.size and deck[0] == order[-1]:
-            deck = np.roll(deck, 1)
-        order = np.concatenate([order, deck])
-    return np.linspace(-1.0, 1.0, levels)[order[:count]]
-
-
 def slew(signal: FloatArray, most: float) -> FloatArray:
     """The signal with no change above `most` from sample to sample."""
     limited = np.empty_like(signal)
@@ -422,23 +430,6 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
         elif not turns or abs(values[turn] - values[turns[-1]]) >= _RIPPLE * np.ptp(values):
             turns.append(turn)
     return np.array(turns)
-
-
-def _by_size_and_pace(
-    values: FloatArray, turns: NDArray[np.intp], period_s: float, span: float
-) -> Changes | None:
-    if turns.size < 3:
-        return None
-    size, times = np.abs(np.diff(values[turns])) / span, np.diff(turns) * period_s
-    pace = 0.5 / times
-    slow, fast = _most(pace, times)
-    ratio = max(math.sqrt(fast / slow), 2.0)  # a single pace is a single class, not all
-    edges = math.sqrt(slow * fast) * np.geomspace(1.0 / ratio, ratio, CELLS + 1)
-    row = np.clip((CELLS * size).astype(int), 0, CELLS - 1)
-    column = np.clip(np.searchsorted(edges, pace, side="right") - 1, 0, CELLS - 1)
-    share = np.zeros((CELLS, CELLS))
-    np.add.at(share, (row, column), times / times.sum())
-    return Changes(size, pace, edges, share)
 
 
 def _most(values: FloatArray, weights: FloatArray) -> tuple[float, float]:

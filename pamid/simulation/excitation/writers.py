@@ -173,7 +173,12 @@ def _structured_text(signals: SentSignals) -> bytes:
     for column, word in words.items():
         at, ns = points[column], instants[column].tolist()
         *stamps, end = [f"T#{n // 1_000_000}ms" if whole else f"LTIME#{n}ns" for n in ns]
-        values = [_real(value) for value in signals.columns[column][at].tolist()]
+        values = []
+        for value in signals.columns[column][at].tolist():
+            # the shortest literal that is read as this number with 24 bits; it needs a point
+            mantissa, _, exponent = str(np.float32(value)).partition("e")
+            mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
+            values.append(f"{mantissa}E{int(exponent)}" if exponent else mantissa)
         lines += [
             f"    (* {_comment(f'{column}: {_unit(column)}')} *)",
             f"    {word}_count : DINT := {at.size};",
@@ -186,14 +191,6 @@ def _structured_text(signals: SentSignals) -> bytes:
         ]
     lines += [f"    {_word(signals.stem)}_end : {name} := {end};", "END_VAR", ""]
     return "\n".join(lines).encode()
-
-
-def _real(value: float) -> str:
-    """A literal of a REAL: the shortest that is read as this number with 24 bits; it needs a
-    point."""
-    mantissa, _, exponent = str(np.float32(value)).partition("e")
-    mantissa = mantissa if "." in mantissa else f"{mantissa}.0"
-    return f"{mantissa}E{int(exponent)}" if exponent else mantissa
 
 
 # ---- C -----------------------------------------------------------------------------------------
