@@ -150,7 +150,22 @@ def diagnose(
 ) -> Diagnosis:
     """Find where the gap lies, which effect causes it and how far it shrinks.
 
-    catalogue: effects by name; jobs: processes on this machine, unless `pool` is given.
+    Parameters
+    ----------
+    evidence
+        Recordings of a rig, divided into a fitted and a held-out part.
+    catalogue
+        Effects by name.
+    seed
+        Seed of all random draws.
+    jobs
+        Number of processes on this machine, unless `pool` is given.
+    progress
+        Callback for progress messages.
+    pool
+        Workers for the fits.
+    settings
+        Thresholds, counts and times (see `pamid.diagnosis.settings`).
     """
     pool = pool or WorkerPool(jobs)
     # The cost grows with the length of the data, the certainty only with its square root.
