@@ -8,7 +8,7 @@ differ from the name that a rig, a mapping or `fit.json` gives the column.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -46,15 +46,10 @@ def table_bytes(
     formats  a format for each of the m columns, as "%.9g"
     blank    leave the cell of a NaN empty
     """
-    return b"".join(_pieces(names, rows, formats, blank))
-
-
-def _pieces(
-    names: Sequence[str], rows: NDArray[Any], formats: Sequence[str], blank: bool
-) -> Iterator[bytes]:
-    yield header_line(names).encode()
+    pieces = [header_line(names).encode()]
     line = ",".join(formats) + "\n"
     for begin in range(0, len(rows), ROWS_AT_A_TIME):
         piece = rows[begin : begin + ROWS_AT_A_TIME]
         text = (line * len(piece)) % tuple(piece.ravel().tolist())
-        yield (text.replace("nan", "") if blank else text).encode()
+        pieces.append((text.replace("nan", "") if blank else text).encode())
+    return b"".join(pieces)

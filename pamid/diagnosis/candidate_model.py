@@ -22,6 +22,7 @@ from pamid.estimation.problem import (
     free_parameters,
     most_careful,
 )
+from pamid.estimation.restart import closeness
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
@@ -237,9 +238,7 @@ def refit(
     stepping = most_careful([careful_stepping(problem, p), base.stepping])
     if begun.starts is None:  # either sign may be found: from a trace of the effect, or from all
         fits = [fit_robustly(problem, p=q, stepping=stepping) for q in (p, typical)]
-        return max(
-            fits, key=lambda f: float(np.log(f.weights.root).sum()) if f.residuals else -np.inf
-        )
+        return max(fits, key=closeness)
 
     def fitted_from(start: Array) -> Fit:
         return fit(

@@ -118,15 +118,10 @@ class LaneProgram(EquationSteps):
     ) -> tuple[Array, NDArray[np.int64]]:
         """Simulate over the rows of the inputs in all lanes, carrying `memory` on.
 
-        Parameters
-        ----------
-        inputs : (samples, inputs), shared by the lanes, or (samples, inputs, lanes)
-        p : (parameters, lanes), or (parameters,) for all lanes
-
-        Returns
-        -------
-        outputs (samples, outputs, lanes), NaN in a lane behind the sample at which its state blew
-        up, and these samples (lanes,), -1 where none is.
+        inputs: (samples, inputs), shared by the lanes, or (samples, inputs, lanes); p: (parameters,
+        lanes), or (parameters,) for all lanes. Returns outputs (samples, outputs, lanes), NaN in a
+        lane behind the sample at which its state blew up, and these samples (lanes,), -1 where none
+        is.
         """
         nothing = np.empty((1, 0, memory.lanes))
         edges = np.array([0, len(inputs)])

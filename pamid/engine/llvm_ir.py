@@ -177,12 +177,6 @@ class _FunctionWriter:
         at = self.fresh(f"getelementptr {self.kind.name}, ptr {place}")
         self.lines.append(f"store {self.kind.name} {register}, ptr {at}{self.kind.alignment}")
 
-    def _truth(self, node: Expr) -> str:
-        if node not in self.truths:
-            zero = "0.0" if self.kind == SCALAR else "zeroinitializer"
-            self.truths[node] = self.fresh(f"fcmp one {self.kind.name} {self.value(node)}, {zero}")
-        return self.truths[node]
-
     def write(self, node: Expr) -> None:
         """Write the code of a node into the part that it belongs to."""
         if node not in self.parts:
@@ -192,7 +186,12 @@ class _FunctionWriter:
         self._enter(self.parts[node])
         kind = self.kind
         if node.op == "where":
-            truth = self._truth(node.args[0])
+            condition = node.args[0]
+            if condition not in self.truths:
+                zero = "0.0" if kind == SCALAR else "zeroinitializer"
+                compared = f"fcmp one {kind.name} {self.value(condition)}, {zero}"
+                self.truths[condition] = self.fresh(compared)
+            truth = self.truths[condition]
             yes, no = (f"{kind.name} {self.value(a)}" for a in node.args[1:])
             self.names[node] = self.fresh(f"select {kind.truth} {truth}, {yes}, {no}")
         else:

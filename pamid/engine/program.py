@@ -723,9 +723,7 @@ def cell_phases(
     The driver advances the line between two phases. A cell reads the new values of earlier phases.
     The new value of a cell in the same phase is replaced by its expression.
 
-    Returns
-    -------
-    Per phase: expressions, number of cells, first cell and delay line (-1: none). Last, the
+    Returns per phase expressions, number of cells, first cell and delay line (-1: none); last, the
     longest delay of each line (s).
     """
     from pamid.engine.symbolic.expression import substitute

@@ -67,7 +67,11 @@ class ShadowCourse:
         self.parameter_count, self.p = parameter_count, np.asarray(p, float)
         moved: dict[int, tuple[float, int]] = {}  # column -> by how much, and of which parameter
         if columns is not None:
-            moved = {int(c): (_step(self.p[i]), i) for i, c in enumerate(columns) if c >= 0}
+            moved = {
+                int(c): (MOVED * abs(float(self.p[i])) or MOVED, i)
+                for i, c in enumerate(columns)
+                if c >= 0
+            }
             for c in np.flatnonzero(np.abs(S[self.readings :]).any(axis=0)).tolist():
                 moved.setdefault(c, (MOVED, -1))  # a state of the equations at the start
         self.places = np.array(list(moved), np.intp)
@@ -111,7 +115,3 @@ class ShadowCourse:
     def keep(self, memory: Memory) -> None:
         plain, *copies = self.carrier.save()
         memory.saved = (plain, dict(zip(self.places.tolist(), copies, strict=True)))
-
-
-def _step(value: float) -> float:
-    return MOVED * abs(float(value)) or MOVED

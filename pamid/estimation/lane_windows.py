@@ -44,15 +44,9 @@ def run_lanes(
 ) -> tuple[Array, Array]:
     """Run a model of equations over the windows of a track in all lanes.
 
-    Parameters
-    ----------
-    entered : (windows, states, lanes) or, for all lanes, (windows, states): the rig's states at
-        window starts
-    p : (parameters, lanes), SI; known values of the recording replace them
-    dependent : first of the lanes that differ from lane 0 by the start of a single window
-
-    Returns
-    -------
+    entered: (windows, states, lanes) or, for all lanes, (windows, states): the rig's states at
+    window starts. p: (parameters, lanes), SI; known values of the recording replace them.
+    dependent: first of the lanes that differ from lane 0 by the start of a single window. Returns
     outputs (samples, channels, lanes) and states at the end of each window (windows, states,
     lanes). A lane that runs away equals lane 0, so that its difference is zero.
     """

@@ -87,10 +87,10 @@ def fit_from_shorter_windows(fitted: Fit) -> Fit:
     # The short windows give parameters only. Their many free starts would hide what the model
     # lacks.
     grown = fit_robustly(problem, p=begun.p)
-    return grown if _closeness(grown) > _closeness(fitted) - np.log(TRAPPED) else fitted
+    return grown if closeness(grown) > closeness(fitted) - np.log(TRAPPED) else fitted
 
 
-def _closeness(fitted: Fit) -> float:
+def closeness(fitted: Fit) -> float:
     """Minus the sum over channels of the logarithms of the residuals' sizes."""
     return float(np.log(fitted.weights.root).sum()) if fitted.residuals else -np.inf
 

@@ -133,10 +133,10 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
             result.append(Attachment(effect(), (ports[0],), effect.name))
         else:
             result += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
-            result += [
-                Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}")
-                for kin in _kin(rig, ports)
-            ]
+            for name in filter(None, dict.fromkeys(rig.ports[n].kin for n in ports)):
+                kin = tuple(n for n in ports if rig.ports[n].kin == name)
+                if len(kin) > 1:
+                    result.append(Attachment(effect(), kin, f"{effect.name}@{name}"))
     return result
 
 
@@ -161,13 +161,6 @@ def _together(effect: type[Effect], rig: Rig, ports: list[str]) -> list[Attachme
         return []
     order = tuple(dict.fromkeys(n for part in cast for n in part))
     return [Attachment(effect(), order, effect.name)]
-
-
-def _kin(rig: Rig, ports: list[str]) -> list[tuple[str, ...]]:
-    """Those of the ports that are kin, where several are."""
-    names = dict.fromkeys(rig.ports[n].kin for n in ports)
-    sets = [tuple(n for n in ports if rig.ports[n].kin == kin) for kin in names if kin]
-    return [kin for kin in sets if len(kin) > 1]
 
 
 def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:

@@ -36,22 +36,17 @@ def objection(b: Bound, name: str, value: float, si: float) -> KnownObjection | 
     has_sign = b.low >= 0.0 or b.high <= 0.0
     # a range that excludes 0 is that of a mass, a stiffness, a time: something that is there
     wrong_sign = has_sign and (si == 0.0 or (si > 0.0) != (b.high > 0.0))
+    small, large = sorted((abs(b.low), abs(b.high)))
+    # below the smallest of bounds of the same sign, or beyond the largest
+    too_small = b.low * b.high > 0.0 and abs(si) < small / IMPOSSIBLE_FACTOR
     if not math.isfinite(si):
         fault = "is not finite"
     elif wrong_sign:
         fault = f"{'is zero' if si == 0.0 else 'has the wrong sign'}; see {bounds}"
-    elif _far(b, abs(si)):
+    elif too_small or abs(si) > IMPOSSIBLE_FACTOR * large:
         fault = f"lies more than {IMPOSSIBLE_FACTOR:g} times beyond {bounds}"
     else:
         return KnownObjection(name, f"[known] {name} = {value:g} lies outside {bounds}", False)
     return KnownObjection(
         name, f"[known] {name} = {value:g} is impossible: the value {fault}", True
     )
-
-
-def _far(b: Bound, size: float) -> bool:
-    """Whether the size is beyond the largest bound, or below the smallest of bounds of the same
-    sign, by more than the factor."""
-    small, large = sorted((abs(b.low), abs(b.high)))
-    below = b.low * b.high > 0.0 and size < small / IMPOSSIBLE_FACTOR
-    return below or size > IMPOSSIBLE_FACTOR * large

@@ -52,16 +52,16 @@ def no_places(
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for effect, names in elsewhere.items():
         groups.setdefault((needed_port(known[effect]), tuple(names)), []).append(effect)
+    titles = {name: known[name].story()["title"].rstrip(".") for name in elsewhere}
     return [
-        NoPlaceRow(effects={name: _title(known[name]) for name in names}, needs=needs, rigs=rigs)
+        NoPlaceRow(
+            effects={name: titles[name][:1].lower() + titles[name][1:] for name in names},
+            needs=needs,
+            rigs=rigs,
+        )
         for (needs, rigs), names in groups.items()
     ]
 
 
 def _placed(rig: Rig, effects: Iterable[type[Effect]]) -> set[str]:
     return {a.effect.name for a in attachments(rig, effects)}
-
-
-def _title(effect: type[Effect]) -> str:
-    title = effect.story()["title"][:1].lower() + effect.story()["title"][1:]
-    return title.rstrip(".")

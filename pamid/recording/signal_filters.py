@@ -13,15 +13,8 @@ Array = NDArray[np.float64]
 def local_parabola(y: Array, length: int, period_s: float = 1.0, derivative: int = 0) -> Array:
     """Value or derivative of the parabola through the samples around each sample.
 
-    Parameters
-    ----------
-    y : (samples,), at least `length` of them
-    length : odd number of samples that a parabola is fitted to, the first and the last of the
-        recording to its ends
-    derivative : 0 or 1, per second
-
-    References
-    ----------
+    y: (samples,), at least `length` of them; length: odd number of samples that a parabola is
+    fitted to, the first and the last of the recording to its ends; derivative: 0 or 1, per second.
     Savitzky and Golay (1964), Analytical Chemistry 36(8), 1627-1639.
     """
     half = length // 2

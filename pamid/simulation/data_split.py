@@ -111,7 +111,11 @@ class DataSplit:
         tracks, spans = list[Track](), self.held_out if held_out else self.fit
         samples = sum(map(len, spans))
         for span in spans:
-            lead = min(span.start, self._lead(assembly, span)) if held_out else 0
+            lead = 0
+            if held_out:
+                scale = self.timescale_s / span.recording.sampling_period_s
+                most = self.lead_most * scale if assembly.keeps_memories else round(LEAD * scale)
+                lead = int(min(span.start, most))
             first = span.start - lead
             p, known = known_values(assembly, span.recording.known)
             # Models with the same inputs share these arrays, which otherwise would take most of the
@@ -166,13 +170,6 @@ class DataSplit:
         spans = (*self.fit, *self.held_out)
         used = sum(s.seconds for s in spans)
         return used, sum(len(r) * r.sampling_period_s for r in self.recordings)
-
-    def _lead(self, assembly: Assembly, span: Span) -> int:
-        """Number of lead-in samples before a held-out span."""
-        samples = self.timescale_s / span.recording.sampling_period_s
-        if assembly.keeps_memories:
-            return int(min(span.start, self.lead_most * samples))
-        return round(LEAD * samples)
 
     @cached_property
     def still_inputs(self) -> frozenset[str]:

@@ -20,7 +20,6 @@ Frisch and Waugh (1933), Econometrica 1:387; Lovell (1963), JASA 58:993; Belsley
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -44,8 +43,18 @@ DIGITS = 4  # of a point: a file half as large
 def added_variables(d: Diagnosis) -> AddedVariablesFile:
     """Plots of a diagnosis: of several causes each in addition to the others, then of each
     candidate of the ranking alone."""
+    # refitted models, and models that add an effect to each, with its label
+    compared: list[tuple[CandidateModel, list[tuple[CandidateModel, str]]]] = []
+    if d.cause is not None and d.selection is not None and len(d.cause.attached) > 1:
+        compared += [
+            (below, [(d.cause, label)])
+            for label, below in d.selection.without.items()
+            if len(below.attached) == len(d.cause.attached) - 1
+        ]
+    # what an effect at several ports adds is all of it
+    compared.append((d.budget.baseline, [(c, c.label) for c in d.ranking]))
     plots = []
-    for below, models in _compared(d):
+    for below, models in compared:
         if not models:
             continue
         fitted = below.fit
@@ -69,16 +78,6 @@ def added_variables(d: Diagnosis) -> AddedVariablesFile:
                 label = models[i][1]
                 plots.append(_plot(label, company, ground, root, d.evidence.channels, x, y))
     return AddedVariablesFile(plots=tuple(plots))
-
-
-def _compared(d: Diagnosis) -> Iterator[tuple[CandidateModel, list[tuple[CandidateModel, str]]]]:
-    """Refitted models, and models that add an effect to each, with its label."""
-    if d.cause is not None and d.selection is not None and len(d.cause.attached) > 1:
-        for label, below in d.selection.without.items():
-            if len(below.attached) == len(d.cause.attached) - 1:
-                yield below, [(d.cause, label)]
-    # what an effect at several ports adds is all of it
-    yield d.budget.baseline, [(c, c.label) for c in d.ranking]
 
 
 def _without(column: Array, other: Array) -> Array:

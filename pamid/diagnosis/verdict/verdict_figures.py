@@ -34,7 +34,10 @@ def diagnosis_file(d: Diagnosis, missing: Missing | None = None) -> result.Diagn
 
     missing: estimate of the unexplained value at a port.
     """
-    shares, causes, notes = _port_shares(d), _causes(d), notes_of(d)
+    shares, notes = _port_shares(d), notes_of(d)
+    # the largest first; for "ambiguous" the members that cannot be separated
+    named = _parts_of_causes(d.answer) if d.answer and d.cause else []
+    causes = tuple(_cause(c, part) for c, part in named)
     isolable = isolability(d.evidence.rig, d.evidence.channels)
     unknown = described(d, missing) if d.left_over else None
     if causes:
@@ -178,14 +181,6 @@ def _port_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
 
 
 # ---- causes and what remains ---------------------------------------------------------------------
-
-
-def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
-    """Causes that the verdict names, the largest first; for "ambiguous" the members
-    that cannot be separated."""
-    if d.answer is None or d.cause is None:
-        return ()
-    return tuple(_cause(c, part) for c, part in _parts_of_causes(d.answer))
 
 
 def _parts_of_causes(answer: Answer) -> list[tuple[NamedCause, float]]:

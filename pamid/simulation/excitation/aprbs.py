@@ -116,7 +116,7 @@ class Coverage:
             f"{self.longest_hold_s:.3g} s apart; crest factor {self.crest:.3g}."
             if self.moving
             else f"{self.steps} steps between {self.low:g} and {self.high:g}, on "
-            f"{_many(self.levels, 'level')}; held "
+            f"{self.levels} level{'' if self.levels == 1 else 's'}; held "
             f"{self.shortest_hold_s:.3g} to {self.longest_hold_s:.3g} s each.",
             f"Amplitude: {self.visited:.0%} of the range is visited, evenness {self.evenness:.2f} "
             "of 1.",
@@ -303,7 +303,11 @@ def coverage(
     filled = shares[shares > 0]
     entropy = float(-np.sum(filled * np.log(filled)))
     evenness = entropy / math.log(BINS) if filled.size > 1 else 0.0
-    moving, starts = _changes(values)
+    # samples at which a level is reached: after a jump, at the end of a ramp, at a turn
+    moved = np.abs(np.diff(values)) > _STEP * float(np.ptp(values))
+    moving = bool(moved.mean() > _RESTLESS)
+    turns = _turns(values, moving)
+    starts = turns[1:] if moving else np.flatnonzero(moved & np.append(~moved, True)[1:]) + 1
     holds = np.diff(starts) * period_s
     inner = holds if holds.size else np.array([values.size * period_s])
     held = values[starts] if starts.size else values[:1]
@@ -312,7 +316,7 @@ def coverage(
     strong = np.flatnonzero(power >= 0.01 * power.max())  # 20 dB
     excited = values[int(starts[0]) if starts.size else 0 :]
     library = np.vander((2.0 * excited - low - high) / (high - low), 4, increasing=True)
-    turns, changes = _turns(values, moving), None
+    changes = None
     if turns.size >= 3:
         size, times = np.abs(np.diff(values[turns])) / (high - low), np.diff(turns) * period_s
         pace = 0.5 / times
@@ -400,16 +404,6 @@ def slew(signal: FloatArray, most: float) -> FloatArray:
     return limited
 
 
-def _changes(values: FloatArray) -> tuple[bool, NDArray[np.intp]]:
-    """Is it always moving? and samples at which a level is reached: after a jump, at the end of a
-    ramp, at a turn."""
-    moved = np.abs(np.diff(values)) > _STEP * float(np.ptp(values))
-    if moved.mean() > _RESTLESS:
-        return True, _turns(values, True)[1:]
-    still = np.append(~moved, True)[1:]
-    return False, np.flatnonzero(moved & still) + 1
-
-
 def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
     """Samples from which a signal sets out, from rest or back; of a moving signal without its
     ripple."""
@@ -457,7 +451,3 @@ def spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArra
     pieces = np.stack([centred[start : start + size] for start in starts])
     power = np.mean(np.abs(np.fft.rfft(window * pieces)) ** 2, axis=0)
     return np.fft.rfftfreq(size, period_s)[1:].astype(float), power[1:].astype(float)
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
