@@ -436,7 +436,6 @@ def _json(value: Model | dict[str, Any]) -> str:
 
 
 def _flags(arguments: Sequence[str]) -> set[str]:
-    """Words before a bare `--`. Parsing may fail before click has read them, so this does not use
-    click."""
+    """Words before a bare `--`, read without click, whose parsing may fail before."""
     words = list(arguments)
     return set(words[: words.index("--")] if "--" in words else words)

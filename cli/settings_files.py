@@ -69,8 +69,7 @@ def ignored_files(folder: Path | None = None) -> dict[Path, str]:
 
 
 def _candidate_files(folder: Path | None) -> Iterator[tuple[Path, str]]:
-    """Every pamid.toml in the folder and above, the nearest first, and why it is ignored ("" if it
-    is not)."""
+    """Every pamid.toml in the folder and above, nearest first, and why it is ignored, or ""."""
     try:
         start = (folder or Path.cwd()).resolve()
     except FileNotFoundError:  # somebody removed the working folder

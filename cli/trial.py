@@ -302,8 +302,7 @@ class _Trial:
 
 
 def _share(trial: _Trial, share: tuple[int, int], pool: WorkerPool) -> frame.Result:
-    """Compute every COUNT-th case from the I-th on; the command without --index writes labels and
-    scores."""
+    """Compute every COUNT-th case from the I-th on, without labels and scores."""
     from pamid.api.trial_cases import run_cases
     from pamid.base.schemas.trial_case_files import TrialShare
     from pamid.trial.scoring import failed_jobs

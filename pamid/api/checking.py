@@ -87,8 +87,7 @@ class CheckResult:
         return bare_rig_drawing(ports) if ports is not None else quality_drawing(*self._drawn())
 
     def _ports(self) -> RigMap | None:
-        """The ports of a rig that was checked; None of anything else, or where it does not
-        build."""
+        """The ports of a checked rig; None of anything else, or where it does not build."""
         return None if self.kind != "rig" or self._rig is None else checked_ports(self._rig)
 
     def _drawn(

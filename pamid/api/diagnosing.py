@@ -3,8 +3,6 @@ gap shrinks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from pamid.api.carried_runs import carry_out
 from pamid.api.given import effects_given, evidence_of, warn_in_python
 from pamid.api.options.estimating import DiagnosisArguments
@@ -17,7 +15,6 @@ from pamid.base.run_folder import Run
 from pamid.diagnosis.settings import DEFAULT, settings_from
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.memory_needed import memory_warning
-from pamid.model.effect import Effect
 from pamid.model.registry import effects_with
 
 
@@ -46,7 +43,11 @@ def diagnose(arguments: DiagnosisArguments) -> DiagnosisResult:
     if large := memory_warning(searched, 1 if arguments.cluster else arguments.jobs):
         (arguments.warn or warn_in_python)(large)
     further, left_out = effects_given(arguments.effects), list(arguments.without)
-    catalogue = catalogue_of(further, left_out)
+    catalogue, _ = effects_with(further)
+    for name in left_out:
+        if name not in catalogue:
+            raise UsageError(f"--without {name!r}: no such effect.", nearest(name, list(catalogue)))
+        del catalogue[name]
 
     def work(run: Run, pool: WorkerPool, show: Progress) -> None:
         diagnose_into(
@@ -69,18 +70,3 @@ def diagnose(arguments: DiagnosisArguments) -> DiagnosisResult:
             code="damaged",
         )
     return result
-
-
-def catalogue_of(
-    further: tuple[str | type[Effect], ...], without: Iterable[str]
-) -> dict[str, type[Effect]]:
-    """Effects by name: the catalogue and further effects, without the excluded effects.
-
-    UsageError for an unknown name or an invalid effect.
-    """
-    known, _ = effects_with(further)
-    for name in without:
-        if name not in known:
-            raise UsageError(f"--without {name!r}: no such effect.", nearest(name, list(known)))
-        del known[name]
-    return known

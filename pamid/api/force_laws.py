@@ -151,8 +151,7 @@ def force_law(arguments: ForceLawArguments) -> ForceLawResult:
 
 
 def judged_law(validated: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
-    """force-law.json: all forces in N, errors on points held out unless the key states
-    otherwise."""
+    """force-law.json: forces in N, errors on held-out points unless the key states otherwise."""
     points, network = validated.map, validated.trained.network
     off = validated.by_point.anfis - points.force_n
     ranges = zip(COLUMNS, (points.contraction, points.pressure_kpa, points.force_n), strict=True)

@@ -131,7 +131,14 @@ def evidence_of(
     for k, original in enumerate(read):
         recording, stand_ins = with_stand_ins(original, model)
         read[k] = recording
-        odd = (*stand_ins, *unknown_columns(model, recording), *_known_remarks(model, recording))
+        odd = [*stand_ins, *unknown_columns(model, recording)]
+        plain = Assembly(model)
+        try:
+            plain.values(recording.known)
+        except FileError as error:  # a value that cannot be, or is of no parameter
+            message = f"{recording.path}: {error.message}"
+            raise FileError(message, error.hint, code=error.code) from None
+        odd += [f"{fault.text}. {CURE}" for fault in plain.known_objections(recording.known)]
         for text in (*recording.warnings, *odd):
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(model, read[: len(fitted)], read[len(fitted) :])
@@ -167,8 +174,7 @@ def evidence_of(
 
 
 def _require_its_columns(rig: Rig, recordings: Sequence[Recording]) -> None:
-    """Refuse recordings that neither name a rig nor suit the usual rig, before its columns are
-    checked."""
+    """Refuse recordings that neither name a rig nor suit the usual rig."""
     for recording in recordings:
         needed = [c for c in rig.inputs if c not in rig.optional]
         if any(recording.has(c) for c in rig.outputs) and all(recording.has(c) for c in needed):
@@ -196,17 +202,6 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
         f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, lacking)}".rstrip()  # noqa: E501
         for c in strangers
     ]
-
-
-def _known_remarks(rig: Rig, recording: Recording) -> list[str]:
-    """A sentence per known value outside the bounds of its parameter; FileError where a value
-    cannot be, or is of no parameter."""
-    plain = Assembly(rig)
-    try:
-        plain.values(recording.known)
-    except FileError as error:
-        raise FileError(f"{recording.path}: {error.message}", error.hint, code=error.code) from None
-    return [f"{fault.text}. {CURE}" for fault in plain.known_objections(recording.known)]
 
 
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:

@@ -1,5 +1,4 @@
-"""Where a training stands, and that on disk: enough to go on exactly as if nobody had stopped
-it."""
+"""Where a training stands, on disk: enough to go on exactly as if nobody had stopped it."""
 
 import io
 from collections.abc import Iterable
@@ -39,8 +38,7 @@ class TrainingStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Attempt:
-    """A random start: the weights it has reached, its trace, and why it stopped ("" while it
-    runs)."""
+    """A random start: weights it has reached, trace, and why it stopped ("" while it runs)."""
 
     start: int
     weights: Array
@@ -59,8 +57,7 @@ _STORED = ("weights", "numbers", "steps", "why")
 
 
 def save_checkpoint(path: Path, problem: str, attempts: Iterable[Attempt]) -> None:
-    """Write all attempts so far, whole or not at all; `problem` identifies data, network and
-    options."""
+    """Write all attempts so far as a whole; `problem` identifies data, network, options."""
     arrays: dict[str, NDArray] = {"problem": np.array(problem)}
     for k, a in enumerate(attempts):
         e = a.evidence

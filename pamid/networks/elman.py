@@ -52,8 +52,7 @@ ACTIVE = 2.0  # arguments of tanh beyond which it is flat (MATLAB's `tansig`: -2
 
 
 class ElmanLayers(NamedTuple):
-    """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,),
-    output_bias."""
+    """The weights: units (h, h + m + 1) = [context, input, bias], output (h,), output_bias."""
 
     units: Array
     output: Array
@@ -74,8 +73,7 @@ class ElmanLayers(NamedTuple):
 
 @dataclass(frozen=True)
 class Elman(Network):
-    """An Elman network's sizes; weights are passed to every verb as a flat float64 vector
-    (layout: module)."""
+    """An Elman network's sizes; verbs take its weights as a flat float64 vector (module)."""
 
     kind: ClassVar[str] = "elman"
     size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
@@ -197,8 +195,7 @@ class Elman(Network):
         return slice(self.n_weights - self.hidden - 1, self.n_weights)
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
-        """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in
-        them."""
+        """States x(k+1) and ones (N, h + 1), from a zero state: the output is linear in them."""
         layers, u = self.layers(weights), self.table(inputs)
         # Padding to whole vectors lets the kernel run without a remainder loop.
         states = np.ones((len(u), self.hidden + 1))

@@ -84,8 +84,7 @@ class Point:
 
     @property
     def promise(self) -> float:
-        """The share of F that an undamped step would take away were the network linear in its
-        weights."""
+        """The share of F that an undamped step would take away from a linear network."""
         evidence = self.attempt.evidence
         if self.spectrum is None:
             promised = promised_decrease(self.half_hessian, self.descent)
@@ -192,8 +191,7 @@ def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tup
 
 
 class _Trial(NamedTuple):
-    """A step with damping mu: its weights and errors, the decrease of F, and the share of its
-    promise."""
+    """A step with damping mu: weights, errors, decrease of F, and the share of its promise."""
 
     mu: float
     weights: Array
@@ -250,8 +248,7 @@ def _bounded(problem: TrainingProblem, point: Point, trial: _Trial) -> bool:
 
 
 def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
-    """Trials with rising mu; with several threads some are computed ahead, whether they are
-    wanted or not."""
+    """Trials with rising mu; with several threads some are computed ahead."""
     # All trials of a point share its normal equations; only the damping differs.
     right = point.descent
     mu = [point.attempt.mu]
@@ -284,8 +281,7 @@ def _trial(problem: TrainingProblem, point: Point, right: Array, mu: float) -> _
 
 
 def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
-    """Re-estimate the evidence at a new point (not at the start's) and append the point to the
-    trace."""
+    """Re-estimate the evidence at a new point (not the start's); append it to the trace."""
     old = point.attempt
     evidence = old.evidence
     # The start's weights are a draw, so that alpha and beta of these would regularise against the

@@ -40,8 +40,7 @@ TAP_S = 0.03  # between the taps: 10 samples at 3 ms, where this was measured
 
 
 class NarxLayers(NamedTuple):
-    """The weight vector taken apart: taps (h, (n + 1) m), feedback (h, l), bias (h,), output (h,),
-    output_bias."""
+    """The weights: taps (h, (n + 1) m), feedback (h, l), bias (h,), output (h,), output_bias."""
 
     taps: Array
     feedback: Array
@@ -240,8 +239,7 @@ class Narx(Network):
             yield start, y[reach:end], jacobian[reach:end]
 
     def tapped(self, u: Array, start: int, stop: int) -> Array:
-        """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ...,
-        u(k-ns)."""
+        """Inputs (stop - start, (n + 1) m) at samples start .. stop - 1: u(k), ..., u(k-ns)."""
         k = np.arange(start, stop)
         return np.hstack(
             [u[np.maximum(k - lag * self.stride, 0)] for lag in range(self.input_lags + 1)]

@@ -118,8 +118,7 @@ class Network(ABC):
 
     @property
     def memory_size(self) -> int:
-        """Numbers that `onnx_nodes` carries between samples, all zero before the
-        first."""
+        """Numbers that `onnx_nodes` carries between samples, all zero before the first."""
         return 0
 
     def onnx_nodes(
@@ -164,8 +163,7 @@ class Network(ABC):
                 )
 
     def flat(self, weights: ArrayLike) -> Array:
-        """The weights (n_weights,) as they are computed with; DataError when there are not that
-        many."""
+        """The weights (n_weights,) as float64; DataError when there are not that many."""
         # Compiled kernels are specialised for contiguous float64; another layout would compile
         # them anew.
         flat = np.ascontiguousarray(weights, dtype=np.float64)

@@ -148,8 +148,7 @@ class _Race:
     clock: "_Clock"
 
     def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
-        """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
-        step."""
+        """Bring every running start to iteration `gate`, or its end; `attempts` follows."""
         # A single thread writes attempts and reports progress, so that neither needs a lock.
         messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
         stop = Event()
@@ -198,15 +197,13 @@ class _Race:
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:
-    """Whether it takes no step up to this gate. A start whose iterations were used up may have more
-    now."""
+    """Whether it takes no step up to this gate. A start that was used up may have more now."""
     # A start that has converged or diverged takes no step at any later gate.
     return bool(attempt.why and attempt.why != USED_UP) or (len(attempt.steps) > gate)
 
 
 def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[int]:
-    """The better half at this gate, judged by the error that each had there; the others end with a
-    reason."""
+    """The better half by the error that each had at this gate; the others end with a reason."""
 
     def standing(start: int) -> float:
         steps = attempts[start].steps

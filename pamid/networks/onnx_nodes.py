@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 
 class OnnxNodes(Protocol):
-    """A graph under construction, in float64; every value is the name of a tensor, a number has
-    shape (1,)."""
+    """A float64 graph under construction; a value is the name of a tensor, a number is (1,)."""
 
     def add(self, op: str, *inputs: str, **attributes: Any) -> str:
         """A node with a single output."""

@@ -210,8 +210,7 @@ class TorchPasses(ABC):
     def _rows(
         self, run: _Run, part: slice, length: int, at_start: "Tensor | None"
     ) -> tuple["Tensor", "Tensor"]:
-        """dy/dw (S, blocks, phases, length, n) over some blocks, and V behind them, from V before
-        them."""
+        """dy/dw (S, blocks, phases, length, n) over blocks, and V behind them from V before."""
         import torch
 
         seen, hidden = (
@@ -351,8 +350,7 @@ class NarxPasses(TorchPasses):
 
 
 def _equal_part(total: int, largest: int) -> int:
-    """The size of the fewest nearly equal parts of `total`, none above `largest` (but at least
-    1)."""
+    """The size of the fewest nearly equal parts of `total`, none above `largest` (least: 1)."""
     return math.ceil(total / math.ceil(max(total, 1) / max(largest, 1)))
 
 

@@ -147,8 +147,7 @@ def train_on_signals(
 
 
 def trace_csv(training: Training) -> bytes:
-    """The trace as the bytes of trace.csv: a header row, a row per accepted step, numbers in
-    full precision."""
+    """Bytes of trace.csv: a header, a row per accepted step, numbers in full precision."""
     rows = [header_line(list(training.trace)).rstrip("\n")]
     for values in zip(*training.trace.values(), strict=True):
         pairs = zip(training.trace, values, strict=True)

@@ -1,5 +1,4 @@
-"""Problem of a training: network, recordings, weights of samples, stopping rules; all of it
-checked."""
+"""Problem of a training: network, recordings, sample weights, stopping rules, all checked."""
 
 import hashlib
 from collections.abc import Callable
@@ -164,8 +163,7 @@ class TrainingProblem:
         )
 
     def errors(self, weights: Array) -> Errors:
-        """Added up as `projected` does, where that solves for some of the weights: to the last
-        bit."""
+        """Added up as `projected` does where that solves for weights: to the last bit."""
         linear = self.network.linear
         with np.errstate(all="ignore"):
             features: tuple[Array, ...] = ()
@@ -250,8 +248,7 @@ class TrainingProblem:
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
-    """A recording or a list of them as checked pairs; DataError names recording, row and
-    column."""
+    """A recording or several as checked pairs; DataError names recording, row and column."""
     several = isinstance(inputs, list | tuple) and len(inputs) > 0 and np.ndim(inputs[0]) == 2
     us, ts = (inputs, target) if several else ([inputs], [target])
     if len(us) != len(ts):  # type: ignore[arg-type]

@@ -175,8 +175,7 @@ def _arm(axes: Axes, motion: Motion, aspect: float) -> None:
 
 
 def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
-    """The gaps of a channel over time; short strokes where the models were set to the measured
-    state."""
+    """The gaps of a channel over time; strokes where the models were set to the measured state."""
     for kind, gap in motion.gaps[channel].items():
         axes.plot(motion.time, gap, **_style(motion, kind, 0.5))
     axes.axhline(0.0, color=colour("muted"), linewidth=0.7, zorder=0)
@@ -209,8 +208,7 @@ def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
 
 
 def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
-    """Create the moving artists, and return a function that draws a frame over the still
-    picture."""
+    """Create the moving artists; return a function that draws a frame over the still picture."""
     best = list(motion.lines)[-1]
     tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
     trails, arms = {}, []

@@ -121,8 +121,7 @@ def _answer(
     *,
     quiet: bool = False,
 ) -> Answer:
-    """Build an answer with its card, from the lead and the lines of that, without empty
-    sentences."""
+    """Build an answer with its card, from the lead and its lines, without empty sentences."""
     short_lead, lines = card
     place = question.lower().replace(" ", "-")
     shown = Card(question, short_lead, tuple(filter(None, lines)), place, quiet)
@@ -133,8 +132,7 @@ def _answer(
 
 
 def _where(diagnosis: DiagnosisFile) -> Answer:
-    """Where the gap lies: port, inseparable ports and a sensor that separates them, regimes, band
-    and windows."""
+    """Where the gap lies: ports, a sensor that separates them, regimes, band and windows."""
     question, where = "Where", diagnosis.where
     if diagnosis.remark:
         return _answer(question, "Undetermined.", [], ("Undetermined", [CHECK_FIRST]), quiet=True)
@@ -397,8 +395,7 @@ def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
 
 
 def _unknown_texts(unknown: Unknown) -> list[str]:
-    """Share that each nonparametric curve removes; parity, memory, dissipation and formula of the
-    missing term."""
+    """What each nonparametric curve removes; parity, memory, energy and formula of the term."""
     texts = []
     for form in unknown.free_forms:
         share = form.removes or form
@@ -468,8 +465,7 @@ def _formula_texts(unknown: Unknown) -> list[str]:
 
 
 def _how_far(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
-    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of
-    every channel."""
+    """How far the gap shrinks: errors of the headline channel, shrinkage of every channel."""
     question, row, diagnosis = "How far", headline(rows), run.diagnosis
     if row is None:
         lead = "No channel was scored."
@@ -543,8 +539,7 @@ def _how_far(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
 
 
 def _what_is_left(diagnosis: DiagnosisFile | None) -> Answer | None:
-    """Size, port and form of the remainder. Without causes, the remainder is the whole gap. None
-    without a remainder."""
+    """Size, port and form of the remainder, which without causes is the whole gap."""
     rest = diagnosis.remainder if diagnosis is not None else None
     if diagnosis is None or rest is None or diagnosis.remark:
         return None

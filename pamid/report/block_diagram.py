@@ -156,8 +156,7 @@ def _leads(begin: str, end: str, links: set[tuple[str, str]]) -> bool:
 def merged_columns(
     columns: dict[str, list[str]], texts: dict[str, BlockText]
 ) -> tuple[dict[str, list[str]], dict[str, BlockText]]:
-    """Columns in which blocks without effects are joined, if there are more than
-    `MOST_IN_COLUMN`."""
+    """Columns in which blocks without effects are joined, above `MOST_IN_COLUMN`."""
     texts, merged = dict(texts), {}
     for kind, groups in columns.items():
         quiet = [g for g in groups if texts[g].weight < 0.005 and not texts[g].named]

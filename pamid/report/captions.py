@@ -95,8 +95,7 @@ def has_joint_model(diagnosis: DiagnosisFile | None) -> bool:
 
 
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
-    """Legend entry of a field of ChannelErrors: "refitted", "with Coulomb friction", "with the
-    causes"."""
+    """Legend entry of a model: "refitted", "with Coulomb friction", "with the causes"."""
     if field == "with_cause" and diagnosis is not None and has_joint_model(diagnosis):
         return (
             f"with {causes_label(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
@@ -123,8 +122,7 @@ def first_parameter(cause: Cause) -> tuple[str, Estimate] | None:
 
 
 def added_leaders(run: RunData) -> list[AddedVariable]:
-    """The plots shown at once: those of the causes, then of the best candidate of each further
-    family, three in all."""
+    """The plots shown at once: of the causes, then of the best of each further family."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return []

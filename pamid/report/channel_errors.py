@@ -1,5 +1,4 @@
-"""The errors of a run in a row per channel, from any of its files that has them, and the
-headline channel."""
+"""The errors of a run in a row per channel, from any of its files, and the headline channel."""
 
 from __future__ import annotations
 
@@ -27,8 +26,7 @@ _AGREE = 0.02  # two files that agree on an MAE within this share are not worth 
 
 @dataclass(frozen=True)
 class ChannelErrors:
-    """Held-out MAE (eq. 11) of a channel by model, in the channel's unit; None if no file of
-    the run states it."""
+    """Held-out MAE (eq. 11) of a channel by model, in its unit; None if no file states it."""
 
     channel: str
     data_sheet: float | None = None
@@ -152,8 +150,7 @@ def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
 
 
 def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
-    """The scored window with the largest MAE of the refitted model; held-out windows only, if there
-    are any."""
+    """The scored window with the largest refitted MAE, held out if any window is."""
     measured, refitted = residual.columns.get(channel), residual.of(channel, "refitted")
     if measured is None or refitted is None:
         return None

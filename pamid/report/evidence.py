@@ -286,8 +286,7 @@ def _sensors(where: Where) -> Section:
 
 
 def parameters_of(run: RunData) -> tuple[Mapping[str, Estimate], Mapping[str, Estimate]]:
-    """The parameters of the answer's model; where it has causes, also those of the refitted model
-    without them."""
+    """The parameters of the answer's model; with causes, also those without them."""
     fitted = run.fit.parameters if run.fit is not None else {}
     diagnosis = run.diagnosis
     if diagnosis is None or not diagnosis.parameters or (fitted and not diagnosis.causes):

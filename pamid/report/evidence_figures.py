@@ -56,8 +56,7 @@ _BACKGROUND = "background."
 
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
-    """Mean absolute error over short stretches of each recording [channel's unit] over time [s],
-    windows shaded."""
+    """Mean absolute error [channel's unit] along each recording [s], windows shaded."""
     residual = run.residual
     if (
         residual is None
@@ -98,8 +97,7 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
 def _longest_held_out(
     residual: Residual, channel: str
 ) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
-    """The recording with most scored held-out rows (else scored rows), and its binned errors by
-    model."""
+    """The recording with most held-out (else scored) rows, and its binned errors by model."""
     columns = residual.columns
     scored = scored_rows(residual, channel)
     if not scored.any():
@@ -121,8 +119,7 @@ def _longest_held_out(
 def _curve(
     time: FloatArray, error: FloatArray, parts: list[NDArray[np.intp]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Means of stretches of equal count; between parts that are apart in time the line is broken by
-    a nan."""
+    """Means of stretches of equal count; a nan breaks the line between distant parts."""
     times, errors, most = [], [], max(_BINS // len(parts), 1)
     for rows in parts:
         edges = np.linspace(0, rows.size, min(most, rows.size) + 1).astype(int)
@@ -357,8 +354,7 @@ def _two_digits(value: float) -> str:
 
 
 def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
-    """Names of the rig's parameters and their correlations (n, n); empty if the covariance does not
-    fit its names."""
+    """Names and correlations (n, n) of the rig's parameters; empty if both do not fit."""
     size = len(posterior.keys)
     if [len(row) for row in posterior.covariance] != list(range(1, size + 1)):
         return [], np.zeros((0, 0))

@@ -1,5 +1,4 @@
-"""Picture of an excitation: its columns, and the amplitudes, frequencies and changes that it covers
-or misses."""
+"""Picture of an excitation: its columns, and what they cover or miss."""
 
 from __future__ import annotations
 
@@ -44,8 +43,7 @@ class ExcitedColumn:
 
     @property
     def reach(self) -> str:
-        """Band with its power; frequencies below the resolution of the spectrum count as
-        covered."""
+        """Band with its power; frequencies below the spectrum's resolution count as covered."""
         low, high = self.covers.band_20db_hz
         lowest = spectrum(self.samples, self.period_s)[0][0]
         return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"

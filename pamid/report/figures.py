@@ -178,8 +178,7 @@ def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 
 
 def missing_drawing(run: RunData) -> Drawing | None:
-    """Points and binned medians: the missing value [port's unit] over the signal that describes it
-    best [its unit]."""
+    """Points and binned medians: the missing value over the signal that describes it best."""
     term = missing_term(run.diagnosis)
     if term is None or run.missing is None:
         return None
@@ -503,8 +502,7 @@ def window_drawing(
 
 
 def _window_title(run: RunData, channel: str, window: WorstWindow, kinds: tuple[str, ...]) -> str:
-    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
-    friction"."""
+    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with dead time"."""
     part = "held-out" if window.held_out else "fitted"
     what, unit_text = channel_label(channel), channel_unit(channel)
     before = window.mae["refitted"]
@@ -558,8 +556,7 @@ def _value(axes: Axes, x: float, row: float, text: str) -> None:
 
 
 def _thinned(time: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """At most about so many points that keep every extreme: first, lowest and highest of each
-    stretch."""
+    """About so many points that keep every extreme: first, lowest, highest of each stretch."""
     size = values.size
     if size <= most:
         return time, values

@@ -1,5 +1,4 @@
-"""Picture of a measured force map: its points over the curves of two laws, and the errors of
-both."""
+"""Picture of a measured force map: points over the curves of two laws, and both errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Names, numbers and units as people read them; the same on the page, in the figures and on the
-terminal."""
+"""Names, numbers and units as people read them; the same on page, figures and terminal."""
 
 from __future__ import annotations
 
@@ -34,8 +33,7 @@ INTERVAL = f"95{SPACE}% interval"
 
 
 def clean(text: str) -> str:
-    """A line without control characters or direction marks, as it may stand anywhere on a
-    page."""
+    """A line without control characters or direction marks, fit for anywhere on a page."""
     return " ".join(_CONTROL.sub(" ", text).split())
 
 
@@ -105,8 +103,7 @@ def superscript(exponent: int) -> str:
 
 
 def short(value: float | None, digits: int = 3) -> str:
-    """As `number`, without zeros at the end: for sentences and bars, where nothing is aligned in
-    columns."""
+    """As `number`, without zeros at the end: for sentences and bars, which align nothing."""
     text = number(value, digits)
     head, times, power = text.partition(f"{SPACE}×")
     return (head.rstrip("0").rstrip(".") if "." in head else head) + times + power
@@ -130,22 +127,6 @@ def with_common_unit(values: Sequence[float], unit_text: str, between: str) -> s
     return with_unit(text, unit_text)
 
 
-def with_interval(
-    value: float | None, low: float | None, high: float | None, unit_text: str, digits: int = 3
-) -> str:
-    """ "0.52 deg (95 % interval 0.5 to 0.54 deg)", both in the same unit; without an interval if it
-    has no width."""
-    if low is not None and low == high:
-        low = high = None
-    known = [bound for bound in (value, low, high) if bound is not None]
-    if not known or not unit_text:
-        return short(value, digits) + interval_tail(span(low, high, "", digits))
-    factor, unit_text = _scaled_unit(unit_text, *known)
-    middle, low, high = (None if bound is None else factor * bound for bound in (value, low, high))
-    interval = span(low, high, unit_text, digits)
-    return f"{with_unit_text(middle, unit_text, digits)}{interval_tail(interval)}"
-
-
 def _scaled_unit(unit_text: str, *values: float) -> tuple[float, str]:
     """Factor and unit for display: (1e6, "µm") for micrometres."""
     largest = max(map(abs, values))
@@ -165,9 +146,18 @@ def unbroken(text: str) -> str:
 
 
 def parameter_text(name: str, estimate: Estimate) -> str:
-    """ "torque 0.41 N m (95 % interval 0.38 to 0.44 N m)"."""
-    size = with_interval(estimate.value, estimate.low, estimate.high, channel_unit(name))
-    return f"{channel_label(name)} {size}"
+    """ "torque 0.41 N m (95 % interval 0.38 to 0.44 N m)", in the same unit; an interval without
+    width is left out."""
+    value, low, high, unit_text = estimate.value, estimate.low, estimate.high, channel_unit(name)
+    if low is not None and low == high:
+        low = high = None
+    known = [bound for bound in (value, low, high) if bound is not None]
+    if unit_text:
+        factor, unit_text = _scaled_unit(unit_text, *known)
+        value = factor * value
+        low, high = (None if bound is None else factor * bound for bound in (low, high))
+    interval = interval_tail(span(low, high, unit_text))
+    return f"{channel_label(name)} {with_unit_text(value, unit_text)}{interval}"
 
 
 def percent(share: float | None) -> str:

@@ -1,5 +1,4 @@
-"""Places in the samples that the answers speak of: the worst windows, the windows and the regimes
-of the diagnosis."""
+"""Places in the samples that the answers speak of: worst windows, named windows, regimes."""
 
 from __future__ import annotations
 
@@ -97,8 +96,7 @@ def _regime(
     windows: Sequence[tuple[Stretch, int, int]],
     regime: Regime,
 ) -> Highlight | None:
-    """The window with most error within the regime; None if its signal does not stand in
-    residual.csv."""
+    """The window with most error within the regime; None if its signal is not recorded."""
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
     inside = {}
@@ -128,8 +126,7 @@ def _regime(
 
 
 def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
-    """A measured or sent signal by the name that regimes give it, or the rate of a measured signal
-    (per s)."""
+    """A signal by the name that regimes give it, or the rate of a measured signal (per s)."""
     stems = {
         split_column(column)[0]: column for column in (*channels_of(residual), *inputs_of(residual))
     }

@@ -90,8 +90,7 @@ class RunData:
         return first.rig or next(named, "") or of_fit
 
     def recording_words(self, number: int) -> str:
-        """ " in recording NAME" where there are several of them, else ""; `number` as in
-        residual.csv."""
+        """ " in recording NAME" where there are several, else ""; `number` as in residual.csv."""
         known = self.fit.recordings if self.fit is not None else ()
         named = len(known) > 1 and 0 <= number < len(known)
         return f" in recording {known[number].name}" if named else ""

@@ -48,8 +48,7 @@ def joined(parts: Iterable[Part]) -> Markup:
 
 
 def prose(text: str) -> Markup:
-    """A sentence as HTML: text in backticks becomes code, and some compounds are kept on the
-    same line."""
+    """A sentence as HTML: text in backticks is code, some compounds stay on a line."""
     shown = _CODE_SPAN.sub(lambda span: f"<code>{breakable(Markup(span[1]))}</code>", escape(text))
     return Markup(_UNBROKEN.sub(r'<span class="k">\1</span>', shown))
 

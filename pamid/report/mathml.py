@@ -1,5 +1,4 @@
-"""Expressions as MathML, which browsers set by themselves: fractions, roots, powers, cases; names
-stay words."""
+"""Expressions as MathML, which browsers set: fractions, roots, powers, cases, names."""
 
 from __future__ import annotations
 
@@ -76,8 +75,7 @@ def rows_of(*rows: Sequence[Markup], **attributes: str) -> Markup:
 
 
 class Typeset:
-    """Typesetter of expressions; `shown` is the notation of each symbol. functions: used ones, to
-    be explained."""
+    """Typesetter; `shown` is the notation of each symbol. functions: used ones, to explain."""
 
     def __init__(self, shown: Shown) -> None:
         self._shown, self.functions = shown, dict[str, None]()
@@ -164,8 +162,7 @@ class Typeset:
 
 
 def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
-    """A word of the vocabulary that was spelt out in simpler ones; the same expression is the same
-    object."""
+    """A word of the vocabulary that was spelt out; the same expression is the same object."""
     if node.op == "sub" and node.args[1].op == "play" and stop(*node.args[1].args) is node:
         return "stop", node.args[1].args
     if node.op == "where" and node.args[0].op == "lt" and sign(node.args[0].args[1]) is node:
@@ -200,8 +197,7 @@ def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
 
 
 def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
-    """The factors of a product above and below the line; a product that is a named function is a
-    single factor."""
+    """The factors of a product above and below the line; a named function is a factor."""
     if node.op == "div":
         (above, under), (below, over) = map(_factors, node.args)
         return above + over, under + below

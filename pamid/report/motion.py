@@ -152,7 +152,17 @@ def motion_of(
     names = {kind: MODEL_NAMES[TRACE_ROLES[kind]] for kind in kinds}
     if "cause" in kinds and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
         names["cause"] = f"with {causes_label(run.diagnosis)}"
-    means = _means(residual, traces, rows)
+    # mean |gap| over the scored rows, or over all of them where none is scored
+    scored = rows[residual.columns["window"][rows] >= 0]
+    scored = scored if scored.size else rows
+    means = {
+        name: {
+            kind: float(np.abs(traces[kind][name] - measured)[scored].mean())
+            for kind in traces
+            if kind != MEASURED
+        }
+        for name, measured in traces[MEASURED].items()
+    }
     known, number = run.fit.recordings if run.fit is not None else (), window.recording
     return Motion(
         recording=formatting.clean(known[number].name) if 0 <= number < len(known) else "",
@@ -298,8 +308,7 @@ def _rows(
     begin: float | None,
     end: float | None,
 ) -> NDArray[np.intp]:
-    """Rows of the window's recording in order of time; only of its held-out part without given
-    times."""
+    """Rows of the window's recording by time; without given times of its held-out part only."""
     table = residual.columns
     usable = (table["recording"] == window.recording) & np.isfinite(table["time_s"])
     if begin is None and end is None:
@@ -334,21 +343,3 @@ def _span(
             code="times",
         )
     return low, high
-
-
-def _means(
-    residual: Residual, columns: dict[str, dict[str, FloatArray]], rows: NDArray[np.intp]
-) -> dict[str, dict[str, float]]:
-    """Channel -> kind -> mean |gap| over the scored rows (all of them where none is scored),
-    channel's unit."""
-    scored = rows[residual.columns["window"][rows] >= 0]
-    rows = scored if scored.size else rows
-    measured = columns[MEASURED]
-    return {
-        name: {
-            kind: float(np.abs(traces[name] - measured[name])[rows].mean())
-            for kind, traces in columns.items()
-            if kind != MEASURED
-        }
-        for name in measured
-    }

@@ -132,8 +132,7 @@ def bullets(items: Iterable[str]) -> Markup:
 
 
 def code(name: str, small: str = "", place: str = "") -> Markup:
-    """A name in a cell. small: a second line in small print; place: of the page, to which the name
-    leads."""
+    """A name in a cell. small: a second, small line; place: of the page, to which it leads."""
     shown = tag("code", breakable(name))
     shown = tag("a", shown, href=f"#{place}") if place else shown
     return joined([shown, tag("small", small)]) if small else shown

@@ -222,8 +222,7 @@ class Panel:
 
 
 def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
-    """A panel per variable against time, two in a row; the simulated lines lie over the broad
-    measured line."""
+    """A panel per variable, two in a row; the simulated lines lie over the measured line."""
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)

@@ -107,8 +107,7 @@ def paper_page(
     rows: tuple[ChannelErrors, ...],
     pictures: Mapping[str, Picture],
 ) -> Page:
-    """The report of a paper with provenance, and with the answers of the diagnosis that belongs to
-    it, if any."""
+    """The report of a paper with provenance and, if any, the answers of its diagnosis."""
     sections = [*paper.sections, provenance(steps)]
     if run is not None:
         answers = answer_sections(run, rows, pictures)
@@ -117,8 +116,7 @@ def paper_page(
 
 
 def read_paper(folder: Path) -> Page | None:
-    """The reproduced paper in a folder; None if there is none, FileError if its file is
-    damaged."""
+    """The reproduced paper in a folder, or None; FileError if its file is damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
         return _joint(joint, folder)

@@ -60,8 +60,7 @@ def quality_drawing(
 def card_title(
     recording: Recording, issues: Sequence[QualityIssue], others: Sequence[str] = ()
 ) -> str:
-    """How many problems and notes there are, as the text of `check` counts them, and the first of
-    them."""
+    """How many problems and notes there are, as `check` counts them, and the first."""
     wrong = [*others, *(issue.message for issue in issues if issue.severity == "wrong")]
     notes = [issue.message for issue in issues if issue.severity != "wrong"]
     if not wrong:
@@ -181,8 +180,7 @@ def joined(windows: Sequence[tuple[float, float]], least: float) -> list[tuple[f
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """The lowest and highest sample of each of at most 700 stretches, as a line that hides no
-    spike."""
+    """The lowest and highest sample of each of at most 700 stretches, so that spikes show."""
     if values.size <= 2 * BUCKETS:
         return time, values
     starts = np.linspace(0, values.size, BUCKETS, endpoint=False).astype(np.intp)

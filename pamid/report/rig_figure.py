@@ -82,8 +82,7 @@ def bare_rig_drawing(rig: RigMap) -> Drawing:
 
 
 def rig_svg(diagnosis: DiagnosisFile | None) -> str:
-    """The diagram for a notebook, without its links; "" if the run does not say which ports its rig
-    has."""
+    """The diagram for a notebook, without links; "" if the run does not state its ports."""
     drawing = rig_drawing(diagnosis)
     if diagnosis is None or diagnosis.rig is None or drawing is None:
         return ""

@@ -9,7 +9,6 @@ from typing import Any
 from pamid.base.errors import FileError, PamidError
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RUN_FILE
-from pamid.base.schemas.run_file import Step
 from pamid.base.schemas.runs_file import RunSummary
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
@@ -33,9 +32,10 @@ def summary_of(folder: Path) -> RunSummary:
     first = read_steps(folder / RUN_FILE)[0]
     kind = next((kind for name, kind in _KINDS.items() if (folder / name).exists()), "")
     has_result = any((folder / name).exists() for name in (FIT_FILE, DIAGNOSIS_FILE))
+    words = [word for part in first.command for word in part.split()]
     about: dict[str, Any] = {
         "path": str(folder),
-        "command": command_name(first),
+        "command": formatting.clean(words[1]) if len(words) > 1 else "",
         "begun": formatting.clean(first.begun),
         "outcome": formatting.clean(first.outcome or ""),
     }
@@ -56,12 +56,6 @@ def summary_of(folder: Path) -> RunSummary:
         causes=tuple(formatting.clean(cause.effect) for cause in causes),
         mae={row.channel: row.known() for row in rows},
     )
-
-
-def command_name(step: Step) -> str:
-    """ "diagnose" of ["pamid", "diagnose", "rec.csv"]; "" if the record does not say."""
-    words = [word for part in step.command for word in part.split()]
-    return formatting.clean(words[1]) if len(words) > 1 else ""
 
 
 def runs_below(folder: Path) -> list[RunSummary]:

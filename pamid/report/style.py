@@ -277,8 +277,7 @@ def dots(x: NDArray[np.float64], y: NDArray[np.float64], length: float) -> PathP
 
 @contextmanager
 def settings(salt: str) -> Iterator[None]:
-    """Settings of matplotlib that override the user's matplotlibrc; salt: seed of the names in an
-    SVG."""
+    """Settings of matplotlib in place of the user's; salt: seed of the names in an SVG."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
         matplotlib.rcParams.update({**DRAWING_SETTINGS, "svg.hashsalt": salt})
@@ -338,8 +337,7 @@ def figure_of(drawing: Drawing) -> NotebookFigure:
 
 
 def png_of(*drawings: Drawing) -> bytes:
-    """Drawings with their titles, stacked, as a PNG file; the same drawings give the
-    same bytes."""
+    """Drawings with their titles, stacked, as a PNG file; the same ones give the same bytes."""
     images = []
     for drawing in drawings:
         with settings(drawing.name):

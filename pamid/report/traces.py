@@ -106,8 +106,7 @@ def traces_style() -> str:
 def traces_of(
     run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES
 ) -> Traces:
-    """Every sample of residual.csv up to this number of values; empty if no measured channel has a
-    model."""
+    """Samples of residual.csv up to this number of values; empty without a modelled channel."""
     residual = run.residual
     if residual is None or not (channels := channels_of(residual)):
         return Traces()

@@ -76,8 +76,7 @@ def targets_drawing(trial: Trial) -> Drawing | None:
 
 
 def reliability_drawing(trial: Trial) -> Drawing | None:
-    """Share of right answers over the probability stated [-], with 95 % intervals and the number of
-    answers."""
+    """Share of right answers with 95 % intervals and counts, over the probability stated [-]."""
     if not trial.file.reliability:
         return None
 

@@ -1,5 +1,4 @@
-"""`write_report`: from the folder of a run, a trial or a reproduced paper to its page, figures and
-PDF."""
+"""`write_report`: from a run, a trial or a reproduced paper to its page, figures and PDF."""
 
 from __future__ import annotations
 
@@ -96,8 +95,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a report: rows of the MAE table, drawings, and the page once these are
-    pictures."""
+    """Content of a report: rows of the MAE table, drawings, and the page once those are drawn."""
 
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]

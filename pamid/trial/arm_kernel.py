@@ -60,8 +60,7 @@ READINGS = 14  # two angles; contractions, gauge pressures and forces of four mu
 
 @njit
 def wheel_inertia(j: int, a: Any, f: Any) -> float:
-    """Inertia (kg m2) before the spring of a flexible joint: a share of what the joint feels, the
-    arm stretched."""
+    """Inertia (kg m2) before a flexible joint's spring: a share, with the arm stretched."""
     felt = (
         a.inertia_1 - a.coupling**2 / a.inertia_2
         if j == 0

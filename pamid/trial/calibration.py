@@ -47,8 +47,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Lesson:
-    """The finished calibration cases of a machine, marked; bare: the tool did not receive its
-    tolerances."""
+    """Finished calibration cases of a machine, marked; bare: without its tolerances."""
 
     machine: str
     seed: int
@@ -58,8 +57,7 @@ class Lesson:
 
 
 def lesson_of(folder: Path) -> Lesson:
-    """The finished cases in the folder of a trial's calibration part. DataError for another
-    part."""
+    """The finished cases of a trial's calibration part. DataError for another part."""
     content = read_json(folder / "labels.json")
     labels = {label["number"]: label for label in content["cases"]}
     if any(label["part"] != "calibration" for label in labels.values()):

@@ -87,8 +87,7 @@ class CaseMachine:
         return columns
 
     def recording(self, faults: Faults, path: Path, number: int = FITTED) -> Recording:
-        """A recording as a user has it: written to a file with the channels of the case, and read
-        back."""
+        """A recording as a user has it: a file with the channels of the case, read back."""
         case, columns = self.case, self.run(faults, number)
         c, machine = case.conditions, case.machine
         meta: dict[str, Any] = {
@@ -216,8 +215,7 @@ class CaseMachine:
         return int(first), int(noise)
 
     def _signal(self, number: int, loop: str) -> Any:
-        """Command, from before the recording starts; loop: "open" also where the case is
-        closed."""
+        """Command, from before the recording starts; loop: "open" also for a closed case."""
         c = self.case.conditions
         seconds = c.seconds + self._warm_up * self.machine.period_s
         conditions = replace(c, loop=loop, seconds=seconds)

@@ -153,8 +153,7 @@ def draw_cases(
 
 
 def cases_sha256(cases: Sequence[Case]) -> str:
-    """A digest over all cases, labels and all: two trials with the same digest posed the same
-    questions."""
+    """A digest over all cases and labels: trials with the same digest posed the same questions."""
     return hashlib.sha256("".join(c.sha256 for c in cases).encode()).hexdigest()
 
 
@@ -224,8 +223,7 @@ def _rounded(drawn: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stratum(part: str, number: int, seed: int, world: str) -> tuple[str, float]:
-    """Stratum of a case and its place in it, both spread evenly over the numbers however many are
-    drawn."""
+    """Stratum of a case and its place in it, both spread evenly over the numbers."""
     first = np.random.default_rng([seed, _branch(part, world)]).random()
     at = (first + number * GOLDEN) % 1.0
     for stratum, share in STRATA[world].items():

@@ -54,8 +54,7 @@ MUSCLE_STATES = 14
 
 @njit(cache=True)
 def pulse(x: Array, m: Any, f: Any, command: float, clock: float, h: float, period: float) -> float:
-    """Signed share of this step in which the drive is on; clock: s since the start of the
-    recording."""
+    """Signed share of this step in which the drive is on; clock: s since the first sample."""
     duty, sign = abs(command), np.sign(command)
     # the poppet lifts sooner the harder it is driven: all is regained at full command
     if f.lost_duty > 0.0:
@@ -86,8 +85,7 @@ def pulse(x: Array, m: Any, f: Any, command: float, clock: float, h: float, peri
 
 @njit(cache=True)
 def through(up: float, down: float, conductance: float, ratio: float) -> float:
-    """p V flow (W) of an ISO 6358 orifice, the straight piece near equal pressures included; 0
-    backwards."""
+    """p V flow (W) of an ISO 6358 orifice, linear near equal pressures; 0 backwards."""
     if down >= up:
         return 0.0
     r = down / up
@@ -172,8 +170,7 @@ def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: fl
 
 @njit(cache=True)
 def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> float:
-    """Supply pressure (Pa) a step later, for the p V flow drawn from the tank behind the
-    regulator."""
+    """Supply pressure (Pa) a step later, for the p V flow drawn behind the regulator."""
     if f.sag_pa <= 0.0:
         return pressure
     settling = TANK * f.sag_pa / 3e-3 / REFERENCE_PA
@@ -213,8 +210,7 @@ def static_pull(
 
 @njit(cache=True)
 def held_back(i: int, chi: float, step: float, rate: float, s: Array, z: Array, f: Any) -> float:
-    """Rate-independent friction (N) within muscle i after a change of contraction by `step`; z: its
-    elements."""
+    """Rate-independent friction (N) in a muscle after contracting by `step`; z: elements."""
     pressed = max(s[i, PRESSURE] - ATMOSPHERE, 0.0) / 6e5
     force = 0.0
     if f.slip_n > 0.0:  # widths over a factor 50, ever weaker
@@ -326,8 +322,7 @@ def place_torque(x: Array, f: Any, clock: float) -> float:
 
 @njit(cache=True)
 def bristles(x: Array, f: Any, h: float) -> float:
-    """Friction torque (N m) of bending contacts at the present speed: steep Dahl, elasto-plastic
-    bristle."""
+    """Friction torque (N m) of bending contacts: steep Dahl, elasto-plastic bristle."""
     speed = x[SPEED]
     if f.dahl_nm > 0.0:
         z = x[BRISTLE]
@@ -410,8 +405,7 @@ def command_of(
 
 @njit(cache=True)
 def driven(x: Array, m: Any, f: Any, commands: Array, at: int, steps: int, period: float) -> float:
-    """Signed share of step `at` of the recording in which the drive is on; commands: a value per
-    sample."""
+    """Signed share of step `at` in which the drive is on; commands: a value per sample."""
     h = period / steps
     late = int(np.floor((at - f.delay_s / h + 1e-6) / steps))
     return pulse(x, m, f, commands[late] if late >= 0 else 0.0, at * h, h, period)

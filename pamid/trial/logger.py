@@ -105,8 +105,7 @@ class Readout:
 
 
 def draw_logger(random: np.random.Generator, seconds: float) -> Logger:
-    """A logger with coloured noise, a jittering clock and a start in motion; half of them with a
-    coarse gauge."""
+    """A logger: coloured noise, jittering clock, start in motion; half with a coarse gauge."""
     u = random.random(7)
     low, high = GAUGE_BENDS
     return Logger(

@@ -134,8 +134,7 @@ class Marked:
 
     @property
     def claims_hold(self) -> bool:
-        """Whether the named effects remove as much of a fresh recording's error as claimed, within
-        the interval."""
+        """Whether the named effects remove as much of a fresh recording's error as claimed."""
         forecast = self.result["shrinkage"]
         return forecast is None or forecast["achieved"] >= forecast["low"]
 

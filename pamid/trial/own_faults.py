@@ -49,8 +49,7 @@ def planted_places(rig: Rig) -> dict[str, Attachment]:
 
 
 def fault_of(rig: Rig, name: str, a: Attachment) -> Fault:
-    """Sizes of a fault as multiples of the typical value at its port on that rig, so that units do
-    not matter."""
+    """Sizes of a fault as multiples of the typical value at its port on that rig."""
     if name.startswith(NAMELESS):
         return Fault(name, "", a.group(rig), {TIMES_TYPICAL: around(1.0)}, (TIMES_TYPICAL,))
     others = {

@@ -141,8 +141,7 @@ class OwnMachine:
         return made_excitation(self.rig, c.loop, c.amplitude, seed)
 
     def meta(self, c: StarterConditions) -> dict[str, Any]:
-        """TOML of a recording. It does not name a rig file, whose name may reveal more than the
-        rig."""
+        """TOML of a recording. It names no rig file, whose name may reveal more than the rig."""
         named = {"rig": self.name} if in_catalogue(self.name) else {}
         tables: dict[str, Any] = {
             "recording": {**named, "loop": c.loop, "sampling_period_s": self.period_s},

@@ -40,8 +40,7 @@ def bundle(z: Array, step: float, reach: float, decades: float) -> float:
 
 @njit(cache=True)
 def swallowed(z: Array, step: float, reach: float) -> float:
-    """Part of a signal that a bundle of plays of even widths has absorbed after a step; wide plays
-    weigh less."""
+    """Part of a signal that plays of even widths absorb in a step; wide plays weigh less."""
     total = weights = 0.0
     for j in range(BUNDLE):
         width = 3.0 * reach * (j + 0.5) / BUNDLE

@@ -79,8 +79,7 @@ class Match:
 
     @property
     def exchanged_rigs(self) -> tuple[str, ...]:
-        """Template rigs with cause and effect exchanged: a force or torque for a motion, or the
-        reverse."""
+        """Template rigs with a force or torque exchanged for a motion, or the reverse."""
         sides = {"load", "motion"}
         sent = {_side(q.wanted) for q in self.pairs if q.role == "input"} & sides
         read = {_side(q.wanted) for q in self.pairs if q.role == "output"} & sides

@@ -137,22 +137,15 @@ def verb(
             return_annotation=function.__annotations__["return"]
         )
         summary, rest = re.split(_SECTION, inspect.getdoc(function) or "", maxsplit=1)
-        of_record.__doc__ = f"{summary}\n\n{parameter_section(record)}\n\n{rest}"
+        lines = [summary, "", "Parameters", "----------"]
+        for item, about in about_fields(record):
+            words = textwrap.fill(about.in_python or about.text, 90)
+            lines += [item.name, textwrap.indent(words, "    ")]
+        of_record.__doc__ = "\n".join([*lines, "", rest])
         verb_of_record: Verb[Parameters, Record, Answer] = of_record
         return verb_of_record
 
     return wrap
-
-
-def parameter_section(record: Any) -> str:
-    """Section `Parameters` of a numpydoc docstring."""
-    lines = ["Parameters", "----------"]
-    for item, about in about_fields(record):
-        lines += [
-            item.name,
-            textwrap.indent(textwrap.fill(about.in_python or about.text, 90), "    "),
-        ]
-    return "\n".join(lines)
 
 
 def parse_pairs(hint: str = "For example inertia_kg_m2=0.0896.") -> Callable[[Any], dict[str, Any]]:

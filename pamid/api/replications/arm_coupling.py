@@ -98,8 +98,7 @@ def coupling_json(
 
 
 def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwing]) -> bytes:
-    """PNG of the largest deflection at each joint; its title states how far, and what explains
-    it."""
+    """PNG of the largest deflection at each joint; its title states how far, and why."""
 
     def each(name: str) -> str:
         return " and ".join(f"{coupling.mae[name]:.2g}" for coupling in couplings)

@@ -179,8 +179,7 @@ def shown(variable: str, value: Any) -> Any:
 
 
 def shown_mae(pieces: Pieces) -> dict[str, float]:
-    """Mean absolute error of every variable over the recordings in which its joint is not clamped
-    (deg, %, kPa)."""
+    """Mean absolute error (deg, %, kPa) of every variable where its joint is not clamped."""
     every = list(pieces)
 
     def moves(variable: str, r: Recording) -> bool:

@@ -76,8 +76,7 @@ def draw_withheld(seed: int) -> Withheld:
 
 
 def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duration_s: float) -> Path:
-    """excitation.csv, rec.csv (with its TOML) and withheld.json into `folder`; returns the path of
-    rec.csv."""
+    """excitation.csv, rec.csv (with TOML), withheld.json in `folder`; returns rec.csv's path."""
     reference = aprbs(duration_s, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=seed)
     time = PERIOD_S * np.arange(reference.size)
     excitation, recording = folder / EXCITATION_FILE, folder / RECORDING_FILES[0]

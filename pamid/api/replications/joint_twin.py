@@ -84,8 +84,7 @@ class Twin:
     def record(
         self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0
     ) -> dict[str, Any]:
-        """columns (samples,) in their units and the meta of a recording on this reference
-        (deg)."""
+        """columns (samples,) in their units and meta of a recording on this reference (deg)."""
         known, sent = {"inertia_kg_m2": inertia}, excitation(reference)
         effects, hidden = self.effects(inertia), self.hidden()
         simulated = simulate_virtual_rig(TWIN_RIG, sent, effects, known, hidden, noise, seed)

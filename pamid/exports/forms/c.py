@@ -15,8 +15,4 @@ def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Writt
     return Written({file: texts[file.name].encode() for file in files})
 
 
-def files_in(step: SampleStep, folder: Path) -> tuple[Path, ...]:
-    return tuple(folder / name for name in file_names(step))
-
-
-FORM = Form("", write, files_in)
+FORM = Form("", write, lambda step, folder: tuple(folder / name for name in file_names(step)))

@@ -16,9 +16,5 @@ def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Writt
     return Written({file: m_file(step, file.stem).encode()})
 
 
-def function_file(step: SampleStep, path: Path) -> tuple[Path, ...]:
-    """A function is called by the name of its file."""
-    return (path.with_name(f"{identifier(path.stem)}.m"),)
-
-
-FORM = Form(".m", write, function_file)
+# a function is called by the name of its file
+FORM = Form(".m", write, lambda _, path: (path.with_name(f"{identifier(path.stem)}.m"),))

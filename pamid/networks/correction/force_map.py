@@ -129,15 +129,13 @@ class ValidatedMap:
         return next(iter(self.scale))
 
     def rms_n(self, held: HeldOutForces, law: str = "") -> float | None:
-        """RMS error of a scaled law, or of the ANFIS, on what was held out; None where nothing
-        was."""
+        """RMS error of a scaled law, or of the ANFIS, on held-out points; None without any."""
         predicted = held.scaled[law] if law else held.anfis
         return rms(self.map.force_n[held.rows], predicted[held.rows]) if held.rows.any() else None
 
     @property
     def finding(self) -> str:
-        """How far the ANFIS and the best analytic law are off, on points and on contractions they
-        have not seen."""
+        """How far the ANFIS and the best analytic law are off on unseen points and contractions."""
         anfis, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
         text = (
             f"Error on held-out points: ANFIS {anfis:.3g} N RMS; best analytic law, "

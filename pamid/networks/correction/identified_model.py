@@ -12,7 +12,7 @@ under names that begin with "uncorrected."; its value is held over a sample.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -145,8 +145,7 @@ class Identified:
 
     @cached_property
     def equations(self) -> Traced:
-        """Rates, outputs and cells of the whole model, network and uncorrected model included
-        (SI)."""
+        """Rates, outputs and cells (SI), those of network and uncorrected model included."""
         traced = self.assembly.traced
         if self.network is None or self.network.in_loop:
             return traced
@@ -211,8 +210,7 @@ class Identified:
         return program_of(self.assembly.rig, e, outputs, tuple(self.constants), frozenset())
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
-        """The same model where these parameters (outside names and units) are known to be
-        otherwise."""
+        """The same model with other known values of these parameters (outside names and units)."""
 
         company = self.uncorrected
         if company is not None:
@@ -371,8 +369,13 @@ def load_identified(
             refuse(run_folder / NETWORK_FILE, f"its network corrects a cause that {path} lacks")
         rivals = {k: r.probability for k, r in (fit.rivals or {}).items()}
         rivals = rivals if chosen == "cause" else {}
-        if choose:
-            require_rival(choose, rivals or saved.effects)
+        known = rivals or saved.effects
+        if choose and choose not in known:
+            raise UsageError(
+                f"--choose {choose!r}: the run does not offer it.",
+                nearest(choose, known)
+                or (f"It offers {', '.join(known)}." if known else "It names no cause."),
+            )
         if rivals and fit.rivals:
             saved = fit.rivals[choose or max(rivals, key=lambda k: rivals[k])].model
         period = (fit.recordings[0].period_s if fit.recordings else None) or 0.0
@@ -397,16 +400,6 @@ def load_identified(
         return replace(model, notes=(NETWORK_LEFT_OUT,)) if left_out and fit.cause else model
     with _sound(run_folder / NETWORK_FILE):
         return _with_network(model, run_folder, fit.channels)
-
-
-def require_rival(effect: str, known: Collection[str]) -> None:
-    """UsageError for an effect that is none of these."""
-    if effect not in known:
-        raise UsageError(
-            f"--choose {effect!r}: the run does not offer it.",
-            nearest(effect, known)
-            or (f"It offers {', '.join(known)}." if known else "It names no cause."),
-        )
 
 
 def channel_network(

@@ -84,8 +84,7 @@ class NetworkChoice:
         return {name: size for name, size in self.sizes.items() if size is not None}
 
     def network(self, inputs: int, period_s: float, samples: int | None = None) -> Network:
-        """The network for this many inputs, sampled every `period_s`, to be trained on this many
-        samples."""
+        """The network for this many inputs and samples, sampled every `period_s`."""
         return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._stated_sizes)
 
 

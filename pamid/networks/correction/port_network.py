@@ -96,8 +96,7 @@ class Entry:
 
 
 def entry_of(rig: Rig, name: str) -> Entry:
-    """The entry named `port`, or `port_place` where the port has several; UsageError where there is
-    none."""
+    """The entry named `port`, or `port_place` where a port has several; else UsageError."""
     entries = {
         e.name: e
         for n, port in rig.ports.items()
@@ -155,8 +154,7 @@ class Origin:
     fit: FitFile
 
     def model(self) -> GreyBox:
-        """The stored model with its held-out replays, and what its recordings tell of its
-        parameters there."""
+        """The stored model with its held-out replays and the posterior of its parameters there."""
         e, a = self.evidence, self.assembly
         tracks = e.tracks(a)
         problem = Problem(a, tracks, free_parameters(a, tracks))
@@ -318,8 +316,7 @@ class Corrected:
         return entered(self.model.assembly, self.entry)
 
     def replayed(self, values: Array) -> list[Replay]:
-        """Replays of all fitted and held-out tracks with these values (SI; tracks in
-        sequence) added."""
+        """Replays of all tracks with these values (SI; tracks in sequence) added."""
         m, a, first, replays = self.model, self.assembly, 0, []
         p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):

@@ -105,8 +105,7 @@ class Specimen:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Input of the machine, a value per 3 ms: a reference (the loop is closed) or the command
-    itself."""
+    """Input, a value per 3 ms: a reference (the loop is closed) or the command itself."""
 
     reference_deg: Array | None = None
     command: Array | None = None
@@ -159,8 +158,7 @@ def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
 
 
 def draw_waves(random: np.random.Generator, rms: float) -> Array:
-    """Force-map errors of both muscles: 1 to 6 half waves along the stroke and a slow wave along
-    the pressure."""
+    """Force-map errors of both muscles: 1 to 6 half waves of stroke, a slow one of pressure."""
     count = int(random.integers(1, 7))
     waves = np.zeros((2, count + 1, 3))
     chi, pressure = np.meshgrid(np.linspace(0.0, STROKE, 101), np.linspace(LOW_PA, HIGH_PA, 51))

@@ -295,8 +295,7 @@ def _interval(table: dict[str, Any], truth: float | None) -> dict[str, Any]:
 
 
 def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Inertial combinations that the rig declares, by stage; holds: does the interval hold the
-    truth?"""
+    """Inertial combinations by stage; holds: does the interval hold the truth?"""
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth = plain.values(twin.hidden())
     combinations = {n: s.found["combinations"] for n, s in stages.items() if n != WITHOUT_DRY}
@@ -315,8 +314,7 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
 
 
 def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
-    another law)"""
+    """Fitted parameters by stage; holds (none of a scale): does the interval hold the truth?"""
     hidden, rows = {**twin.hidden(), **twin.friction}, {}
     for name, parameter in stages[GRAVITY_TEST].found["parameters"].items():
         truth = hidden.get(name, parameter["prior"])
@@ -413,8 +411,7 @@ def coupling_runs(stages: dict[str, FitStage], records: ArmRecords) -> dict[str,
 def picture_of(
     stages: dict[str, FitStage], records: ArmRecords, kind: str, mae: dict[str, Any]
 ) -> bytes:
-    """PNG of the first held-out recording of a kind: measured, data sheet, fitted with the
-    ANFIS."""
+    """PNG of the first held-out recording of a kind: measured, data sheet, with the ANFIS."""
     r, models = records.of(kind, held_out=True)[0], models_of(stages)
     sheet, fitted = models[DATA_SHEET].free(r), models[ANFIS].free(r)
     panels = []
