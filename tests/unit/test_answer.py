@@ -71,17 +71,16 @@ def labels(a: Answer) -> list[str]:
     return [c.effect.label for c in a.causes]
 
 
-def test_one_cause_explains_the_gap() -> None:
-    _, a = answered(leaving(0.1, FRICTION), ranking=[leaving(0.1, FRICTION), leaving(0.6, LEAK)])
-    assert a.verdict == "explained" and labels(a) == ["coulomb-friction@joint"]
-    assert a.causes[0].removes.share == pytest.approx(0.9)
-    assert not a.material_rest and not a.left_over
+@pytest.mark.parametrize(("left", "verdict"), [(0.1, "explained"), (0.4, "partly-explained")])
+def test_one_cause_explains_the_gap_unless_a_material_remainder_is_left(
+    left: float, verdict: str
+) -> None:
+    best = leaving(left, FRICTION)
+    _, a = answered(best, ranking=[best, leaving(0.6, LEAK)])
+    assert a.verdict == verdict and labels(a) == ["coulomb-friction@joint"]
+    assert a.causes[0].removes.share == pytest.approx(1.0 - left)
     assert a.causes[0].or_at == a.causes[0].instead == ()
-
-
-def test_a_material_remainder_is_never_called_explained() -> None:
-    _, a = answered(leaving(0.4, FRICTION))
-    assert a.verdict == "partly-explained" and a.material_rest and a.left_over
+    assert a.material_rest == a.left_over == (verdict != "explained")
     assert a.floors > 1.1
 
 
@@ -172,22 +171,12 @@ def test_probability_grows_with_what_is_removed_and_with_the_lead() -> None:
 # ---- forecast -----------------------------------------------------------------------------------
 
 
-def test_a_forecast_is_wider_than_the_interval_of_these_windows() -> None:
-    after = 0.4 * BEFORE
-    low, high = forecast_interval(BEFORE, after, 0)
+def test_a_forecast_is_wide_and_surer_where_hardly_anything_remains() -> None:
+    low, high = forecast_interval(BEFORE, 0.4 * BEFORE, 0)
     assert low < 0.6 < high < 1.0
     assert high - low > 0.1, "a further recording differs, though these windows agree"
-
-
-def test_a_forecast_is_surer_where_hardly_anything_remains() -> None:
-    def width(left: float) -> float:
-        low, high = forecast_interval(BEFORE, left * BEFORE, 0)
-        return high - low
-
-    assert width(0.05) < width(0.5)
-
-
-def test_a_forecast_of_no_change_is_none() -> None:
+    half, hardly = (np.ptp(forecast_interval(BEFORE, k * BEFORE, 0)) for k in (0.5, 0.05))
+    assert hardly < half
     assert forecast_interval(BEFORE, BEFORE, 0) == pytest.approx((0.0, 0.0))
 
 

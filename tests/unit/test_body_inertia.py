@@ -100,13 +100,9 @@ def test_every_value_is_a_body_that_can_be(tmp_path: Path) -> None:
             mass = float(10.0 ** random.uniform(-6, 6))
             body = shape.deformed(ends if k % 2 else far, mass)
             assert consistent(body), (shape.group, k, body.inertia)
-
-
-def test_a_plate_without_thickness_is_a_body_that_can_be() -> None:
     plate = Body("plate", 0, (0, 0, 0), (1, 0, 0, 0), 2.0, (0, 0, 0), (1, 0, 0, 0), (0.3, 0.2, 0.1))
-    shape = BodyShape(1, plate)
-    values = {p.name: p.high for p in shape.parameters()}
-    assert consistent(shape.deformed(values, 2.0))
+    thin = BodyShape(1, plate)  # without thickness
+    assert consistent(thin.deformed({p.name: p.high for p in thin.parameters()}, 2.0))
 
 
 def test_two_points_make_the_inertia_that_mechanics_states() -> None:
@@ -139,7 +135,7 @@ def test_released_inertias_are_equations_that_mujoco_agrees_with(tmp_path: Path)
     (tmp_path / "new.xml").write_bytes(written.text)
     new = CompiledMechanism(read_mechanism(tmp_path / "new.xml"))
     here = mechanisms.AtStates(rig)
-    for seed in range(5):
+    for seed in range(3):
         x, u = point(rig, seed)
         rates, _ = here(x, u, values)
         judged, _ = mechanisms.mujoco_at(new, x, u)

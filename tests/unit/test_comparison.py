@@ -54,15 +54,21 @@ def test_the_same_share_of_every_window_is_certain_however_windows_differ() -> N
     assert unevenly.low < evenly.low < evenly.high < unevenly.high
 
 
-def test_share_is_one_of_the_gap_above_the_noise_floor() -> None:
-    before = np.full(WINDOWS, 5.0)
-    found = comparison(before)
+@pytest.mark.parametrize(
+    ("left", "share"),
+    [(3.0, 0.5), (0.9, 1.0), (7.0, -0.5)],
+    ids=["half", "no more than the gap", "worse"],
+)
+def test_share_is_one_of_the_gap_above_the_noise_floor(left: float, share: float) -> None:
+    found = comparison(np.full(WINDOWS, 5.0))
     assert found.gap.sum() == pytest.approx(4.0 * WINDOWS)
-    half = found.removed(model(np.full(WINDOWS, 3.0), FRICTION))
-    assert half.share == pytest.approx(0.5) and half.rest.share == pytest.approx(0.5)
-    whole = found.removed(model(np.full(WINDOWS, 0.9), FRICTION))
-    assert whole.share == whole.high == 1.0, "no more than the gap can be removed"
-    assert found.removed(model(np.full(WINDOWS, 7.0), FRICTION)).share == pytest.approx(-0.5)
+    removed = found.removed(model(np.full(WINDOWS, left), FRICTION))
+    assert removed.share == pytest.approx(share) and removed.rest.share == pytest.approx(
+        1.0 - share
+    )
+    assert share < 1.0 or removed.high == 1.0
+    stated = found.removed(model(np.full(WINDOWS, 2.0), FRICTION), losses=np.full(WINDOWS, left))
+    assert stated.share == pytest.approx(share), "losses in place of the model's"
 
 
 def test_the_standard_error_is_that_of_repeated_recordings() -> None:
@@ -88,26 +94,13 @@ def test_an_interval_holds_the_share_and_its_rest_mirrors_it() -> None:
     )
 
 
-def test_of_another_reference_the_share_is_still_one_of_the_gap() -> None:
-    before = np.full(WINDOWS, 11.0)
-    found = comparison(before)
-    first = model(np.full(WINDOWS, 6.0), FRICTION)
-    both = model(np.full(WINDOWS, 2.0), FRICTION, LEAK)
-    assert found.removed(first).share == pytest.approx(0.5)
-    assert found.removed(both, first).share == pytest.approx(0.4)
-
-
-def test_losses_given_in_place_of_the_models_are_scored() -> None:
-    before = np.full(WINDOWS, 5.0)
-    c = model(np.full(WINDOWS, 2.0), FRICTION)
-    assert comparison(before).removed(c, losses=np.full(WINDOWS, 4.0)).share == pytest.approx(0.25)
-
-
-def test_a_single_window_compares_nothing() -> None:
-    c = model([1.0], FRICTION)
-    found = comparison([9.0])
+def test_a_single_window_and_no_gap_compare_nothing() -> None:
+    c, found = model([1.0], FRICTION), comparison([9.0])
     assert found.removed(c) == NOTHING
+    assert found.shrinkage(c) == (0.0, 0.0, 0.0)
     assert not found.is_material(c, found.budget.baseline)
+    closed = comparison(np.full(WINDOWS, 0.99))
+    assert closed.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == NOTHING
 
 
 def test_two_windows_are_compared_with_a_wide_interval() -> None:
@@ -117,11 +110,6 @@ def test_two_windows_are_compared_with_a_wide_interval() -> None:
     narrow = comparison(many).removed(model(after_many, FRICTION))
     assert wide.share == pytest.approx(narrow.share)
     assert 0.0 < wide.z < 0.2 * narrow.z
-
-
-def test_without_a_gap_nothing_is_removed() -> None:
-    found = comparison(np.full(WINDOWS, 0.99))
-    assert found.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == NOTHING
 
 
 # ---- invariance ---------------------------------------------------------------------------------
@@ -189,18 +177,17 @@ def test_ties_by_standard_errors_and_by_margin() -> None:
     assert not found.is_tied(model(noisy(0.60 * before, 0.1), LEAK), best)
 
 
-def test_at_the_floor_means_every_channel() -> None:
+@pytest.mark.parametrize(
+    ("after", "floors", "at_floor"),
+    # the last: channels below their floors leave no gap to take shares of
+    [([1.05, 2.1], 1.05, True), ([1.05, 2.4], 1.2, False), ([0.85, 2.4], 1.2, True)],
+)
+def test_at_the_floor_means_every_channel(
+    after: list[float], floors: float, at_floor: bool
+) -> None:
     found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
-    near = model(np.tile([1.05, 2.1], (WINDOWS, 1)), FRICTION)
-    one_left = model(np.tile([1.05, 2.4], (WINDOWS, 1)), FRICTION)
-    assert found.floors(near) == pytest.approx(1.05) and found.at_floor(near)
-    assert found.floors(one_left) == pytest.approx(1.2) and not found.at_floor(one_left)
-
-
-def test_channels_below_their_floors_leave_no_gap_to_take_shares_of() -> None:
-    found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
-    cancelled = model(np.tile([0.85, 2.4], (WINDOWS, 1)), FRICTION)
-    assert found.floors(cancelled) == pytest.approx(1.2) and found.at_floor(cancelled)
+    c = model(np.tile(after, (WINDOWS, 1)), FRICTION)
+    assert found.floors(c) == pytest.approx(floors) and found.at_floor(c) == at_floor
 
 
 # ---- confidence set -----------------------------------------------------------------------------
@@ -221,20 +208,14 @@ def test_confidence_set_holds_one_model_per_family_best_first() -> None:
     assert found.confidence_set(models[::-1], found.budget.baseline) == chosen
 
 
-def test_confidence_set_is_empty_where_nothing_is_material() -> None:
+def test_only_what_is_material_is_a_member() -> None:
     before = uneven()
     found = comparison(before)
-    models = [model(0.97 * before, FRICTION), model(0.98 * before, LEAK)]
-    assert found.confidence_set(models, found.budget.baseline) == []
-
-
-def test_what_is_not_material_is_no_member_though_it_ties() -> None:
-    before = uneven()
-    found = comparison(before)
-    certain = model(0.8 * before, FRICTION)
+    certain, small = model(0.8 * before, FRICTION), model(0.97 * before, LEAK)
     by_luck = model(noisy(0.8 * before, 2.0), LEAK)
     assert found.is_tied(by_luck, certain)
     assert found.confidence_set([certain, by_luck], found.budget.baseline) == [certain]
+    assert found.confidence_set([small], found.budget.baseline) == []
 
 
 def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> None:
@@ -289,5 +270,3 @@ def test_error_removed_has_the_interval_of_the_windows() -> None:
     found = comparison(before)
     share, low, high = found.shrinkage(model(noisy(0.4 * before, 0.5), FRICTION))
     assert share == pytest.approx(0.6) and low < 0.6 < high < 1.0
-    alone = comparison(np.array([5.0]))
-    assert alone.shrinkage(model(np.array([2.0]), FRICTION)) == (0.0, 0.0, 0.0)

@@ -13,6 +13,7 @@ from virtual_joint import record
 
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.run_folder import Run
+from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
@@ -48,7 +49,7 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, 
     folder = tmp_path_factory.mktemp("rubbing")
     recording = record(
         folder / "rec.csv",
-        45.0,
+        30.0,
         seed=4,
         effects=("coulomb-friction:torque_n_m=0.4",),
         columns=SENSORS,
@@ -76,34 +77,10 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
     folder, _, found = rubbing
     stored = json.loads((folder / "run" / "diagnosis.json").read_text())
     assert stored["schema"] == "pamid.diagnosis/3"
-    assert set(stored) >= {
-        "verdict",
-        "sentence",
-        "remark",
-        "causes",
-        "remainder",
-        "ranking",
-        "comparison",
-        "horizon_s",
-        "forecast",
-        "where",
-        "how_far",
-        "next_experiment",
-        "parameters",
-        "background",
-        "unknown",
-        "notes",
-    }
+    DiagnosisFile.model_validate(stored)
     assert sum(p["share"] for p in stored["where"]["ports"]) == pytest.approx(1.0)
-    assert {p["port"] for p in stored["where"]["ports"]} == {
-        "command",
-        "valve",
-        "pressure",
-        "muscle",
-        "structure",
-        "joint",
-        "sensor",
-    }
+    groups = {one.group or name for name, one in rig_named("one-dof").ports.items()}
+    assert {p["port"] for p in stored["where"]["ports"]} == groups
     assert sum(c["share"] for c in stored["causes"]) == pytest.approx(1.0)
     assert all(0.0 <= r["probability"] <= 1.0 for r in stored["ranking"])
     cause = stored["causes"][0]
@@ -123,35 +100,7 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
     forecast = stored["forecast"]
     assert forecast["low"] < forecast["share"] < forecast["high"] <= 1.0
     assert stored["where"]["sensors"], "what further sensor would help"
-    for row in stored["ranking"]:
-        assert set(row) == {
-            "effect",
-            "family",
-            "port",
-            "probability",
-            "held_out",
-            "removes",
-            "behind",
-            "shrinkage",
-            "low",
-            "high",
-            "converged",
-            "why",
-            "parameters",
-            "at_bound",
-            "figures",
-            "set_aside",
-        }
-    assert set(stored["how_far"]["angle_deg"]) == {
-        "mae_data_sheet",
-        "mae_refitted",
-        "mae_with_cause",
-        "noise_floor",
-        "mae_refitted_short",
-        "shrinkage",
-        "low",
-        "high",
-    }
+    assert set(stored["how_far"]) >= {"angle_deg"}
     assert stored["unknown"] is None and found["verdict"] == stored["verdict"]
 
 
@@ -256,7 +205,10 @@ def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
 @pytest.mark.skipif(
     not MEASURED.is_dir(), reason="the measured EMPS recordings are not beside the project"
 )
-def test_the_measured_drive_rubs() -> None:
+@pytest.mark.parametrize(
+    "everything", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["few", "all"]
+)
+def test_the_measured_drive_rubs(everything: bool) -> None:
     """EMPS: friction is named, and the parameters come out within 10 % of the published ones."""
     rig = rig_named(str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "emps.py"))
     evidence = split_recordings(
@@ -266,9 +218,12 @@ def test_the_measured_drive_rubs() -> None:
     )
     from pamid.diagnosis.pipeline import diagnose
 
+    catalogue = {
+        name: e for name, e in effects().items() if everything or e.family in {"friction", "drag"}
+    }
     # every candidate refitted, the tempting wrong ones among them
-    everything = Settings(refits=len(effects()))
-    found = diagnosis_file(diagnose(evidence, effects(), jobs=2, settings=everything)).as_json()
+    settings = Settings(refits=len(catalogue))
+    found = diagnosis_file(diagnose(evidence, catalogue, jobs=2, settings=settings)).as_json()
     # a drive has more than friction in it: what is left is told, whatever it is called
     assert found["verdict"] in {"explained", "partly-explained"}
     assert found["causes"][0]["probability"] > 0.5 and found["remainder"]["share"] < 0.6

@@ -29,21 +29,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("arm")
 
 
-def generate(path: Path, *more: str) -> int:
-    return frame.run(
-        ["generate-aprbs", "--rig", "two-link", *more, "--output", str(path), "--overwrite"]
-    )
+def done(*words: object) -> None:
+    assert frame.run([*map(str, words), "--overwrite"]) == 0
+
+
+def generate(path: Path, *more: str) -> None:
+    done("generate-aprbs", "--rig", "two-link", *more, "--output", path)
 
 
 def simulated(path: Path, *more: str) -> Recording:
     """What the virtual arm records of the excitation at `path`."""
     output = path.with_name(f"{path.stem}-recorded.csv")
-    assert (
-        frame.run(
-            ["simulate", "--excitation", str(path), *more, "--output", str(output), "--overwrite"]
-        )
-        == 0
-    )
+    done("simulate", "--excitation", path, *more, "--output", output)
     return read_recording(output)
 
 
@@ -57,9 +54,8 @@ def noted(path: Path) -> dict[str, Any]:
 
 def test_every_joint_gets_steps_of_its_own(folder: Path) -> None:
     path = folder / "steps.csv"
-    assert (
-        generate(path, "--duration", "60", "--seed", "4", "--amplitude", "reference_2_deg=25") == 0
-    )
+    options = ("--duration", "60", "--amplitude", "reference_2_deg=25")
+    generate(path, *options, "--seed", "4")
     made, about = read_recording(path), noted(path)
     assert list(made.columns) == ["reference_1_deg", "reference_2_deg"]
     one, two = made.columns.values()
@@ -70,9 +66,7 @@ def test_every_joint_gets_steps_of_its_own(folder: Path) -> None:
     assert all(c["coverage"]["visited"] > 0.9 for c in about["columns"]) and "column" not in about
     assert not path.with_suffix(".toml").exists()
     again = folder / "again.csv"
-    assert (
-        generate(again, "--duration", "60", "--seed", "5", "--amplitude", "reference_2_deg=25") == 0
-    )
+    generate(again, *options, "--seed", "5")
     assert not any(
         np.array_equal(made.columns[c], read_recording(again).columns[c]) for c in made.columns
     )
@@ -89,7 +83,7 @@ def crossings_hz(angle: Array) -> float:
 
 def swing(folder: Path, *more: str) -> Recording:
     path = folder / "swing.csv"
-    assert generate(path, "--experiment", "gravity-test", "--duration", "8", *more) == 0
+    generate(path, "--experiment", "gravity-test", "--duration", "8", *more)
     return simulated(path, "--noise", "none")
 
 
@@ -115,8 +109,8 @@ def test_a_clamped_arm_swings_as_a_pendulum(folder: Path) -> None:
 def recorded(folder: Path) -> tuple[Path, Path]:
     """A swing of both links, and pulses on one muscle of each joint."""
     free, pulses = folder / "free.csv", folder / "two.csv"
-    assert generate(free, "--experiment", "gravity-test", "--duration", "6") == 0
-    assert generate(pulses, "--experiment", "valve-pulses", "--muscle", "12", "--muscle", "21") == 0
+    generate(free, "--experiment", "gravity-test", "--duration", "6")
+    generate(pulses, "--experiment", "valve-pulses", "--muscle", "12", "--muscle", "21")
     return simulated(free, *TRUTH, "--seed", "1").path, simulated(
         pulses, *TRUTH, "--seed", "2"
     ).path
@@ -129,12 +123,7 @@ def test_a_swing_and_pulses_fit_together(
     for path in recorded:
         assert frame.run(["check", str(path)]) == 0, capsys.readouterr().out
     run = folder / "run"
-    assert (
-        frame.run(
-            ["fit", *map(str, recorded), "--rig", "two-link", "--output", str(run), "--overwrite"]
-        )
-        == 0
-    )
+    done("fit", *recorded, "--rig", "two-link", "--output", run)
     found = json.loads((run / "fit.json").read_text())["parameters"]
     assert found["viscous_2_n_m_s"]["value"] == pytest.approx(0.08, abs=0.002)
     mass_1, centre_1, mass_2 = (

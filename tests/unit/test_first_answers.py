@@ -15,7 +15,7 @@ import pamid
 from pamid.base.errors import UsageError
 
 PENDULUM = '''
-IMPORT
+from pamid.equations import sin
 from pamid import Parameter, Port, Rig, State
 
 
@@ -29,7 +29,7 @@ class Pendulum(Rig):
     parameters = (Parameter("inertia_kg_m2", 0.1, low=0.01, high=1.0, source="drawing"),)
 
     def rates(self, x, u, p, port):
-        torque = port("axle", u.drive_n_m - SIN(x.angle), position=x.angle, velocity=x.speed)
+        torque = port("axle", u.drive_n_m - sin(x.angle), position=x.angle, velocity=x.speed)
         return {"angle": x.speed, "speed": torque / p.inertia_kg_m2}
 
     def measure(self, x, u, p, port):
@@ -79,8 +79,7 @@ def test_a_check_ends_with_what_is_next(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    text = PENDULUM.replace("IMPORT", "from pamid.equations import sin").replace("SIN", "sin")
-    Path("pendulum.py").write_text(text)
+    Path("pendulum.py").write_text(PENDULUM)
     made = table()
     if not spoil:
         made = made.drop(columns="drive_n_m")

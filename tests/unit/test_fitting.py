@@ -99,13 +99,9 @@ def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
         b = problem.assembly.parameters[i]
         moved[i] = np.clip(moved[i] * (1.0 + 0.1 * sign), b.low, b.high)
     start = FitStart(done.p, weights=done.weights, stepping=done.stepping)
-    settings: dict[str, Any] = {
-        "iterations": 200,
-        "tolerance": 1e-6,
-    }
     one, other = (
-        fit(problem, start, **settings),
-        fit(problem, replace(start, p=moved), **settings),
+        fit(problem, begun, iterations=200, tolerance=1e-6)
+        for begun in (start, replace(start, p=moved))
     )
     assert one.converged and other.converged
     scale, free = done.problem.scale, list(problem.free)
@@ -187,19 +183,24 @@ def test_a_fit_reaches_the_noise_floor_on_what_it_has_not_seen() -> None:
     assert all(0.0 <= b["pull"] < 3.0 for b in told["background"].values())
 
 
+LIGHT, HEAVY = {"inertia_kg_m2": 0.02}, {"inertia_kg_m2": 0.0896}
+
+
+def two_arms(folder: Path, stated: tuple[Any, Any] = (None, None)) -> list[Recording]:
+    """Recordings of two arms of different known inertia; stated: what their files say of it."""
+    return [
+        record(folder / f"{seed}.csv", 6.0, seed=seed, known=known, stated=said)
+        for seed, known, said in zip((3, 4), (LIGHT, HEAVY), stated, strict=True)
+    ]
+
+
 def test_names_and_order_of_recordings_do_not_matter(tmp_path: Path) -> None:
-    """Two arms with different known inertia, given in both orders and under other names."""
-    first = record(tmp_path / "light.csv", 6.0, seed=3, known={"inertia_kg_m2": 0.02})
-    second = record(tmp_path / "heavy.csv", 6.0, seed=4, known={"inertia_kg_m2": 0.0896})
-    renamed = []
-    for number, r in enumerate((second, first)):
+    arms, renamed = two_arms(tmp_path), []
+    for number, r in enumerate(arms[::-1]):
         for suffix in (".csv", ".toml"):
-            (tmp_path / f"{number}{suffix}").write_bytes(r.path.with_suffix(suffix).read_bytes())
-        renamed.append(read_recording(tmp_path / f"{number}.csv"))
-    one, other = (
-        fit_model(split_recordings(JOINT, [first, second], [])),
-        fit_model(split_recordings(JOINT, renamed, [])),
-    )
+            (tmp_path / f"a{number}{suffix}").write_bytes(r.path.with_suffix(suffix).read_bytes())
+        renamed.append(read_recording(tmp_path / f"a{number}.csv"))
+    one, other = (fit_model(split_recordings(JOINT, given, [])) for given in (arms, renamed))
     np.testing.assert_array_equal(one.fit.p, other.fit.p)
     assert fit_json(one, 0)["mae"] == fit_json(other, 0)["mae"]
 
@@ -218,19 +219,10 @@ def test_known_parameters_are_held_and_not_reported(tmp_path: Path) -> None:
 
 
 def test_two_recordings_with_their_own_known_inertia(tmp_path: Path) -> None:
-    light, heavy = {"inertia_kg_m2": 0.02}, {"inertia_kg_m2": 0.0896}
-    recordings = [
-        record(tmp_path / "light.csv", 6.0, seed=3, known=light),
-        record(tmp_path / "heavy.csv", 6.0, seed=4, known=heavy),
-    ]
-    right = fit_robustly(problem_of(JOINT, *recordings))
+    right = fit_robustly(problem_of(JOINT, *two_arms(tmp_path)))
     found = by_name(estimates(right))
     assert sum(e.low <= SPECIMEN[n] <= e.high for n, e in found.items()) >= 7
-    swapped = [
-        record(tmp_path / "a.csv", 6.0, seed=3, known=light, stated=heavy),
-        record(tmp_path / "b.csv", 6.0, seed=4, known=heavy, stated=light),
-    ]
-    wrong = fit_robustly(problem_of(JOINT, *swapped))
+    wrong = fit_robustly(problem_of(JOINT, *two_arms(tmp_path, (HEAVY, LIGHT))))
     rms = [np.sqrt(np.mean(np.concatenate(f.residuals) ** 2, axis=0)) for f in (right, wrong)]
     assert (rms[1] / rms[0]).max() > 2.0
 
@@ -276,14 +268,12 @@ class Cart(Rig):
 
 
 def cart_record(
-    folder: Path, *, seed: int = 0, period_s: float = 0.01, brake: bool = False, **truth: float
+    folder: Path, *, seed: int = 0, period_s: float = 0.01, **truth: float
 ) -> Recording:
     a = Assembly(Cart())
     n = round(12.0 / period_s)
     random = np.random.default_rng(seed)
     columns = {"force_n": np.repeat(random.uniform(-10, 10, n // 40 + 1), 40)[:n]}
-    if brake:
-        columns["brake"] = (np.arange(n) % 300 > 200).astype(float)
     path = folder / f"cart-{seed}-{period_s:g}.csv"
     write_recording(path, np.arange(n) * period_s, columns)
     made = virtual_recording(a, read_recording(path), a.values(truth), seed=seed)
@@ -294,8 +284,14 @@ def cart_record(
 TRUTH = {"mass_kg": 1.3, "stiffness_n_per_m": 70.0, "damping_n_s_per_m": 2.0}
 
 
+def cart_estimates(rig: Rig, *recordings: Recording) -> dict[str, Estimate]:
+    return by_name(estimates(fit_robustly(problem_of(rig, *recordings))))
+
+
 def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -> None:
-    found = by_name(estimates(fit_robustly(problem_of(Cart(), cart_record(tmp_path, **TRUTH)))))
+    """Also where recordings of two sampling periods are fitted."""
+    slow = cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH)
+    found = cart_estimates(Cart(), cart_record(tmp_path, **TRUTH), slow)
     grip = found["grip_n_s_per_m"]
     assert (grip.word, grip.at_bound) == ("silent", None)
     assert grip.value == pytest.approx(5.0, abs=1e-6) and grip.strain < 1e-6
@@ -310,34 +306,20 @@ def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:
     soft.parameters = tuple(
         replace(q, high=65.0) if q.name == "stiffness" else q for q in Cart.parameters
     )  # type: ignore[misc]
-    found = by_name(estimates(fit_robustly(problem_of(soft, cart_record(tmp_path, **TRUTH)))))
+    found = cart_estimates(soft, cart_record(tmp_path, **TRUTH))
     e = found["stiffness_n_per_m"]
     assert (e.at_bound, e.value) == ("high", pytest.approx(65.0)) and e.high <= 65.0 + 1e-9
     assert found["damping_n_s_per_m"].at_bound is None
-
-
-def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
-    slow, fast = (
-        cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH),
-        cart_record(tmp_path, seed=2, **TRUTH),
-    )
-    found = by_name(estimates(fit_robustly(problem_of(Cart(), fast, slow))))
-    for name, value in TRUTH.items():
-        assert found[name].value == pytest.approx(value, rel=0.03)
 
 
 def test_no_convergence_is_a_value_with_a_reason(tmp_path: Path) -> None:
     problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
     short = fit(problem, iterations=1, tolerance=1e-12)
     assert not short.converged and short.why == "iterations used up" and np.isfinite(short.cost)
-    p = problem.assembly.values()
-    p[problem.assembly.index_of("stiffness_n_per_m")] = -1e7  # runs away within a window
+    p, place = problem.assembly.values(), problem.assembly.index_of("stiffness_n_per_m")
+    p[place] = -1e7  # would run away within a window
     lost = fit(problem, FitStart(p=p, stepping=Stepping(1)))
-    if lost.iterations == 0:
-        assert not lost.converged and "unstable" in lost.why and lost.cost == np.inf
-    # clipped into its bounds first: then it must end there
-    else:
-        assert lost.p[problem.assembly.index_of("stiffness_n_per_m")] >= 10.0
+    assert lost.iterations > 0 and lost.p[place] >= 10.0, "clipped into its bounds first"
 
 
 class Runaway(Cart):

@@ -71,13 +71,6 @@ def test_an_effect_at_the_limit_of_its_form_leaves_its_place_to_the_other_family
     )
 
 
-def test_nothing_speaks_against_a_plain_model(
-    guards: Guards, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found(monkeypatch)
-    assert guards.objections(model(np.full(8, 3.0), LEAK)) == ()
-
-
 @pytest.mark.parametrize("explained", [True, False])
 def test_a_model_that_predicts_as_well_without_its_inputs_is_set_aside(
     explained: bool, guards: Guards, monkeypatch: pytest.MonkeyPatch
@@ -92,6 +85,7 @@ def test_a_model_that_predicts_as_well_without_its_inputs_is_set_aside(
     monkeypatch.setattr(guards_module, "explained_channels", explained_channels)
     c = model(np.full(8, 3.0), LEAK)
     assert guards.ignores_inputs(c) == (not explained)
-    assert any("without" in why for why in guards.objections(c)) == (not explained)
+    objections = guards.objections(c)
+    assert objections == () if explained else "without" in objections[0]
     assert guards.ignores_inputs(c) == (not explained)
     assert len(runs) == (2 if explained else 1), "a model is not run twice for the same objection"

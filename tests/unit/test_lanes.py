@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +36,6 @@ from pamid.model.registry import effects, rig_named
 
 TOLERANCE = 1e-9  # of the largest output: lanes and single runs round differently
 SAMPLES = 300
-PENDULUM = Path(__file__).parents[2] / "data/rigs/stepped_pendulum.py"
 X, V, U = state("x"), state("v"), signal()
 #: effects with delay lines, plays, hysteresis, friction, stops, drifts and other states
 CASES = [
@@ -195,25 +193,6 @@ def _remembering() -> tuple[LaneProgram, Program]:
     return lane_program(*given, linear=("u",)), scalar_program(*given, linear=("u",))
 
 
-def _single_windows(
-    single: Program, memory: Memory, u: Array, p: Array, edges: Array, entered: Array
-) -> tuple[list[Array], list[Memory]]:
-    """Outputs of each window, and the memory at its end."""
-    outputs, ends = [], []
-    for w, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-        memory.x[: entered.shape[1]] = entered[w]
-        memory.join = True
-        y, _, bad = single.run(
-            memory,
-            SampledInputs(u, PERIOD_S, 1.0).part(start, stop),
-            p,
-        )
-        assert bad < 0
-        outputs.append(y)
-        ends.append(memory.copy())
-    return outputs, ends
-
-
 def _windows_case() -> tuple[Array, Array, Array, Array]:
     random = np.random.default_rng(11)
     u, edges = steps(2, 150, 9, 4.0)[:, None], np.array([0, 40, 90, 150])
@@ -221,76 +200,34 @@ def _windows_case() -> tuple[Array, Array, Array, Array]:
     return u, edges, p, 0.3 * random.standard_normal((3, 2, 11))
 
 
-def test_windows_carry_the_memory_of_their_lane() -> None:
-    lanes, single = _remembering()
+@pytest.mark.parametrize("serial", [False, True], ids=["side by side", "serial"])
+@pytest.mark.parametrize("dependent", [None, 1, 4, 9])
+def test_windows_carry_the_memory_of_their_lane_or_of_lane_0(
+    dependent: int | None, serial: bool
+) -> None:
+    """Lanes from `dependent` on begin every window with the memory of lane 0."""
+    together, single = _remembering()
+    lanes = SerialLanes(single) if serial else together  # type: ignore[arg-type]
     u, edges, p, entered = _windows_case()
-    x = np.zeros((3, 11))
+    if dependent is not None:
+        p[:, dependent:] = p[:, :1]
+    x, inputs = np.zeros((3, 11)), SampledInputs(u, PERIOD_S, 1.0)
     memory = lanes.memory(x, period_s=PERIOD_S)
-    Y, ends, bad = lanes.run_windows(memory, SampledInputs(u, PERIOD_S, 1.0), p, edges, entered)
+    Y, ends, bad = lanes.run_windows(memory, inputs, p, edges, entered, dependent=dependent)
     assert (bad == -1).all() and Y.shape == (150, 3, 11) and ends.shape == (3, 3, 11)
+    leading: list[Memory] = []
     for lane in range(11):
         alone = single.memory(x[:, lane], period_s=PERIOD_S)
-        outputs, after = _single_windows(single, alone, u, p[:, lane], edges, entered[:, :, lane])
-        np.testing.assert_allclose(Y[:, :, lane], np.concatenate(outputs), rtol=0, atol=1e-11)
-        np.testing.assert_allclose(
-            ends[:, :, lane], [memory.x for memory in after], rtol=0, atol=1e-11
-        )
-
-
-@pytest.mark.parametrize("dependent", [1, 4, 9])
-def test_lanes_that_depend_on_lane_0_take_over_its_memory(dependent: int) -> None:
-    lanes, single = _remembering()
-    u, edges, p, entered = _windows_case()
-    p[:, dependent:] = p[:, :1]
-    memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)
-    inputs = SampledInputs(u, PERIOD_S, 1.0)
-    Y, ends, bad = lanes.run_windows(memory, inputs, p, edges, entered, dependent=dependent)
-    assert (bad == -1).all()
-    base = single.memory(np.zeros(3), period_s=PERIOD_S)
-    outputs, after = _single_windows(single, base.copy(), u, p[:, 0], edges, entered[:, :, 0])
-    np.testing.assert_allclose(Y[:, :, 0], np.concatenate(outputs), rtol=0, atol=1e-11)
-    for lane in range(dependent, 11):
-        for w in range(3):
-            start, stop = edges[w], edges[w + 1]
-            memory_before = after[w - 1].copy() if w else base.copy()
-            memory_before.x[:2], memory_before.join = entered[w, :, lane], True
-            y, _, _ = single.run(
-                memory_before,
-                SampledInputs(u, PERIOD_S, 1.0).part(start, stop),
-                p[:, 0],
-            )
-            np.testing.assert_allclose(Y[start:stop, :, lane], y, rtol=0, atol=1e-11)
-            np.testing.assert_allclose(ends[w, :, lane], memory_before.x, rtol=0, atol=1e-11)
-
-
-def test_lanes_of_a_simulator_are_its_runs() -> None:
-    """One after the other, through the same methods."""
-    machine = rig_named(str(PENDULUM))
-    assembly = Assembly(machine, (attach(machine, "coulomb-friction@hinge", effects()),))
-    lanes, random = assembly.lane_program, np.random.default_rng(5)
-    assert isinstance(lanes, SerialLanes)
-    u, edges = 0.3 * steps(2, 60)[:, None], np.array([10, 30, 60])
-    p = assembly.values()[:, None] * (1.0 + 0.05 * random.standard_normal((4,)))
-    n = len(lanes.states)
-    entered = 0.2 * random.standard_normal((2, n, 4))
-    p[:, 3], entered[0, :, 3] = p[:, 0], entered[0, :, 0]  # the same up to the second window
-    course = {"period_s": machine.period_s, "stepping": Stepping(1)}
-    inputs = SampledInputs(u, machine.period_s)
-    memory = lanes.memory(np.zeros((n, 4)), **course)
-    Y, ends, bad = lanes.run_windows(
-        memory, inputs, p, edges, entered, stepping=Stepping(1), dependent=3
-    )
-    assert (bad == -1).all() and Y.shape == (50, len(lanes.outputs), 4)
-    for lane in range(4):
-        alone = assembly.program.memory(np.zeros(n), **course)
         for w, (start, stop) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-            alone.x[:] = entered[w, :, lane]
-            alone.join = True
-            y, _, _ = assembly.program.run(
-                alone, inputs.part(start, stop), p[:, lane], stepping=Stepping(1)
-            )
-            np.testing.assert_allclose(Y[start - 10 : stop - 10, :, lane], y, rtol=1e-12)
-            np.testing.assert_allclose(ends[w, :, lane], alone.x, rtol=1e-12)
+            if w and dependent is not None and lane >= dependent:
+                alone = leading[w - 1].copy()
+            alone.x[:2], alone.join = entered[w, :, lane], True
+            y, _, lost = single.run(alone, inputs.part(start, stop), p[:, lane])
+            assert lost < 0
+            if lane == 0:
+                leading.append(alone.copy())
+            np.testing.assert_allclose(Y[start:stop, :, lane], y, rtol=0, atol=1e-11)
+            np.testing.assert_allclose(ends[w, :, lane], alone.x, rtol=0, atol=1e-11)
 
 
 def test_windows_may_begin_within_a_track() -> None:

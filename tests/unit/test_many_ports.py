@@ -76,16 +76,19 @@ class Looked:
         return _found(self._best)
 
 
+def gains_beside_nothing(smoothers: dict[str, Looked]) -> dict[str, float]:
+    held = {(): Looked(0.0, 0.0, [])} | {(name,): s for name, s in smoothers.items()}
+    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
+    return _gains_at(work, list(smoothers), WorkerPool(), {})
+
+
 @pytest.mark.parametrize("count", [MANY_PORTS, MANY_PORTS + 1])
 def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     looked, share = list[float](), 0.5 * OUTSTANDING
-    plain = Looked(0.0, 0.0, [])
     smoothers = {
         f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
     }
-    held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
-    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    found = _gains_at(work, list(smoothers), WorkerPool(), {})
+    found = gains_beside_nothing(smoothers)
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= MANY_PORTS else 2)
     if count > MANY_PORTS:  # the rest keep their share of the largest
@@ -97,15 +100,11 @@ def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence() -> None:
     smoothers = {f"p{k}": Looked(100.0, 80.0, []) for k in range(MANY_PORTS + 1)}
     smoothers["p3"] = Looked(90.0, -500.0, [])
     smoothers["p4"] = Looked(90.0, -5.0, [])  # taken up by the parameters
-    held = {(): Looked(0.0, 0.0, [])} | {(name,): s for name, s in smoothers.items()}
-    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    found = _gains_at(work, list(smoothers), WorkerPool(), {})
+    found = gains_beside_nothing(smoothers)
     assert found["p3"] == pytest.approx(0.8 * 90.0) and found["p4"] == 0.0
 
 
 def test_ports_without_rough_evidence_are_all_looked_at() -> None:
     """The coarse grid of sizes may put all of them a little below none."""
     smoothers = {f"p{k}": Looked(-5.0, 2.0, []) for k in range(MANY_PORTS + 1)}
-    held = {(): Looked(0.0, 0.0, [])} | {(name,): s for name, s in smoothers.items()}
-    work = _SmoothingWork(None, None, True, smoothers=held)  # type: ignore[arg-type]
-    assert set(_gains_at(work, list(smoothers), WorkerPool(), {}).values()) == {2.0}
+    assert set(gains_beside_nothing(smoothers).values()) == {2.0}

@@ -37,7 +37,8 @@ def test_elimination_equals_the_dense_solution() -> None:
     assert log_det == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
 
 
-def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
+def recorded(folder: Path, effect: str) -> tuple[DataSplit, CandidateModel]:
+    """15 s of a joint with an effect that its baseline does not know."""
     recording = record(
         folder / f"{effect or 'nothing'}.csv",
         15.0,
@@ -48,7 +49,11 @@ def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
     )
     evidence = split_recordings(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
-    base = candidate_from(model.assembly, model.fit, model.held_out)
+    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+
+
+def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
+    evidence, base = recorded(folder, effect)
     return base, locate(evidence, base, WorkerPool(), alike=DEFAULT.port_alike)
 
 
@@ -79,24 +84,8 @@ def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
-    """A joint with friction that its baseline does not know: its parameters have bent to it."""
-    path = tmp_path_factory.mktemp("bent") / "rec.csv"
-    evidence = split_recordings(
-        rig_named("one-dof"),
-        [
-            record(
-                path,
-                15.0,
-                seed=7,
-                effects=("coulomb-friction",),
-                columns=SENSORS,
-                known={"inertia_kg_m2": 0.014},
-            )
-        ],
-        [],
-    )
-    model = fit_model(evidence)
-    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
+    """Its parameters have bent to the friction."""
+    return recorded(tmp_path_factory.mktemp("bent"), "coulomb-friction")
 
 
 def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -> None:

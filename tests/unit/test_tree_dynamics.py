@@ -3,6 +3,7 @@ differences for the partials that are written in closed form."""
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import mechanisms
@@ -27,6 +28,12 @@ MODELS = {
     "rubbing": mechanisms.SEVEN.replace('frictionloss="0.1"', 'frictionloss="1.5"'),
 }
 CLOSE = 1e-10
+
+
+@pytest.fixture(autouse=True)
+def _opened_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the judge compile a file once per test, not once per state."""
+    monkeypatch.setattr(mechanisms, "open_mujoco", cache(mechanisms.open_mujoco))
 
 
 @pytest.mark.parametrize("name", MODELS)
