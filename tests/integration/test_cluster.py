@@ -148,6 +148,7 @@ class _Deadly(Work[int, float]):
         return float((self.table * item).sum())
 
 
+@pytest.mark.slow
 def test_a_job_that_always_kills_its_worker_fails_alone(address: str) -> None:
     table = np.random.default_rng(0).standard_normal((400, 40))
     expected = WorkerPool().run(_Deadly(table, -1), list(range(12)))
