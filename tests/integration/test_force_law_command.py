@@ -216,6 +216,7 @@ def test_a_constrained_law_is_the_nearest_one() -> None:
         assert slope @ (other - law.weights[linear]) > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not MEASURED.is_file(), reason="the measured force map is not beside the project"
 )

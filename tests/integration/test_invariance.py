@@ -150,6 +150,7 @@ def test_a_recording_cut_in_two_says_the_same() -> None:
     require_alike(plain(), in_two())
 
 
+@pytest.mark.slow
 def test_recordings_in_several_files_say_the_same() -> None:
     """Each file begins in a state of its own, and three tenths of each are held out."""
     require_alike(plain(), diagnosed([piece(k, 3) for k in range(3)]))

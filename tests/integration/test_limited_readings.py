@@ -81,7 +81,9 @@ def split(recording: Recording) -> DataSplit:
     return split_recordings(DampedCart(), [recording], [])
 
 
-@pytest.mark.parametrize("ends", [(0.25, 0.75), (0.0, 0.6), (0.3, 1.0)])
+@pytest.mark.parametrize(
+    "ends", [(0.25, 0.75), (0.0, 0.6), pytest.param((0.3, 1.0), marks=pytest.mark.slow)]
+)
 def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]) -> None:
     """Beyond the limits the reading does not show where the machine is; windows that begin there
     find it all the same."""
