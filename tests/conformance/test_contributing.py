@@ -123,7 +123,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the package with one more of everything."""
     place = tmp_path_factory.mktemp("site")
     for folder, name in (("pamid", "pamid"), ("cli", "pamid_cli")):
-        shutil.copytree(ROOT / folder, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / folder, place / name, ignore=shutil.ignore_patterns("*.pyc"))
     (place / "pamid_cli" / "say_hello.py").write_text(COMMAND)
     (place / "pamid" / "base" / "schemas" / "greeting.py").write_text(OUTPUT)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)

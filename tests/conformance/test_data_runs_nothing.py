@@ -444,6 +444,5 @@ def test_no_command_runs_what_only_data_name(
 
 
 def test_the_trap_works(trap: Trap, capsys: pytest.CaptureFixture[str]) -> None:
-    """Named by the user the same file is run."""
     ask(capsys, "rigs", "./evil.py")
     assert trap.loaded == ["evil.py"] and trap.marker.exists()

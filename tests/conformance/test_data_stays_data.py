@@ -146,7 +146,6 @@ def test_nothing_is_written_or_removed_through_a_link(
 def test_a_page_vouches_for_nothing_outside_its_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Neither for an excitation elsewhere, nor with a line to copy that is two commands."""
     monkeypatch.setattr(
         "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
     )
@@ -199,7 +198,6 @@ def test_names_cannot_leave_their_place_in_toml(nasty: str) -> None:
 
 @pytest.mark.parametrize("nasty", NASTY[:7])
 def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_path: Path) -> None:
-    """A guessed mapping holds names and units of the log, in quotes and in comments."""
     quoted = nasty.replace('"', '""')
     rows = "".join(f"{0.003 * k:.3f},{np.sin(k / 20):.4f},{k % 3}\n" for k in range(300))
     (tmp_path / "log.csv").write_text(

@@ -43,14 +43,12 @@ def test_data_sheet_is_sound(form: type[FreeFormEffect]) -> None:
 
 @each
 def test_without_coefficients_there_is_nothing(form: type[FreeFormEffect]) -> None:
-    """The prior of every coefficient lies about nothing, and only they are fitted."""
     for p in form.parameters:
         assert not p.fitted or p.value == p.null == 0.0 and p.low == -p.high and p.prior_spread > 0
 
 
 @each
 def test_it_behaves_at_a_port_of_every_kind(form: type[FreeFormEffect]) -> None:
-    """As `pamid check` finds it: exact at its null, finite, with exact sensitivities, and seen."""
     found = effect_findings(form, [])
     assert [f for f in found if not f.ok] == []
     assert len(found) > 1

@@ -157,7 +157,7 @@ def test_learns_and_comes_back_from_disk(network, tmp_path):
     np.testing.assert_array_equal(load_network(tmp_path).predict(signals), trained.predict(signals))
 
 
-@pytest.mark.parametrize("stop", [1, 4, 7, 12])
+@pytest.mark.parametrize("stop", [1, 12])
 def test_resuming_shows_in_no_bit(network, tmp_path, stop):
     def interrupt(step, start):
         if step.iteration == stop:

@@ -102,18 +102,6 @@ def test_output_follows_the_documented_equations(network):
     )
 
 
-@KINDS
-def test_jacobian_against_central_differences(network):
-    weights, u = record(network)
-    step, found = 1e-6, network.jacobian(weights, u)
-    for i, one in enumerate(np.eye(network.n_weights)):
-        ahead, behind = (
-            network.simulate(weights + step * one, u),
-            network.simulate(weights - step * one, u),
-        )
-        np.testing.assert_allclose(found[:, i], (ahead - behind) / (2.0 * step), rtol=0, atol=5e-9)
-
-
 def test_training_recovers_a_smooth_function():
     """Noise of 2e-3 of the range; 95 weights from 4000 samples leave an error of about 3e-4."""
     draw = np.random.default_rng(0)
@@ -170,7 +158,6 @@ def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
 
 
 def test_the_guard_looks_at_the_law_itself(muscle):
-    """Its grid, beyond the trained range too, holds the forces that the equations give."""
     grid, law = _on_grid(muscle), force_law_of(muscle)
     # pressure in bar, contraction
     steps = muscle.input_scaling.backward(np.stack([_steps(), _steps()], axis=1))
@@ -197,7 +184,6 @@ class TrainedJoint(OneDof):
 
 
 def test_rig_file_with_the_trained_law_moves_as_the_rig_with_its_own(muscle, tmp_path):
-    """Over 30 deg and more; the angle agrees to 0.01 deg."""
     save_network(tmp_path, muscle)
     (tmp_path / "trained_joint.py").write_text(RIG_FILE)
     command = np.repeat(np.random.default_rng(5).choice([-1.0, 1.0], 16), 60)

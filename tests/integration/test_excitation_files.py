@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from exported import STRICT
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
@@ -110,18 +111,7 @@ def test_a_strict_c99_compiler_takes_the_header_and_prints_the_numbers(tmp_path:
     (tmp_path / "main.c").write_text(MAIN)
     for flags in (["-O0"], ["-O2", "-include", "my-sent.h"]):  # included twice: the guard holds
         done = subprocess.run(
-            [
-                "gcc",
-                "-std=c99",
-                "-Wall",
-                "-Wextra",
-                "-pedantic",
-                "-Werror",
-                *flags,
-                "main.c",
-                "-o",
-                "main",
-            ],
+            ["gcc", *STRICT, *flags, "main.c", "-o", "main"],
             cwd=tmp_path,
             capture_output=True,
             text=True,

@@ -52,7 +52,6 @@ def test_takes_no_memory_and_has_no_globals(tmp_path: Path) -> None:
 
 @needs_gcc
 def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
-    """Both before the start and in the middle of a run, and a copied struct rewinds."""
     model = case("several effects, two steps", 1).model
     step = step_of(model)
     name = model_name(step)
@@ -109,8 +108,6 @@ def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
 
 
 def test_no_input_begins_at_absolute_zero() -> None:
-    """A required temperature begins at the rig's centre, or where the rig's own temperature does;
-    other inputs at the centre, or within their range."""
     rig, begins = type(case("kettle", 1).model.assembly.rig), {"double": 288.15, "i": 0.0}
 
     def starts(**stated: dict[str, Any]) -> list[tuple[float, bool]]:

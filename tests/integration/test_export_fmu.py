@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from exported import PERIOD_S, Case, Slave, case, fmu_of, simulated
+from exported import PERIOD_S, STRICT, Case, Slave, case, fmu_of, simulated
 
 from pamid.exports.c_source import model_name
 from pamid.exports.fmu import standard_headers
@@ -53,7 +53,6 @@ def test_a_host_that_steps_by_10_ms(version: int, tmp_path: Path) -> None:
 
 @needs_gcc
 def test_an_output_that_hangs_on_an_input(version: int, tmp_path: Path) -> None:
-    """Before a step it is that of the inputs just set, after it that of those held."""
     c = case("kettle", 400)
     slave = Slave("kettle", version, tmp_path / "a")
     assert c.error(slave.run(c.inputs)) < 1e-12
@@ -105,7 +104,6 @@ def test_a_state_brings_back_every_bit(version: int, tmp_path: Path) -> None:
 
 @needs_gcc
 def test_units_are_real(version: int, tmp_path: Path) -> None:
-    """Factor, offset and exponents lead to SI; the step is the sample, which hosts take it for."""
     with zipfile.ZipFile(io.BytesIO(fmu_of("kettle", version).data)) as file:
         root = ElementTree.fromstring(file.read("modelDescription.xml"))
     units = {u.attrib["name"]: dict(u[0].attrib) for u in root.iter("Unit")}
@@ -143,21 +141,9 @@ def test_sources_compile_without_warnings(name: str, version: int, tmp_path: Pat
     sources = tmp_path / "sources"
     done = subprocess.run(
         [
-            "gcc",
-            "-std=c99",
-            "-Wall",
-            "-Wextra",
-            "-pedantic",
-            "-Werror",
-            "-O2",
-            "-fPIC",
-            "-shared",
-            "-isystem",
-            standard_headers(),
+            *("gcc", *STRICT, "-fPIC", "-shared", "-isystem", standard_headers()),
             *sorted(sources.glob("*.c")),
-            "-lm",
-            "-o",
-            tmp_path / "model.so",
+            *("-lm", "-o", tmp_path / "model.so"),
         ],
         capture_output=True,
         text=True,

@@ -193,8 +193,6 @@ def joint_inputs(samples: int) -> np.ndarray:
     ids=repr,
 )
 def test_every_kind_of_memory_and_step(effects: tuple[str, ...], stepping: Stepping) -> None:
-    """Plays, bristles, lags, delay lines, integrals, the ticks; explicit and implicit, one and two
-    steps a sample."""
     model, u = (
         model_of("one-dof", effects, stepping),
         joint_inputs(80 if stepping.implicit else 300),
@@ -237,7 +235,6 @@ NETWORKS_OF_RUNS: list[tuple[Network, str, dict[str, Any]]] = [
 def test_a_model_with_a_network(
     found: tuple[Path, Recording], network: Network, output: str, about: dict[str, Any]
 ) -> None:
-    """Behind a channel or at a port, the network is part of the sample."""
     folder, recording = found
     put_network(folder, random_network(network, SEEN, output, 2.0), **about)
     model, u = load_identified(folder), commands(recording)

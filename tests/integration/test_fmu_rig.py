@@ -77,8 +77,7 @@ def _effect(rig: Rig, name: str, port: str) -> Attachment:
     return next(a for a in attachments(rig, [effects()[name]]) if a.ports == (port,))
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("saves", [True, False])
+@pytest.mark.parametrize(("version", "saves"), [(2, True), (3, False)])
 def test_it_is_the_model_that_was_exported(tmp_path: Path, version: int, saves: bool) -> None:
     rig = FmuRig(replace(read_fmu(_exported(tmp_path, version)), saves=saves))
     assert {q.name for q in rig.parameters} == {q.name for q in WrittenPendulum.parameters}
@@ -160,19 +159,9 @@ def test_a_crash_is_a_sentence_and_nothing_else_is_lost(fmu: Path) -> None:
         _run(a)
 
 
-def test_what_a_binary_refuses_is_passed_on(fmu: Path) -> None:
-    rig = FmuRig(replace(_file(fmu), token="another"))
-    with pytest.raises(PamidError, match="pendulum2.fmu: the FMU failed: .*nstantiat"):
-        _run(Assembly(rig))
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda name, data: (name.replace("linux64", "win64").replace(".so", ".dll"), data),
-            "has a binary for win64, not for this one",
-        ),
         (
             lambda name, data: None if name.startswith("binaries") else (name, data),
             "no machine: it holds sources, not for this one.*fmpy compile",

@@ -169,8 +169,7 @@ def test_co_simulation_saves_its_state_or_is_replayed(
     assert np.array_equal(replayed, y) and np.array_equal(also, by)
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("saves", [True, False])
+@pytest.mark.parametrize(("version", "saves"), [(2, True), (3, False)])
 def test_time_events_and_what_they_change_are_kept(folder: Path, version: int, saves: bool) -> None:
     path = slider(folder, version, kinds=("ModelExchange",), sampled=True, name=f"held{version}")
     file = read_fmu(path)
@@ -322,8 +321,6 @@ def test_a_file_that_cannot_go_says_why(tmp_path: Path, change: Any, words: str)
 
 @pytest.mark.slow
 def test_what_the_fmu_lacks_is_named(tmp_path: Path) -> None:
-    """Dry friction against its motion, in equations that are not ours, and noise on both
-    sensors."""
     path = slider(tmp_path, 2, kinds=("ModelExchange",), name="slider")
     path.with_name("slider.fmu.toml").write_text(
         '[ports.force_n]\nposition = "position_m"\nvelocity = "speed_m_per_s"\n'

@@ -187,7 +187,11 @@ CASES: dict[type[Effect], tuple[str, str, Truth, Beside]] = {
     OneSidedCurve: ("static-map", "amplifier", of_curve, beside_mass),
     TwoSlips: ("hysteresis", "guide", of_slips, beside_spring),
 }
-each = pytest.mark.parametrize("planted", CASES, ids=lambda c: c.__name__)
+each = pytest.mark.parametrize(
+    "planted",
+    [pytest.param(c, marks=pytest.mark.slow) if c is LopsidedFriction else c for c in CASES],
+    ids=lambda c: c.__name__,
+)
 
 
 @each

@@ -13,7 +13,6 @@ import subprocess
 import time
 import zipfile
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from fuzz_child import ALLOWED, RunLimits
 from fuzz_inputs import KINDS, ONE_STEP
 from fuzz_runs import FAULTS, Outcome, count, run_inputs, signal_after
 from fuzz_seeds import make_seeds
-from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
 from pamid_cli.frame import run
 
 from pamid.report import writing
@@ -156,21 +154,6 @@ def test_every_fault_is_counted() -> None:
     counts = count([outcome, outcome])
     assert counts["fault deaf"] == counts["exit 3"] == counts["SIGTERM sent"] == 2
     assert set(COMMANDS) - {""} == set(FAULTS) - {"disk"}
-
-
-def test_the_same_number_damages_alike() -> None:
-    """Kind and number determine an input on any machine."""
-    damaged = [
-        damage(Random("x-1"), content)
-        for damage, content in (  # type: ignore[operator]
-            (broken_bytes, bytes(range(256))),
-            (broken_table, "time_s,angle_deg\n0,1\n1,2\n"),
-            (broken_json, {"a": [1.5, {"b": None}], "c": "text"}),
-            (broken_toml, "[known]\nmass_kg = 1.0\n"),
-        )
-        for _ in "12"
-    ]
-    assert damaged[::2] == damaged[1::2] and len(set(map(str, damaged))) == 4
 
 
 def answer(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, Any]:

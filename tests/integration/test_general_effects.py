@@ -22,8 +22,6 @@ from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, attach, attachments
 from pamid.model.bound_parameter import parameters_of
-from pamid.model.effect import Effect
-from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.simulation.free_runs import port_sizes
@@ -79,13 +77,10 @@ def assembled(label: str, length: float = 1.0, force: float = 1.0, time: float =
 
 
 @each
-@pytest.mark.parametrize(
-    "length, force, time",
-    [(1024.0, 1.0, 1.0), (1.0, 2.0**-10, 1.0), (1.0, 1.0, 256.0), (2.0**10, 2.0**-7, 2.0**-6)],
-)
-def test_no_unit_is_special(label: str, length: float, force: float, time: float) -> None:
-    """In units of a millimetre, a kilonewton or a fraction of a second the same effect, given in
-    the sizes of its port, does the same; powers of two round alike."""
+def test_no_unit_is_special(label: str) -> None:
+    """In other units the same effect, given in the sizes of its port, does the same; powers of two
+    round alike."""
+    length, force, time = 2.0**10, 2.0**-7, 2.0**-6
     one, other = assembled(label), assembled(label, length, force, time)
     for seed in range(3):
         p, q = drawn(one, np.random.default_rng(seed)), other.values()
@@ -167,8 +162,6 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
 
 @pytest.mark.parametrize("label", PLANTED)
 def test_a_planted_effect_comes_back(label: str) -> None:
-    """Screened and refitted as a diagnosis does it: the gap goes, the parameters are those
-    planted."""
     values, near = PLANTED[label]
     rig, specimen = (carts(), CARTS) if BENCH[label] is carts else (tanks(), TANKS)
     names = {b.key.split(":")[1]: b.name for b in assembled(label).parameters if b.owner}
@@ -199,7 +192,6 @@ def test_a_planted_effect_comes_back(label: str) -> None:
 
 
 def test_lines_over_the_position_are_found_at_any_speed() -> None:
-    """Also where the gap is a force integrated twice, and turns with the direction."""
     time = 0.002 * np.arange(20000)
     x = 0.3 * np.sin(2.1 * time) + 0.2 * np.sin(0.7 * time + 1.0)
     ripple = np.sin(2.0 * np.pi * x / 0.037)
@@ -214,7 +206,6 @@ def test_lines_over_the_position_are_found_at_any_speed() -> None:
 
 
 def test_a_signal_may_stand_in_for_another() -> None:
-    """Current stands in for level: unit, size and equation follow it; nothing attaches without."""
     rig = carts()
     label = "signal-dependent-friction"
     slope = next(b for b in assembled(label).parameters if b.key == f"{label}:slope")
@@ -239,7 +230,6 @@ def test_two_parts_are_played_by_two_ports() -> None:
 
 
 def test_what_spills_is_caught_to_its_share() -> None:
-    """With a share of 1, what both stores hold together is what it was, beyond the outlet's own."""
     assembly = assembled("overflow-into-store")
     keys = assembly.keys
     u = inputs_of(assembly.rig, SAMPLES)
@@ -252,17 +242,6 @@ def test_what_spills_is_caught_to_its_share() -> None:
     spilling, kept = run(assembly, u, p)[0], run(assembly, u, plain)[0]
     assert np.max(kept[:, 0] - spilling[:, 0]) > 0.05
     np.testing.assert_allclose(spilling.sum(axis=1), kept.sum(axis=1), rtol=1e-9)
-
-
-def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
-    for name in ("bouc-wen-hysteresis", "maxwell-slip-hysteresis"):
-        effect: type[Effect] = effects()[name]
-        home: Parameter = effect.parameters_at("actuator-force")[0]
-        general = effect.parameters_at("motion")[0]
-        assert home.name == general.name == "level"
-        assert home.high < 0.5 < general.high
-        assert effect.family_at("motion") == "hysteresis"
-        assert effect.family_at("actuator-force") == "muscle-hysteresis"
 
 
 @pytest.mark.parametrize(
@@ -279,22 +258,6 @@ def test_no_number_of_a_joint_with_muscles_is_tried_on_another_machine(name: str
         if p.unit not in ("", "1") and not p.size
     ]
     assert not fixed
-
-
-def test_a_leak_is_as_fast_as_its_store_unless_an_outflow_is_offered() -> None:
-    """A share of an outflow has no time in it, a share of the store is one per unit of time."""
-    leak = effects()["leak"]
-    of_outflow, of_store = (
-        leak.parameters_at("rate", offered)[0]
-        for offered in ({"stored", "outflow"}, {"stored", "downstream"})
-    )
-    assert (of_outflow.name, of_outflow.size, of_outflow.high) == ("share", "", 0.2)
-    assert (of_store.name, of_store.size) == ("share", "value/stored")
-    fastest = [
-        assembled("leak@upper_balance", time=time).parameters[-2].high for time in (1.0, 256.0)
-    ]
-    assert fastest[0] == pytest.approx(256.0 * fastest[1], rel=1e-6)
-    assert fastest[0] > BENCH["leak@upper_balance"]().parameters[0].value  # than it is filled
 
 
 def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:

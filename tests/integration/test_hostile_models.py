@@ -86,18 +86,6 @@ def test_a_warning_of_mujoco_becomes_a_remark(tmp_path: Path) -> None:
     assert "MuJoCo warns: mesh z is odd" in str(found) and not found.hinders
 
 
-def test_no_call_of_mujoco_writes_a_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("mujoco")
-    from pamid.rigs.simulators.mujoco_file import open_mujoco
-
-    monkeypatch.chdir(tmp_path)
-    loaded = open_mujoco(model(tmp_path))
-    data = loaded.mujoco.MjData(loaded.model)
-    data.qpos[:] = float("nan")
-    loaded.mujoco.mj_step(loaded.model, data)
-    assert [p.name for p in tmp_path.iterdir()] == ["arm.xml"]
-
-
 @pytest.mark.parametrize(
     "more",
     [

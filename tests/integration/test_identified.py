@@ -78,7 +78,6 @@ def seen_by(
 
 
 def test_the_model_is_the_fitted_one(made: Made) -> None:
-    """Every parameter to the last bit, the background's included; the run with them, too."""
     folder, recording, fitted = made
     model = load_identified(folder)
     assert list(model.assembly.keys) == list(fitted.assembly.keys)
@@ -258,8 +257,6 @@ class Stiction(Effect):
 
 
 def test_code_is_run_only_where_it_is_named_again(tmp_path: Path) -> None:
-    """The rig and the effect of a run are files: neither is imported by its folder, nor when it was
-    changed since."""
     rig, effect, ran = tmp_path / "cart.py", tmp_path / "drag.py", tmp_path / "drag.ran"
     shutil.copy(Path(__file__).parents[2] / "data" / "rigs" / "cart.py", rig)
     effect.write_text(DAMPED, encoding="utf-8")

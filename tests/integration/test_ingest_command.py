@@ -350,17 +350,3 @@ def test_what_a_killed_ingest_left_is_swept_by_the_next(
     assert not left.exists()
     assert (busy / "rec.csv").exists() and link.is_symlink()
     assert (here / "other" / "rec.csv").read_text() == "mine"
-
-
-def test_a_rig_file_named_by_a_mapping_is_not_run(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare()
-    Path("evil.py").write_text("open('ran', 'w')\n")
-    Path("map.toml").write_text(
-        MAPPING.format(time="").replace('"one-dof"', '"evil.py"'), encoding="utf-8"
-    )
-    code, error = converted(capsys)
-    assert code == 3 and "add --rig evil.py" in error["hint"] and not Path("ran").exists()
-    assert converted(capsys, "rec.csv", "--rig", "one-dof")[0] == 0
-    assert read_recording("rec.csv").rig == "one-dof"

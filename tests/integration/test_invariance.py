@@ -127,8 +127,8 @@ def require_same_figures(one: DiagnosisFile, other: DiagnosisFile, time: float =
     "written",
     [
         pytest.param(Written(time=200.0), id="time-x-200"),
-        pytest.param(Written(length=1000.0), id="length-x-1000"),
-        pytest.param(Written(force=1000.0), id="force-x-1000"),
+        pytest.param(Written(length=1000.0), id="length-x-1000", marks=pytest.mark.slow),
+        pytest.param(Written(force=1000.0), id="force-x-1000", marks=pytest.mark.slow),
         pytest.param(Written(place="place_mm", push="push_kn"), id="mm-and-kN"),
         pytest.param(Written(sign=-1.0), id="sign-turned"),
     ],
@@ -150,6 +150,7 @@ def test_a_recording_cut_in_two_says_the_same() -> None:
     require_alike(plain(), in_two())
 
 
+@pytest.mark.slow
 def test_recordings_in_several_files_say_the_same() -> None:
     """Each file begins in a state of its own, and three tenths of each are held out."""
     require_alike(plain(), diagnosed([piece(k, 3) for k in range(3)]))
@@ -195,6 +196,7 @@ LEAKS = ("orifice-loss", "first-order-loss", "overflow")
             "leak",
             1.0 / 200.0,
             id="tanks-any-leak",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             carts,

@@ -3,13 +3,10 @@ no bit differs."""
 
 from __future__ import annotations
 
-import contextlib
 import json
-import locale
 import os
 import shutil
 import signal
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,7 +17,6 @@ from pamid_cli import frame
 from small_cart import RIG, others, record_cart
 
 import pamid.api.trial_cases as work
-import pamid.base.run_folder
 from pamid.base.json_file import read_json
 from pamid.base.parallel.result_store import Store
 
@@ -59,7 +55,10 @@ def results(folder: Path) -> int:
     return len(list((folder / "jobs").glob("*.npz")))
 
 
-@pytest.mark.parametrize(("jobs", "when", "number"), [(1, "after", 6), (2, "before", 12)])
+@pytest.mark.parametrize(
+    ("jobs", "when", "number"),
+    [pytest.param(1, "after", 6, marks=pytest.mark.slow), (2, "before", 12)],
+)
 def test_killed_and_resumed(
     jobs: int,
     when: str,
@@ -103,7 +102,10 @@ def test_killed_and_resumed(
     assert read_json(folder / "run.json") == record
 
 
-@pytest.mark.parametrize(("number", "everyone"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
+@pytest.mark.parametrize(
+    ("number", "everyone"),
+    [(signal.SIGINT, True), pytest.param(signal.SIGTERM, False, marks=pytest.mark.slow)],
+)
 def test_interrupted_and_resumed(
     number: int, everyone: bool, recording: Path, undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -140,8 +142,6 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
 def test_what_was_damaged_meanwhile_is_worked_out_again(
     recording: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every job is worked out once and no more; after a failure in the end only the damaged ones
-    are repeated."""
     import pamid.diagnosis.verdict.diagnosis_run as whole
 
     def broken(*_: Any) -> None:
@@ -175,8 +175,6 @@ def test_a_failed_job_is_told_and_tried_again(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """Exit code 6, the result is written, the rest is kept; --resume tries what failed, and what
-    follows from it."""
     from pamid.diagnosis import search
 
     screen, folder = search.screen, tmp_path / "run"
@@ -221,7 +219,9 @@ def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path
     assert (folder / "fit.json").read_bytes() == (whole / "fit.json").read_bytes()
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGTERM]
+)
 def test_a_training_goes_on_where_it_was_disturbed(
     number: int, recording: Path, tmp_path: Path
 ) -> None:
@@ -269,31 +269,3 @@ def test_a_trial_goes_on_where_it_was_disturbed(
     cases = (f"cases/{p.name}" for p in (whole / "cases").iterdir())
     for name in ("trial.json", "labels.json", *cases):
         assert (folder / name).read_bytes() == (whole / name).read_bytes()
-
-
-def test_a_clock_set_back_in_between_harms_nothing(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nor does another time zone, nor a language with a decimal comma, where the machine has
-    one."""
-    stamps = iter(f"20{90 - k}-01-01T00:00:00+00:00" for k in range(90))
-    plain, folder = tmp_path / "plain", tmp_path / "run"
-    words = ["fit", str(recording), "--rig", RIG, "--output"]
-    assert frame.run([*words, str(plain)]) == 0 and frame.run(["report", str(plain)]) == 0
-    former = locale.setlocale(locale.LC_ALL)
-    try:
-        with monkeypatch.context() as patched:
-            patched.setattr(pamid.base.run_folder, "_now", lambda: next(stamps))
-            patched.setenv("TZ", "Pacific/Kiritimati")
-            time.tzset()
-            with contextlib.suppress(locale.Error):
-                locale.setlocale(locale.LC_ALL, "de_DE.UTF-8")
-            assert frame.run([*words, str(folder)]) == 0 and frame.run(["report", str(folder)]) == 0
-            record = read_json(folder / "run.json")
-            assert record["ended"] < record["begun"]
-            assert frame.run([*words, str(folder), "--resume"]) == 0
-    finally:
-        locale.setlocale(locale.LC_ALL, former)
-        time.tzset()
-    for name in ("fit.json", "residual.csv"):
-        assert (folder / name).read_bytes() == (plain / name).read_bytes()

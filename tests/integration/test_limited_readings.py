@@ -81,7 +81,9 @@ def split(recording: Recording) -> DataSplit:
     return split_recordings(DampedCart(), [recording], [])
 
 
-@pytest.mark.parametrize("ends", [(0.25, 0.75), (0.0, 0.6), (0.3, 1.0)])
+@pytest.mark.parametrize(
+    "ends", [(0.25, 0.75), (0.0, 0.6), pytest.param((0.3, 1.0), marks=pytest.mark.slow)]
+)
 def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]) -> None:
     """Beyond the limits the reading does not show where the machine is; windows that begin there
     find it all the same."""
@@ -107,8 +109,6 @@ def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]
 
 @pytest.mark.parametrize("ends", [(0.25, 0.75), (0.0, 1.0)])
 def test_the_limits_of_a_sensor_are_named(ends: tuple[float, float], tmp_path: Path) -> None:
-    """`pamid check` names what is clipped; the diagnosis names the effect. Nothing is missing where
-    nothing is clipped."""
     recording = recorded(*ends)
     clipped = ends != (0.0, 1.0)
     assert bool([i for i in examine(recording) if i.kind == "clipped"]) == clipped

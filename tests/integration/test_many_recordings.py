@@ -32,7 +32,6 @@ def recorded(folder: Path, count: int) -> list[str]:
 
 
 def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In any order, and each is read once."""
     paths, read = recorded(tmp_path, 5), []
 
     def watched(path: Path) -> object:

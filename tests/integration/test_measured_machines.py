@@ -28,6 +28,7 @@ def found(rig: str, fitted: list[str], held_out: list[str]) -> dict[str, Any]:
     return diagnosis_file(diagnose(evidence, effects(), jobs=2)).as_json()
 
 
+@pytest.mark.slow
 def test_the_seal_of_a_piston_rubs_more_under_pressure() -> None:
     """Reachable from area times pressure: Coulomb 75 %, with a level that follows the pressure
     82 % (RMS)."""

@@ -215,8 +215,6 @@ def _recorded(model: Any, commands: np.ndarray) -> np.ndarray:
 def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The truth is MuJoCo with other masses, damping and friction loss; the written model runs in
-    MuJoCo with the error that was stated."""
     text = mechanisms.TWO.replace("damping='0.08'", "damping='0.08' frictionloss='0.1'")
     file, random = written(tmp_path, text, "arm.xml"), np.random.default_rng(5)
     truth = mujoco.MjModel.from_xml_path(str(file))

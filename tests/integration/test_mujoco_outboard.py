@@ -141,7 +141,6 @@ ARM = """<mujoco>
 def test_what_is_behind_a_spring_takes_the_other_joint_along(
     joint: str, stiffness: float, tmp_path: Path
 ) -> None:
-    """Accelerations of both joints, in a pose, under way, twisted and twisting."""
     joints = ("shoulder", "elbow")
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(shoulder="", elbow=""))
@@ -184,7 +183,6 @@ def test_what_is_behind_a_spring_takes_the_other_joint_along(
 
 @pytest.mark.parametrize("name", ["two-mass", "backlash"])
 def test_sensitivities_in_a_twisted_arm(name: str, tmp_path: Path) -> None:
-    """Of everything that is fitted, against differences."""
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(shoulder="", elbow=""))
     rig = CompiledMechanism(read_mechanism(path))

@@ -188,7 +188,6 @@ def test_a_touched_object_is_held_while_mujoco_steps(tmp_path: Path) -> None:
 
 
 def test_all_states_are_carried_from_step_to_step(tmp_path: Path) -> None:
-    """Those of a motor, and where a spring is relaxed that yields."""
     rig = SteppedMechanism(read_mechanism(written(tmp_path, MOVING)))
     model = mujoco.MjModel.from_xml_string(MOVING)
     model.opt.tolerance, data = 1e-13, mujoco.MjData(model)

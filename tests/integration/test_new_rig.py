@@ -69,8 +69,6 @@ def test_each_tells_its_story(name: str, capsys: pytest.CaptureFixture[str]) -> 
 def test_a_file_like_the_rig_is_the_rig(
     name: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From the rig's own virtual recording: the right rig, every column by its name, the file is
-    sound, the recording fits it, and it says what the rig says."""
     recording = record(name, capsys)
     assert recording.sampling_period_s == pytest.approx(rig_named(name).period_s)
     assert run(capsys, "check", "rec.csv", "--rig", name)["ok"]
@@ -141,7 +139,6 @@ def wave(seed: int) -> np.ndarray:
 
 
 def test_other_units_are_converted(here: Path) -> None:
-    """A bench in metres, pascals and kilonewtons, its controller and noise in these units."""
     given = small({"position_m": wave(1), "pressure_kpa": 300.0 + wave(2), "force_kn": wave(3)})
     made = pamid.new_rig(given, output=here / "bench.py")
     assert made.like == "cylinder-bench" and made.name == "bench"
@@ -158,7 +155,6 @@ def test_other_units_are_converted(here: Path) -> None:
 def test_a_raw_signal_gets_a_gain_that_is_fitted(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Levels in volts: the same tanks behind a sensor of 0.2 V/cm are fitted to their noise."""
     recording = record("cascaded-tanks", capsys)
     volts = {
         "pump_v": recording.columns["pump_v"],

@@ -59,11 +59,10 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Arra
     return folder, force, np.round(made.columns["position_m"] / 5e-4) * 5e-4
 
 
-def nonsense(kind: str, real: Array, seed: int) -> Array:
+def nonsense(kind: str, seed: int) -> Array:
     random = np.random.default_rng(seed)
     white = random.standard_normal(SAMPLES)
     made = {
-        "in another order": random.permutation(real),
         "white noise": white,
         "a random walk": 0.03 * white.cumsum(),
         "at rest": 5.0 + 0.02 * white,
@@ -71,12 +70,12 @@ def nonsense(kind: str, real: Array, seed: int) -> Array:
     return np.asarray(made[kind])
 
 
-@pytest.mark.parametrize("kind", ["in another order", "white noise", "a random walk", "at rest"])
+@pytest.mark.parametrize("kind", ["white noise", "a random walk", "at rest"])
 def test_no_cause_is_found_in_what_the_input_did_not_make(
     kind: str, rubbing: tuple[Path, Array, Array]
 ) -> None:
-    folder, force, real = rubbing
-    found = diagnosed(folder, nonsense(kind, real, 1), force)
+    folder, force, _ = rubbing
+    found = diagnosed(folder, nonsense(kind, 1), force)
     assert found["verdict"] == "cannot-tell" and found["causes"] == []
     assert "do not show this machine" in found["sentence"] and found["remark"] == found["sentence"]
     assert all(r["probability"] == 0.0 for r in found["ranking"])
@@ -100,7 +99,7 @@ SMOOTH = ("ramp", "sine, fast", "decay", "sawtooth")  # a free response reproduc
 OTHER = ("shuffled rows", "foreign output", "output half a recording late", "foreign input")
 
 
-@pytest.mark.parametrize("rig", ["cart", "thermal-block"])
+@pytest.mark.parametrize("rig", ["cart", pytest.param("thermal-block", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", [*SMOOTH, *OTHER, "noisy echo"])
 def test_nonsense_of_the_suite_is_rejected(kind: str, rig: str, tmp_path: Path) -> None:
     outcome = SUITE.outcome_of(rig, kind, False, tmp_path)
@@ -112,6 +111,7 @@ def test_rows_in_reverse_order_of_time_are_reported(tmp_path: Path) -> None:
     assert outcome.word == "called nonsense" and "reverse order of time" in outcome.sentence
 
 
+@pytest.mark.slow
 def test_one_foreign_channel_of_several_is_named(tmp_path: Path) -> None:
     kind = "sine in the last channel"
     outcome = SUITE.outcome_of("cascaded-tanks", kind, False, tmp_path)

@@ -34,21 +34,16 @@ def files_of_the_repository() -> set[Path]:
     }
 
 
-def test_there_are_stories() -> None:
-    assert len(STORIES) >= 3
-
-
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.stem)
 def test_a_notebook_is_its_story(story: Path) -> None:
+    told = story.read_text(encoding="utf-8")
+    assert not re.search(r"(from|import) (pamid\.|pamid_cli)", told), "it takes pamid from its face"
+    for target in re.findall(r"\]\((pictures/[^)]+)\)", told):
+        assert (story.parent / target).is_file(), target
     text = story.with_suffix(".ipynb").read_text(encoding="utf-8")
     assert text == notebook_text(story), "write it anew: python tests/support/stories.py"
     notebook = nbformat.reads(text, as_version=4)
     assert not [c for c in notebook.cells if c.cell_type == "code" and c.outputs]
-
-
-@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.stem)
-def test_a_story_takes_pamid_from_its_face(story: Path) -> None:
-    assert not re.search(r"(from|import) (pamid\.|pamid_cli)", story.read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
@@ -86,14 +81,3 @@ def test_story_runs(story: Path, tmp_path: Path) -> None:
     assert done.stdout.strip()
     assert sorted(tmp_path.rglob("*")) == [own], "something was left behind"
     assert files_of_the_repository() == before, "something was written into the repository"
-
-
-@pytest.mark.parametrize("story", STORIES, ids=lambda p: p.stem)
-def test_story_is_a_notebook_in_percent_format(story: Path) -> None:
-    text = story.read_text(encoding="utf-8")
-    assert text.startswith("# ---\n# jupyter:\n")
-    cells = re.split(r"^# %%.*\n", text, flags=re.MULTILINE)
-    told = text.count("\n# %% [markdown]\n")
-    assert told >= 3 and len(cells) - 1 > told
-    for target in re.findall(r"\]\((pictures/[^)]+)\)", text):
-        assert (story.parent / target).is_file(), target

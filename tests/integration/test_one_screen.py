@@ -79,7 +79,6 @@ def finding(check: str, detail: str, **more: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("ports", [1, 60])
 @pytest.mark.parametrize("notes", [1, 60])
 def test_no_number_of_ports_and_notes_exceeds_the_screen(ports: int, notes: int) -> None:
-    """Ports and notes that all differ; problems come first."""
     words = [f"{'ab' * (k + 1)} differs" for k in range(notes)]
     said: dict[str, Any] = {
         "file": "rig.py",

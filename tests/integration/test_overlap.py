@@ -104,7 +104,6 @@ def test_a_copy_is_found_in_every_form(
 @pytest.mark.parametrize("noise", [0.0, 0.04])
 @pytest.mark.parametrize("step", [0.0, 0.2])
 def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_path: Path) -> None:
-    """Sensors with noise and without, of a fine and of a coarse converter."""
     a = made(tmp_path, "a", noise=noise, step=step, last=5000)
     b = made(tmp_path, "b", noise=noise, step=step, first=3500)
     (found,) = overlaps(OUTPUTS, [a, b])

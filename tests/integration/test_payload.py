@@ -119,6 +119,7 @@ def _last_body(path: Path) -> Body:
     return read_mechanism(path).bodies[-1]
 
 
+@pytest.mark.slow
 def test_a_mass_of_known_shape_does_not_explain_the_payload(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

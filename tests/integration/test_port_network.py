@@ -60,8 +60,6 @@ def run(place: tuple[Path, GreyBox], tmp_path: Path) -> Copy:
 
 
 def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, GreyBox]) -> None:
-    """Added at the port where it was found, with its sign, unit and place in time, and no other
-    way."""
     model, entry = place[1], Entry("command", "")
     fitted = tuple(
         replay_track(model.assembly, model.fit.p, t, model.fit.stepping, model.evidence.noise)

@@ -48,7 +48,6 @@ def test_what_a_parameter_takes_up_does_not_show(found: pamid.PowerResult) -> No
 def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     found: pamid.PowerResult, excitation: Recording
 ) -> None:
-    """An effect of the usual size, recorded with noise, and the rig refitted without it."""
     told = effect(found, "coulomb-friction")
     assert told.amount is not None
     planted = f"coulomb-friction:{told.amount.parameter}={told.amount.usual!r}"

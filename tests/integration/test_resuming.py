@@ -1,5 +1,7 @@
 """Training that is interrupted, or dies, goes on as if nothing had happened."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,13 @@ def teacher_data() -> tuple[np.ndarray, np.ndarray]:
     return u, y / np.abs(y).max() + 0.02 * draw.normal(size=len(u))
 
 
+U, TARGET = teacher_data()
+
+
+def trained(target: np.ndarray = TARGET, **options: Any) -> Training:
+    return train(Elman(2, 4), U, target, options=TrainingOptions(**options))
+
+
 def stop_at(iteration, start=0, error=KeyboardInterrupt):
     def progress(step: TrainingStep, number: int) -> None:
         if (step.iteration, number) == (iteration, start):
@@ -37,25 +46,12 @@ def same(a: Training, b: Training) -> None:
 
 
 def test_interrupt_returns_the_best_so_far():
-    u, target = teacher_data()
-    stopped = train(
-        Elman(2, 3), u, target, options=TrainingOptions(iterations=50, progress=stop_at(6))
-    )
+    stopped = trained(iterations=50, progress=stop_at(6))
     assert stopped.why == "interrupted" and not stopped.converged
-    np.testing.assert_array_equal(
-        stopped.weights,
-        train(Elman(2, 3), u, target, options=TrainingOptions(iterations=6)).weights,
-    )
-    second = train(
-        Elman(2, 3),
-        u,
-        target,
-        options=TrainingOptions(iterations=12, starts=3, progress=stop_at(0, start=1)),
-    )
+    np.testing.assert_array_equal(stopped.weights, trained(iterations=6).weights)
+    second = trained(iterations=12, starts=3, progress=stop_at(0, start=1))
     # where it waits for the others
-    at_the_gate = train(
-        Elman(2, 3), u, target, options=TrainingOptions(iterations=training_module.GATES[0])
-    )
+    at_the_gate = trained(iterations=training_module.GATES[0])
     np.testing.assert_array_equal(second.weights, at_the_gate.weights)
     assert len(second.starts_mse) == 2
     assert second.why == "interrupted" and not second.converged
@@ -63,102 +59,40 @@ def test_interrupt_returns_the_best_so_far():
 
 @pytest.mark.parametrize("start", [0, 1])
 def test_resuming_equals_never_having_stopped(tmp_path, start):
-    u, target = teacher_data()
     options = {"iterations": 15, "starts": 2, "seed": 3}
-    undisturbed = train(Elman(2, 4), u, target, options=TrainingOptions(**options))
-    file = tmp_path / "checkpoint.npz"
-    train(
-        Elman(2, 4),
-        u,
-        target,
-        options=TrainingOptions(**options, checkpoint=file, progress=stop_at(7, start)),
-    )
-    same(
-        train(
-            Elman(2, 4), u, target, options=TrainingOptions(**options, checkpoint=file, resume=True)
-        ),
-        undisturbed,
-    )
+    kept = {**options, "checkpoint": tmp_path / "checkpoint.npz"}
+    trained(**kept, progress=stop_at(7, start))
+    same(trained(**kept, resume=True), trained(**options))
 
 
 def test_resuming_after_a_crash(tmp_path, monkeypatch):
     monkeypatch.setattr(training_module, "_CHECKPOINT_SECONDS", 0.0)
-    u, target = teacher_data()
-    file = tmp_path / "checkpoint.npz"
+    kept = {"iterations": 15, "checkpoint": tmp_path / "checkpoint.npz"}
     with pytest.raises(RuntimeError):
-        train(
-            Elman(2, 4),
-            u,
-            target,
-            options=TrainingOptions(
-                iterations=15, checkpoint=file, progress=stop_at(9, error=RuntimeError)
-            ),
-        )
+        trained(**kept, progress=stop_at(9, error=RuntimeError))
     seen = []
-    going_on = {
-        "checkpoint": file,
-        "resume": True,
-        "progress": lambda step, _: seen.append(step.iteration),
-    }
-    resumed = train(Elman(2, 4), u, target, options=TrainingOptions(iterations=15, **going_on))
+    resumed = trained(**kept, resume=True, progress=lambda step, _: seen.append(step.iteration))
     assert seen == [10, 11, 12, 13, 14, 15]
-    same(resumed, train(Elman(2, 4), u, target, options=TrainingOptions(iterations=15)))
+    same(resumed, trained(iterations=15))
 
 
 @pytest.mark.parametrize("starts", [1, 3])
 def test_a_finished_training_can_be_prolonged(tmp_path, starts):
-    u, target = teacher_data()
-    file = tmp_path / "checkpoint.npz"
-    train(
-        Elman(2, 4),
-        u,
-        target,
-        options=TrainingOptions(iterations=5, starts=starts, checkpoint=file),
-    )
-    prolonged = train(
-        Elman(2, 4),
-        u,
-        target,
-        options=TrainingOptions(iterations=12, starts=starts, checkpoint=file, resume=True),
-    )
-    same(
-        prolonged,
-        train(Elman(2, 4), u, target, options=TrainingOptions(iterations=12, starts=starts)),
-    )
+    kept = {"starts": starts, "checkpoint": tmp_path / "checkpoint.npz"}
+    trained(iterations=5, **kept)
+    prolonged = trained(iterations=12, **kept, resume=True)
+    same(prolonged, trained(iterations=12, starts=starts))
 
 
 def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
-    u, target = teacher_data()
-    file = tmp_path / "checkpoint.npz"
-    train(Elman(2, 4), u, target, options=TrainingOptions(iterations=2, checkpoint=file))
+    kept = {"iterations": 2, "checkpoint": tmp_path / "checkpoint.npz"}
+    trained(**kept)
     with pytest.raises(FileError, match="another training"):
-        train(
-            Elman(2, 4),
-            u,
-            target + 1e-9,
-            options=TrainingOptions(iterations=2, checkpoint=file, resume=True),
-        )
+        trained(TARGET + 1e-9, **kept, resume=True)
     with pytest.raises(FileError, match="another training"):
-        train(
-            Elman(2, 4),
-            u,
-            target,
-            options=TrainingOptions(iterations=2, seed=1, checkpoint=file, resume=True),
-        )
-    file.write_bytes(file.read_bytes()[:200])
+        trained(**kept, seed=1, resume=True)
+    kept["checkpoint"].write_bytes(kept["checkpoint"].read_bytes()[:200])
     with pytest.raises(FileError, match="not a plain npz"):
-        train(
-            Elman(2, 4),
-            u,
-            target,
-            options=TrainingOptions(iterations=2, checkpoint=file, resume=True),
-        )
+        trained(**kept, resume=True)
     with pytest.raises(FileError, match="cannot be written"):
-        train(
-            Elman(2, 4),
-            u,
-            target,
-            options=TrainingOptions(
-                iterations=2, checkpoint=tmp_path / "no_folder" / "checkpoint.npz"
-            ),
-        )
+        trained(iterations=2, checkpoint=tmp_path / "no_folder" / "checkpoint.npz")

@@ -90,8 +90,6 @@ def _files(folder: Path) -> list[str]:
 
 
 def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path, unchecked: None) -> None:
-    """Neither through a linked folder, nor by a name of a stranger's run.json that leads
-    elsewhere."""
     away = tmp_path / "away"
     away.mkdir()
     for name in ("gap.png", f"{'a' * 64}.npz", "journal.jsonl", "thesis.tex"):

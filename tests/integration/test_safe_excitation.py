@@ -59,7 +59,7 @@ def arm(folder: Path, post: float = 9.0, high: float = 1.5, force: str = "") -> 
     return path
 
 
-def drawn(seconds: float = 12.0, sizes: tuple[float, float] = (0.5, 0.5)) -> dict[str, Array]:
+def drawn(seconds: float = 8.0, sizes: tuple[float, float] = (0.5, 0.5)) -> dict[str, Array]:
     return {
         column: aprbs(seconds, PERIOD_S, size, seed=[3, k])
         for k, (column, size) in enumerate(zip(COLUMNS, sizes, strict=True))
@@ -173,7 +173,7 @@ def test_the_command_writes_and_says_what_was_done(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, output = arm(tmp_path, post=0.42, high=0.35), tmp_path / "sent.csv"
-    words = ["generate-aprbs", "--rig", str(path), "--duration", "12", "--seed", "3", "--period",
+    words = ["generate-aprbs", "--rig", str(path), "--duration", "6", "--seed", "3", "--period",
              str(PERIOD_S), "--output", str(output)]  # fmt: skip
     assert frame.run([*words, "--json"]) == 0
     note = json.loads(capsys.readouterr().out)

@@ -114,7 +114,6 @@ def test_a_network_is_judged_where_it_was_trained(
 def test_each_channel_is_judged_with_its_own_network(
     run: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two networks of two channels: either gives its channel what it gives it alone, in replay."""
 
     def errors(channel: str) -> dict[str, Any]:
         code, found = asked(capsys, "score", run, place / "heavy.csv")

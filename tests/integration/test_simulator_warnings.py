@@ -51,7 +51,7 @@ TEETH = "".join(
     for k in range(40)
 )
 SMALL, LARGE = "12K", "4M"
-PERIOD_S, SAMPLES = 0.004, 1500
+PERIOD_S, SAMPLES = 0.004, 500
 
 
 def comb(folder: Path, memory: str = SMALL) -> Path:

@@ -75,6 +75,7 @@ def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly: A
     assert max(grown) < 100.0
 
 
+@pytest.mark.slow
 def test_a_mass_is_found_on_the_floor(assembly: Assembly) -> None:
     """By slopes across jumps a fit ends where it begins, at 1 kg. In which order of impacts it
     settles rests on noise and a machine's last bits: 1.12 to 1.23 kg were seen."""

@@ -32,13 +32,12 @@ SIZES = {
 #: share of the benchmark's recording that is enough here
 SHARE = {"geared-motor-play": 0.4, "geared-motor-friction": 0.4, "servo": 0.5}
 
+LONG = ("geared-motor-friction", "geared-motor-play", "thermal-two-mass", "servo")
+
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name == "geared-motor-friction" else name
-        for name in SIZES
-    ],
+    [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SIZES],
 )
 def test_the_fault_of_the_machine_is_named(name: str, tmp_path: Path) -> None:
     machine = MACHINES[name]

@@ -221,11 +221,19 @@ def _recorded(seconds: float, *effects: str) -> pamid.Recording:
     )
 
 
-def test_a_fit_finds_what_that_of_the_equations_finds() -> None:
-    recording = _recorded(8.0)
-    written, stepped = (
-        pamid.fit(recording, rig).parameters for rig in (WrittenPendulum, SteppedTwin)
-    )
+@pytest.fixture(scope="module")
+def fitted(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[pamid.Recording, pamid.FitResult, Path]:
+    recording, folder = _recorded(8.0), tmp_path_factory.mktemp("fitted") / "run"
+    return recording, pamid.fit(recording, SteppedTwin, output=folder), folder
+
+
+def test_a_fit_finds_what_that_of_the_equations_finds(
+    fitted: tuple[pamid.Recording, pamid.FitResult, Path],
+) -> None:
+    recording, found, _ = fitted
+    written, stepped = pamid.fit(recording, WrittenPendulum).parameters, found.parameters
     for one, other in zip(written.values(), stepped.values(), strict=True):
         assert one.low is not None and one.high is not None
         assert other.low is not None and other.high is not None
@@ -345,14 +353,15 @@ def test_the_example_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing is wrong" in capsys.readouterr().out
 
 
-def test_what_was_found_is_simulated_again_but_not_exported(tmp_path: Path) -> None:
-    recording = _recorded(8.0)
-    found = pamid.fit(recording, SteppedTwin, output=tmp_path / "run")
+def test_what_was_found_is_simulated_again_but_not_exported(
+    fitted: tuple[pamid.Recording, pamid.FitResult, Path], tmp_path: Path
+) -> None:
+    recording, found, folder = fitted
     again = pamid.simulate(recording, SteppedTwin, model=found, noise=0.0)
     away = again.columns["position_m"] - recording.columns["position_m"]
     assert np.abs(away).max() < 10 * WrittenPendulum.noise["position_m"]
     with pytest.raises(PamidError, match="it has no equations that could be exported"):
-        export_model(load_identified(tmp_path / "run", rig=SteppedTwin()), "c", tmp_path / "m")
+        export_model(load_identified(folder, rig=SteppedTwin()), "c", tmp_path / "m")
 
 
 def test_a_step_is_told_its_inputs_where_it_begins() -> None:

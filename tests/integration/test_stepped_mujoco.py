@@ -119,7 +119,6 @@ def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
 def test_its_library_is_called_as_its_python_package_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Outputs and slopes, with an effect that has a state of its own."""
     rig = rig_named(str(_written(tmp_path)))
     found = {a.label: a for a in attachments(rig, [effects()["lugre-friction"]])}
     a = Assembly(rig, (found["lugre-friction@hip"],))
@@ -256,6 +255,7 @@ def _recorded(folder: Path, seed: int = 0) -> pamid.Recording:
     return pamid.Recording.from_pandas(pd.DataFrame(columns))
 
 
+@pytest.mark.slow
 def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path: Path) -> None:
     rig = rig_named(str(_written(tmp_path)))
     evidence = split_recordings(rig, [_recorded(tmp_path, seed=2)], [])
@@ -274,7 +274,6 @@ def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: Path) -> None:
-    """The file lacks a friction of the hip, and its masses are off."""
     recording = _recorded(tmp_path)
     (tmp_path / "given").mkdir()
     tried = ("coulomb-friction", "viscous-friction", "cubic-stiffness", "gain-error", "dead-time")

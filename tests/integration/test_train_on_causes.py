@@ -186,7 +186,6 @@ def test_the_exported_form_holds_both(
 
 
 def test_the_score_judges_the_causes_with_their_network(made: Made, run: Copy) -> None:
-    """Networks of two channels, either with the model that it was trained on."""
     folder = run()
     silent = random_network(Elman(1, 2), ("command",), "pressure_1_kpa", 2.0)
     silent = replace(silent, weights=0.0 * silent.weights)

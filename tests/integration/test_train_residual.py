@@ -117,7 +117,6 @@ def test_the_first_papers_network(run: Copy) -> None:
 
 
 def test_as_in_the_paper(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
-    """Plain steps: mu by tens and tenths, or by what is given; said in what is printed and kept."""
     folder = run()
     assert train(folder, *QUICK, "--as-in-paper", "--mu", "0.02", "--mu-increase", "8") == 0
     assert "plain steps as in the paper" in capsys.readouterr().out

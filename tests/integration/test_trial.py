@@ -490,32 +490,9 @@ def test_a_failed_case_costs_only_itself(
     assert examined[2:] == [1], "what failed is tried again"
 
 
-def test_what_was_finished_before_an_interrupt_is_kept(
-    tmp_path: Path, examined: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fine = trial_cases.examine
-
-    def examine(case: Case, place: Path) -> dict[str, Any]:
-        if len(examined) == 2:
-            raise KeyboardInterrupt
-        return fine(case, place)
-
-    monkeypatch.setattr(trial_cases, "examine", examine)
-    assert trial(tmp_path / "run", 4) == 130
-    assert sorted(p.name for p in (tmp_path / "run" / "cases").iterdir()) == sorted(
-        f"{n:04d}.json" for n in examined
-    )
-    assert read_json(tmp_path / "run" / "run.json")["outcome"] == "interrupted"
-    monkeypatch.setattr(trial_cases, "examine", fine)
-    assert trial(tmp_path / "run", 4, "--resume") == 0
-    assert len(examined) == 4 and sorted(examined) == [0, 1, 2, 3]
-
-
 def test_shares_of_a_trial_are_gathered_and_scored_once(
     tmp_path: Path, examined: list[int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What an array of batch jobs does: each its share into one folder, the last call the rest and
-    the score."""
     folder = tmp_path / "run"
     assert trial(folder, 7, "--index", "2/3") == 0
     capsys.readouterr()
@@ -538,8 +515,6 @@ def test_shares_of_a_trial_are_gathered_and_scored_once(
 
 
 def test_a_case_from_end_to_end(tmp_path: Path) -> None:
-    """A short recording and a small catalogue: delayed commands, named, with what only the trial
-    can measure."""
     few = {"dead-time", "gravity"}
     case = replace(
         example(

@@ -244,7 +244,13 @@ def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
     assert max(there.values()) > 1.0, f"{name} does not show: {there}"
 
 
-@pytest.mark.parametrize("name", ARM_FAULTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if k % 4 else name
+        for k, name in enumerate(ARM_FAULTS)
+    ],
+)
 def test_the_loop_holds_with_any_size(name: str) -> None:
     random = np.random.default_rng(7)
     site = draw_site(name, random)

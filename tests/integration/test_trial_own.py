@@ -148,7 +148,6 @@ def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
     "name", [a.effect.name for a in attachments(rig_named(CART), effects().values())]
 )
 def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
-    """Bent and skewed as much as can be, and settling slowly."""
     rig, sent = rig_named(CART), short(CART, 400)
     (a,) = (a for a in attachments(rig, effects().values()) if a.effect.name == name)
     signals = [s for port in a.ports for s in rig.ports[port].signals]
@@ -217,7 +216,6 @@ def test_a_demo_of_any_rig_withholds_what_it_says(machine: OwnMachine, tmp_path:
 def test_a_trial_of_a_rig_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Three cases from the command line, and a trial that is gone on with only as it was begun."""
     monkeypatch.chdir(tmp_path)
     sent = short(CART)
     write_recording("sent.csv", sent.time, dict(sent.columns))

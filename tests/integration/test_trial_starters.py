@@ -39,7 +39,7 @@ def machine(name: str) -> StarterMachine:
 @cache
 def signal(name: str) -> dict[str, Array]:
     own = machine(name)
-    plain = StarterConditions("open", "all", 1.0, 0.0, own.seconds, 1.0)
+    plain = StarterConditions("open", "all", 1.0, 0.0, 0.6 * own.seconds, 1.0)
     sent: dict[str, Array] = own.excitation(plain, lambda *_: {}, SEED, SEED)
     return sent
 
@@ -112,7 +112,6 @@ def test_a_fault_shows_and_vanishes(name: str, fault: str) -> None:
 
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
 def test_a_fault_is_what_the_catalogue_calls_it(name: str, fault: str) -> None:
-    """Effect, family and port are those under which a diagnosis could name it."""
     rig, planted = catalogue_rig(name), machine(name).faults[fault]
     if fault.startswith(NAMELESS):
         assert planted.port in {rig.group_of(p) for p in rig.ports} and not planted.exact
@@ -134,7 +133,6 @@ def test_two_faults_never_set_the_same_size(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n in STARTERS if machine(n).clock])
 def test_readings_stamped_early_are_those_to_come(name: str) -> None:
-    """By two samples, up to the last one; what is sent is on time."""
     own, still = machine(name), healthy(name)
     fault = f"clock-skew@{own.clock}"
     early = recorded(name, {fault: {"early_s": 2.0 * own.period_s, "skew_ppm": 0.0}})

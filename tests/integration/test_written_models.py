@@ -61,7 +61,7 @@ ARM = """<mujoco model="arm">
 </mujoco>
 """
 INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
-SAMPLES = 1000
+SAMPLES, SHORT = 1000, 500
 FINE = SimulatorSettings(0.001, "RK4")
 DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
 
@@ -108,8 +108,8 @@ def errors(
 ) -> tuple[Array, Array, Any]:
     """Mean absolute difference to pamid's model with the effects, of the old file and the new one
     in plain MuJoCo at these settings, (readings,) each; and what was written."""
-    file, u = written(folder, text), commands()
-    nothing = dict.fromkeys(READINGS, np.zeros(SAMPLES))
+    file, u = written(folder, text), commands(SHORT)
+    nothing = dict.fromkeys(READINGS, np.zeros(SHORT))
     inputs = dict(zip(INPUTS, u.T, strict=True))
     values = {f"{k}:{name}": v for k, own in effects.items() for name, v in own.items()}
     model = fitted_values(file, tuple(effects), values)
@@ -117,7 +117,7 @@ def errors(
     identified = replace(load_identified(run, rig=str(file)), stepping=Stepping(4))
     truth = simulate_identified(identified, u)
     made = export_model(identified, "mjcf", folder / "new.xml", anyway=True)
-    times, all_scored = PERIOD_S * np.arange(SAMPLES), np.ones(SAMPLES, bool)
+    times, all_scored = PERIOD_S * np.arange(SHORT), np.ones(SHORT, bool)
     stretch = RecordedStretch(times, inputs, {}, nothing, all_scored, 25)
     off = []
     for path in (file, folder / "new.xml"):
@@ -248,7 +248,6 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
 def test_readings_weigh_by_the_noise_that_the_run_states(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The start of a stretch is estimated with the standard deviations of the sensors."""
     file, weights = written(tmp_path), []
 
     def errors_of(_: PlainModel, __: Any, noise: dict[str, float]) -> dict[str, float]:
@@ -333,7 +332,6 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
 def test_ranges_for_randomisation_hold_intervals_and_correlations(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Two parameters; the interval of the first is twice as wide as its posterior."""
     file, dry = written(tmp_path), "coulomb-friction@a"
     model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
     posterior = Posterior(
@@ -426,7 +424,6 @@ def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_written_file_with_bristles_is_a_rig_again(tmp_path: Path) -> None:
-    """The commands are the old ones, and the bristles are states, stepped by MuJoCo as well."""
     text = ARM.replace(
         "</actuator>",
         '<dcmotor joint="a" name="dry" input="none" motorconst="0" resistance="1" '
@@ -464,30 +461,35 @@ URDF = """<robot name="lever">
 """
 
 
+LEVER_ANGLE = "pivot_position_rad"
+
+
+def lever_log(model: Any) -> dict[str, Array]:
+    """What a lever logs under the first of the commands."""
+    model.opt.timestep = 2e-4
+    data, rows, torques = mujoco.MjData(model), [], commands()[:, 0]
+    for torque in torques:
+        rows.append(float(data.qpos[0]))
+        data.qfrc_applied[0] = torque
+        mujoco.mj_step(model, data, 20)
+    return {"pivot_torque_nm": torques, LEVER_ANGLE: np.array(rows)}
+
+
 def test_urdf_gets_friction_damping_and_inertials(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.urdf"
-    u, readings = commands()[:, 0], ("pivot_position_rad",)
     model = mujoco.MjModel.from_xml_path(str(file))
-    model.opt.timestep, model.dof_frictionloss[0], model.dof_solref[0, 0] = 2e-4, 0.2, 4e-4
-    model.dof_damping[0] = 0.3
+    model.dof_frictionloss[0], model.dof_solref[0, 0], model.dof_damping[0] = 0.2, 4e-4, 0.3
     model.body_mass[1] *= 1.2
     model.body_inertia[1] *= 1.2
-    data, rows = mujoco.MjData(model), []
-    for torque in u:
-        rows.append(float(data.qpos[0]))
-        data.qfrc_applied[0] = torque
-        mujoco.mj_step(model, data, 20)
-    log = {"pivot_torque_nm": u, readings[0]: np.array(rows)}
-    labels = ("coulomb-friction@pivot", "viscous-friction@pivot")
-    labels = tuple(label.partition("@")[0] for label in labels)
+    labels = ("coulomb-friction", "viscous-friction")
     values = {f"{labels[0]}:level": 0.2, f"{labels[1]}:damping": 0.3, "lever_mass": 1.8}
     fitted = fitted_values(file, labels, values)
-    run = make_run(tmp_path / "run", file, log, readings, fitted)
+    run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
     words = (run, "--rig", file, "--output", new)
     said = export(capsys, *words, "--to", "urdf")
-    channel = said["plain_mujoco"]["channels"][readings[0]]
+    channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     text = new.read_text()
     assert '<dynamics damping="0.3" friction="0.2"/>' in text and 'mass value="1.8"' in text
@@ -498,20 +500,12 @@ def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.xml"
-    u, readings = commands()[:, 0], ("pivot_position_rad",)
     model = mujoco.MjModel.from_xml_path(str(file))
-    model.opt.timestep, model.dof_armature[0] = 2e-4, 0.05
-    data, rows = mujoco.MjData(model), []
-    for torque in u:
-        rows.append(float(data.qpos[0]))
-        data.qfrc_applied[0] = torque
-        mujoco.mj_step(model, data, 20)
-    log = {"pivot_torque_nm": u, readings[0]: np.array(rows)}
-    run = make_run(
-        tmp_path / "run", file, log, readings, fitted_values(file, (), {"pivot_armature": 0.05})
-    )
+    model.dof_armature[0] = 0.05
+    fitted = fitted_values(file, (), {"pivot_armature": 0.05})
+    run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
     said = export(capsys, run, "--rig", file, "--output", new, "--to", "mjcf")
-    channel = said["plain_mujoco"]["channels"][readings[0]]
+    channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     assert mujoco.MjModel.from_xml_path(str(new)).dof_armature[0] == pytest.approx(0.05)
     assert sorted(p.suffix for p in tmp_path.iterdir() if p.is_file()) == [".urdf", ".xml"]
