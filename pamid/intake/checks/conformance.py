@@ -258,10 +258,7 @@ def _short_length(rig: Rig) -> int:
 def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
-    """Points of the bounds, as text, at which the outputs are not finite; empty without any.
-
-    attachment: effect at its ports; None for the rig alone.
-    """
+    """Points of the bounds, as text, at which the outputs are not finite; empty without any."""
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig))
     random = np.random.default_rng(seed)
     problems = []
@@ -283,8 +280,6 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     It is relative to each channel's largest value, and only counts while the differences are small.
     If errors of the state grow exponentially, as in an undamped arm, large differences are not
     slopes.
-
-    attachment: effect at its ports; None for the rig alone.
     """
     trial = ExcitedRig(rig, attachment, samples=_short_length(rig), seed=seed)
     p = trial.assembly.values()
@@ -330,10 +325,8 @@ def _slope_errors(moved: Array, h: float, exact: Array, scale: Array) -> Array:
     """Difference between exact sensitivities by a parameter and differences over +-h.
 
     It is relative to each channel's largest value, and counts while no output moves by more than
-    `SMALL_MOVE`. A channel that the parameter does not reach has NaN, because its differences are
-    rounding errors.
-
-    moved: half the difference of the outputs (samples x channels), of which scale is the size.
+    `SMALL_MOVE`. A channel that the parameter does not reach has NaN. moved: half the
+    difference of the outputs (samples x channels), of which scale is the size.
     """
     far = (np.abs(moved) > SMALL_MOVE * scale).any(axis=1)
     near = slice(int(np.argmax(far)) if far.any() else len(moved))
@@ -364,10 +357,7 @@ def _scale(outputs: Array) -> Array:
 
 
 def background_findings(rig: Rig) -> list[CheckOutcome]:
-    """Fault of a background that does not build, which every fit would refuse.
-
-    An example is a map of a signal that its port does not have.
-    """
+    """Fault of a background that does not build, as a map of a signal that its port lacks."""
     if isinstance(rig, StepRig) or not rig.background:
         return []
     try:

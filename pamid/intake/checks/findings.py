@@ -53,8 +53,12 @@ class QualityIssue(Issue):
 
     @property
     def text(self) -> str:
-        """Fault, place and remedy."""
-        where = f", {where_words(self.windows_s)}" if self.windows_s else ""
+        """Fault, place ("at 3.2 to 3.4 s and 11 more places") and remedy."""
+        where = ""
+        if self.windows_s:
+            (begin, end), more = self.windows_s[0], len(self.windows_s) - 1
+            where = f", at {begin:.4g}{'' if end == begin else f' to {end:.4g}'} s"
+            where += f" and {more} more {'place' if more == 1 else 'places'}" if more else ""
         return f"{self.message}{where}. {self.hint}".rstrip()
 
 
@@ -82,14 +86,6 @@ def issue(
         windows_s=tuple(windows),
         figures=figures or {},
     )
-
-
-def where_words(windows: Windows) -> str:
-    """ "at 3.2 to 3.4 s and 11 more places"."""
-    begin, end = windows[0]
-    where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
-    more = len(windows) - 1
-    return where + (f" and {more} more {'place' if more == 1 else 'places'}" if more else "")
 
 
 def unit_after(column: str) -> str:

@@ -81,10 +81,8 @@ def inspect(
     """Check a recording (.csv), a Python file with rigs and effects (.py), a rig or an effect.
 
     The result has the keys "schema", "kind", "ok" and "findings", and further ones by kind. Faults
-    inside the file are listed, not raised.
-
-    rig: rig of a recording; by default that which its TOML names. Raises FileError: the file is
-    absent or of another kind.
+    inside the file are listed, not raised. rig: rig of a recording; by default that which its
+    TOML names. Raises FileError: the file is absent or of another kind.
     """
     recording: Recording | None = None
     issues: tuple[QualityIssue, ...] = ()
@@ -114,7 +112,14 @@ def inspect(
                 written = [c for c in classes if c.__module__ == module.__name__]
                 about, findings = _classes(path, written)
         elif path.suffix in MODEL_ENDINGS:
-            about, findings = _model(path)
+            try:
+                model = library.rig_named(str(path))
+            except PamidError as error:
+                about, findings = {"kind": "rig"}, [fault("model", str(error))]
+            else:
+                findings, ports = _built(model, library.effects(), slopes=False)
+                about = {"kind": "rig", "rigs": [model.name], "effects": []}
+                about |= {"ports": ports} if ports else {}
         else:
             raise FileError(
                 f"{path}: pamid checks recordings (.csv), rig or effect files (.py) and models "
@@ -255,7 +260,23 @@ def _against_rig(
     except PamidError as error:
         return recording, None, [fault("rig", str(error))]
     findings = [note("column", text) for text in stand_ins]
-    findings += background_findings(rig) + _column_findings(recording, rig, wanted)
+    findings += background_findings(rig)
+    for c in rig.inputs:
+        if wanted[c] is None and c not in rig.optional:
+            text = f"the input {c!r} of rig {rig.name!r} is missing. "
+            findings.append(fault("input", f"{text}{nearest(c, recording.columns)}".rstrip()))
+    lacking = [c for c in rig.outputs if wanted[c] is None]
+    if len(lacking) == len(rig.outputs):
+        text = f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}"
+        findings.append(fault("output", text))
+    else:
+        text = "is not recorded: effects that only it shows stay unknown"
+        findings += [note("output", f"{c} {text}") for c in lacking]
+    used = {*wanted.values(), *(loop.reference for loop in rig.loops)}
+    for c in recording.columns:
+        if c not in used:
+            text = f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
+            findings.append(note("column", f"{text}{nearest(c, wanted)}".rstrip()))
     if rig.form_note:
         stepped = isinstance(rig, StepRig)
         findings.append(outcome("form", not stepped, rig.form_note, advice=stepped))
@@ -280,32 +301,6 @@ def _against_rig(
             findings.append(fault("excitation", f"nothing can be fitted: {error}"))
     every = passed("rig", f"every column of rig {rig.name!r} is there")
     return recording, rig, findings or [every]
-
-
-def _column_findings(
-    recording: Recording, rig: Rig, wanted: dict[str, str | None]
-) -> list[CheckOutcome]:
-    """Findings on missing inputs and outputs of the rig, and on unknown columns.
-
-    wanted: recorded column for each input and output of the rig.
-    """
-    findings, used = [], {*wanted.values(), *(loop.reference for loop in rig.loops)}
-    for c in rig.inputs:
-        if wanted[c] is None and c not in rig.optional:
-            text = f"the input {c!r} of rig {rig.name!r} is missing. "
-            findings.append(fault("input", f"{text}{nearest(c, recording.columns)}".rstrip()))
-    lacking = [c for c in rig.outputs if wanted[c] is None]
-    if len(lacking) == len(rig.outputs):
-        text = f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}"
-        findings.append(fault("output", text))
-    else:
-        text = "is not recorded: effects that only it shows stay unknown"
-        findings += [note("output", f"{c} {text}") for c in lacking]
-    for c in recording.columns:
-        if c not in used:
-            text = f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
-            findings.append(note("column", f"{text}{nearest(c, wanted)}".rstrip()))
-    return findings
 
 
 def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
@@ -349,17 +344,6 @@ def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
 
 
 # ---- rig and effect files ----------------------------------------------------------------------
-
-
-def _model(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
-    """Inspect a model file of another program."""
-    try:
-        rig = library.rig_named(str(path))
-    except PamidError as error:
-        return {"kind": "rig"}, [fault("model", str(error))]
-    findings, ports = _built(rig, library.effects(), slopes=False)
-    about = {"kind": "rig", "rigs": [rig.name], "effects": []}
-    return {**about, **({"ports": ports} if ports else {})}, findings
 
 
 def _classes(path: Path, classes: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
@@ -420,10 +404,7 @@ def _built(
 
 
 def checked_ports(source: Path | type[Rig]) -> RigMap | None:
-    """Ports of a rig, or of a rig file or model that the user named (which is run).
-
-    None if it does not build.
-    """
+    """Ports of a rig, or of a rig file or model, which is run; None if it does not build."""
     try:
         rig = library.rig_named(str(source)) if isinstance(source, Path) else source()
         return rig_map(rig, rig.outputs)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pamid.base.errors import DataError
+from pamid.base.errors import DataError, PamidError
 from pamid.base.units import quantity_of, size_to_si, split_column, to_si
 from pamid.intake.checks.channel_quality import (
     CHANCE,
@@ -134,11 +134,14 @@ def _rig_issues(
 
     if issues := clock(recording, rig):
         return issues, {}
-    evidence = compared_with_sheet(recording, rig)
-    if evidence is not None and (echoes := echoed_inputs(recording, rig, evidence)):
+    try:
+        evidence = compared_with_sheet(recording, rig)
+    except PamidError:  # which another finding reports
+        return [], {}
+    if echoes := echoed_inputs(recording, rig, evidence):
         return echoes, {}  # because wrong signs and units would mislead further checks
     issues, judged = contradictions(recording, rig, evidence, thorough=thorough)
-    if thorough and evidence is not None:
+    if thorough:
         issues += idle_input_issues(recording, rig, evidence)
     return issues, judged
 

@@ -79,17 +79,15 @@ LAG_GAIN = 0.005  # smallest gain of correlation by a delay
 
 
 def contradictions(
-    recording: Recording, rig: Rig, evidence: SheetComparison | None, *, thorough: bool
+    recording: Recording, rig: Rig, evidence: SheetComparison, *, thorough: bool
 ) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """Issues in which the recording contradicts the rig.
 
-    evidence: comparison with the data sheet's run; None if the rig cannot run on the recording.
+    evidence: comparison with the data sheet's run.
     thorough: also try slips of the data sheet, and look for channels that the rig does not explain.
     Returns issues; and by kind of issue the columns that the rig has judged, which need no guess
     from their values alone.
     """
-    if evidence is None:
-        return [], {}
     slips, recording_, e, judgement = find_slips(recording, evidence, thorough=thorough)
     clocks = [explanation for explanation in slips if explanation.slip.kind == "clock"]
     if clocks:

@@ -16,7 +16,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.errors import PamidError
 from pamid.base.units import quantity_of, split_column
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
@@ -79,18 +78,8 @@ class SheetComparison:
         return np.array([correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
 
 
-def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
-    """Compare the recording with the data sheet's run.
-
-    None if the rig cannot run on it, which another finding reports.
-    """
-    try:
-        return _evidence(recording, rig)
-    except PamidError:
-        return None
-
-
-def _evidence(recording: Recording, rig: Rig) -> SheetComparison:
+def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison:
+    """Compare the recording with the data sheet's run; PamidError if the rig cannot run on it."""
     data = data_of(rig, recording)
     names = data.measured(rig)
     assembly = Assembly(rig, outputs=names)

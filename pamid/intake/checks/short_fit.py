@@ -337,17 +337,6 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             slopes[k] = b.spread * p[i] if b.log else b.spread
         return p, slopes
 
-    def _reach(self) -> tuple[Array, Array]:
-        """Lowest and highest scaled parameters."""
-        reach = np.empty((2, len(self.runner.free)))
-        for k, i in enumerate(self.runner.free):
-            b, value = self.runner.assembly.parameters[i], float(self.trial.track.p[i])
-            ends = np.array([min(b.low, value), max(b.high, value)])
-            with np.errstate(divide="ignore"):
-                ends = np.log(ends / value) if b.log else ends - value
-            reach[:, k] = ends / b.spread
-        return reach[0], reach[1]
-
     def at(self, s: Array, x: Array, derivatives: bool = True) -> FitPoint:
         trial, m = self.trial, len(s)
         n, channels = self.runner.start_states, len(trial.names)
@@ -463,7 +452,14 @@ class ShortFit(LeastSquares[FitPoint, Array]):
 
     def moved(self, at: FitPoint, step: Array, last: bool) -> FitPoint:
         m = len(at.s)
-        s = np.clip(at.s + step[:m], *self._reach())
+        reach = np.empty((2, m))  # lowest and highest scaled parameters
+        for k, i in enumerate(self.runner.free):
+            b, value = self.runner.assembly.parameters[i], float(self.trial.track.p[i])
+            ends = np.array([min(b.low, value), max(b.high, value)])
+            with np.errstate(divide="ignore"):
+                ends = np.log(ends / value) if b.log else ends - value
+            reach[:, k] = ends / b.spread
+        s = np.clip(at.s + step[:m], *reach)
         # derivatives cost many times as much as a run, and most of the steps from an unsuitable
         # data sheet are rejected
         return self.at(s, at.x + step[m:].reshape(at.x.shape), derivatives=False)

@@ -418,7 +418,15 @@ def slips_of_recording(e: SheetComparison, recording: Recording) -> Iterator[Sli
             yield from (replace(s, names=tuple(columns)) for s in _of_column(columns[0], gears))
     for column in inputs:
         yield from _of_column(column, gears)
-    yield from _signs(e, recording, outputs, inputs)
+    # inputs first, because an input explains several outputs at once; a sign is not tried if the
+    # column and its model stay above zero
+    for column in inputs:
+        values = recording.columns[column]
+        if values.min() < 0.0 < values.max():
+            yield Slip("sign", (column,), -1.0)
+    for column, y, model in zip(outputs, e.y.T, e.model.T, strict=True):
+        if min(y.min(), model.min()) < -0.02 * np.ptp(model):
+            yield Slip("sign", (column,), -1.0)
     # similar columns, and an input with any other column
     for like in (inputs, outputs):
         for i, j in same_quantity_columns(like):
@@ -462,23 +470,6 @@ def _of_column(column: str, gears: dict[str, float]) -> Iterator[Slip]:
         for factor in FACTORS:
             if all(abs(math.log(factor) - size) > math.log(ALIKE) for size in sizes):
                 yield Slip("scale", (column,), factor)
-
-
-def _signs(
-    e: SheetComparison, recording: Recording, outputs: Sequence[str], inputs: Sequence[str]
-) -> Iterator[Slip]:
-    """Sign changes to try.
-
-    Inputs come first, because an input explains several outputs at once. The sign of a column is
-    not tried if neither the column nor its model goes below zero.
-    """
-    for column in inputs:
-        values = recording.columns[column]
-        if values.min() < 0.0 < values.max():
-            yield Slip("sign", (column,), -1.0)
-    for column, y, model in zip(outputs, e.y.T, e.model.T, strict=True):
-        if min(y.min(), model.min()) < -0.02 * np.ptp(model):
-            yield Slip("sign", (column,), -1.0)
 
 
 # ---- which slip it is ----------------------------------------------------------------------------
