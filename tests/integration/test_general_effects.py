@@ -274,3 +274,30 @@ def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
     shifted[:samples, 0] = u[0, 0]
     y, z = run(assembly, u, late)[0], run(assembly, shifted, there)[0]
     np.testing.assert_allclose(y, z, rtol=0.0, atol=1e-6 * np.abs(z).max())
+
+
+def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
+    for name in ("bouc-wen-hysteresis", "maxwell-slip-hysteresis"):
+        effect = effects()[name]
+        home = effect.parameters_at("actuator-force")[0]
+        general = effect.parameters_at("motion")[0]
+        assert home.name == general.name == "level"
+        assert home.high < 0.5 < general.high
+        assert effect.family_at("motion") == "hysteresis"
+        assert effect.family_at("actuator-force") == "muscle-hysteresis"
+
+
+def test_a_leak_is_as_fast_as_its_store_unless_an_outflow_is_offered() -> None:
+    """A share of an outflow has no time in it, a share of the store is one per unit of time."""
+    leak = effects()["leak"]
+    of_outflow, of_store = (
+        leak.parameters_at("rate", offered)[0]
+        for offered in ({"stored", "outflow"}, {"stored", "downstream"})
+    )
+    assert (of_outflow.name, of_outflow.size, of_outflow.high) == ("share", "", 0.2)
+    assert (of_store.name, of_store.size) == ("share", "value/stored")
+    fastest = [
+        assembled("leak@upper_balance", time=time).parameters[-2].high for time in (1.0, 256.0)
+    ]
+    assert fastest[0] == pytest.approx(256.0 * fastest[1], rel=1e-6)
+    assert fastest[0] > BENCH["leak@upper_balance"]().parameters[0].value  # than it is filled
