@@ -153,18 +153,6 @@ def _staircase(b: Bench) -> Columns:
     )
 
 
-def _two_pressures(b: Bench) -> Settings:
-    return (
-        ()
-        if data_sheet_value(b, INITIAL_PRESSURE) is None
-        else ({INITIAL_PRESSURE: 200.0}, {INITIAL_PRESSURE: 500.0})
-    )
-
-
-def _at_rest(b: Bench) -> Columns:
-    return nothing_sent(b.rig, len(b.clock(RELEASE_S)))
-
-
 def _swings(b: Bench) -> Settings:
     """All links free, and only the last."""
     joints = releases(b.rig)
@@ -184,7 +172,11 @@ EXPERIMENTS = (
         commanded=True,
         pushed=True,
         in_turn=True,
-        settings=_two_pressures,
+        settings=lambda b: (
+            ()
+            if data_sheet_value(b, INITIAL_PRESSURE) is None
+            else ({INITIAL_PRESSURE: 200.0}, {INITIAL_PRESSURE: 500.0})
+        ),
     ),
     Experiment(
         "quick-release",
@@ -209,7 +201,7 @@ EXPERIMENTS = (
         4.0,
         "let go with the muscles vented, once with joint 1 clamped: the links' masses and "
         "the friction of the joints, without any muscle",
-        _at_rest,
+        lambda b: nothing_sent(b.rig, len(b.clock(RELEASE_S))),
         settings=_swings,
     ),
     Experiment(

@@ -54,13 +54,10 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) ->
     for joint in loose:
         body, is_free = joint.parent, joint.type == mujoco.mjtJoint.mjJNT_FREE
         line = line_of(joint) or line_of(body)  # <freejoint> has none
-        first = int(model.jnt_dofadr[joint.id])
-        arrays = (model.dof_damping, model.dof_armature, model.dof_frictionloss)
-        forces = model.jnt_stiffness[joint.id] or any(a[first : first + 6].any() for a in arrays)
         name = joint.name or f"of {body.name or f'body_{body.id}'}"
         if int(model.body_treeid[body.id]) not in touched:
             notes.append((name, line, OBJECT_HELD))
-        elif is_free and not forces:
+        elif is_free and not _has_forces(model, joint.id):
             notes.append((name, line, BASE_FREED))
             floating += _as_base(mujoco, spec, body, joint.name or body.name or "base")
         else:
@@ -70,6 +67,13 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) ->
         for key in list(spec.keys):
             spec.delete(key)
     return FreeJoints(tuple(floating), tuple(notes))
+
+
+def _has_forces(model: Any, joint: int) -> bool:
+    """True if a free joint has a spring, a damper, friction or an armature."""
+    dofs = slice(int(model.jnt_dofadr[joint]), int(model.jnt_dofadr[joint]) + 6)
+    arrays = (model.dof_damping, model.dof_armature, model.dof_frictionloss)
+    return bool(model.jnt_stiffness[joint]) or any(array[dofs].any() for array in arrays)
 
 
 def _as_base(mujoco: Any, spec: Any, body: Any, name: str) -> list[str]:
