@@ -105,21 +105,10 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
     if not pairs:
         return _decided(d)
     bench, predictions = bench_of(d.evidence), Predictions(d.evidence)
-    # by which an experiment is to leave the rig where it was recorded
-    in_question = {c.label: c for pair in pairs for c in pair}
-    models = [*in_question.values(), d.budget.baseline]
+    models = models_to_keep(d, pairs)
     ways = ways_to_run(predictions, bench, menu(bench), models)
     if not ways:
-        # what the mildest way of an entry would do
-        reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
-        name, away = next(((n, text) for n, text in reasons if text), ("", ""))
-        if not away:
-            return None
-        return WithheldExperiment(
-            f"{WITHHELD}: in open loop, each experiment would drive the rig beyond the recorded "
-            f"range, {name} even at its smallest amplitude ({away}). Record an experiment in a "
-            "position loop, or between stops that the rig may touch."
-        )
+        return _withheld(d, predictions, bench, models)
     for truth, _ in pairs:
         predictions.of_all(truth, ways)
     race = []
@@ -128,7 +117,7 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
         race.append((next(bounds), bounds, way))
     # best first (branch and bound): the leader's bound is tightened until another leads, or
     # until it has no tighter bound and is its value; then no other can exceed it
-    while True:
+    while race:
         k = max(
             range(len(race)),
             key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][2].minutes),
@@ -136,35 +125,11 @@ def next_experiment(d: Diagnosis) -> Proposal | WithheldExperiment | None:
         separation, bounds, way = race[k]
         tighter = next(bounds, None)
         if tighter is None:
-            break
+            if not separation.any():
+                return None
+            return _proposal(d, predictions, way, pairs, separation)
         race[k] = (tighter, bounds, way)
-    if not separation.any():
-        return None
-    bench, columns, settings = way.bench, way.columns, tuple(s for s in way.settings if s)
-    predicted = "" if bench.command else predicted_text(predictions, way, models)
-    # the excitation, the changes between repetitions, and where the models should differ
-    repeated = " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
-    worst = int(np.argmax(separation))
-    why = [
-        way.experiment.reason(d.evidence.rig),
-        f"with {repeated}" if settings else "",
-        "simulated on the fitted models, the nearest two differ most in "
-        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise",
-        "" if separation[worst] >= VISIBLE_SEPARATION else INSEPARABLE,
-    ]
-    files = NEXT_FILES[: max(len(settings), 1)]
-    experiment = NextExperiment(
-        name=way.experiment.name,
-        why="; ".join(filter(None, why)),
-        separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
-        expected_separation=_rms(separation),
-        minutes=way.minutes,
-        excitation=files[0],
-        excitations=files,
-        settings=settings,
-        cautions=tuple(filter(None, (*carried_texts(bench), predicted))),
-    )
-    return Proposal(experiment, columns, sent_with(d.evidence, bench, columns))
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +168,15 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     return [(model, other) for model, other in combinations(models, 2) if tied or model is best]
 
 
+def models_to_keep(
+    d: Diagnosis, pairs: list[tuple[CandidateModel, CandidateModel]]
+) -> list[CandidateModel]:
+    """Models by which an experiment is to leave the rig where it was recorded: those in question,
+    the best first, and the refitted model alone."""
+    models = {c.label: c for pair in pairs for c in pair}
+    return [*models.values(), d.budget.baseline]
+
+
 def _decided(d: Diagnosis) -> WithheldExperiment | None:
     """Why nothing is proposed where there are causes and no other family ties with them."""
     if d.cause is None or d.silent:
@@ -222,6 +196,21 @@ def _decided(d: Diagnosis) -> WithheldExperiment | None:
     )
     return WithheldExperiment(
         f"{WITHHELD}: no other family ties with {d.cause.label}{behind}, and {remains}."
+    )
+
+
+def _withheld(
+    d: Diagnosis, predictions: Predictions, bench: Bench, models: list[CandidateModel]
+) -> WithheldExperiment | None:
+    """Why nothing is proposed: what the mildest way of an entry would do."""
+    reasons = ((e.name, led_away(predictions, bench, e, models)) for e in menu(bench))
+    name, away = next(((n, text) for n, text in reasons if text), ("", ""))
+    if not away:
+        return None
+    return WithheldExperiment(
+        f"{WITHHELD}: in open loop, each experiment would drive the rig beyond the "
+        f"recorded range, {name} even at its smallest amplitude ({away}). Record an experiment in "
+        "a position loop, or between stops that the rig may touch."
     )
 
 
@@ -396,6 +385,41 @@ class _RivalModel:
                 tolerance=ADJUSTING_TOLERANCE,
             )
         return done.residuals[len(old) :]
+
+
+def _proposal(
+    d: Diagnosis,
+    predictions: Predictions,
+    way: Way,
+    pairs: list[tuple[CandidateModel, CandidateModel]],
+    separation: Array,
+) -> Proposal:
+    bench, columns, settings = way.bench, way.columns, tuple(s for s in way.settings if s)
+    models = models_to_keep(d, pairs)
+    predicted = "" if bench.command else predicted_text(predictions, way, models)
+    # the excitation, the changes between repetitions, and where the models should differ
+    repeated = " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
+    worst = int(np.argmax(separation))
+    why = [
+        way.experiment.reason(d.evidence.rig),
+        f"with {repeated}" if settings else "",
+        "simulated on the fitted models, the nearest two differ most in "
+        f"{d.evidence.channels[worst]}, by {times_text(separation[worst])} times its noise",
+        "" if separation[worst] >= VISIBLE_SEPARATION else INSEPARABLE,
+    ]
+    files = NEXT_FILES[: max(len(settings), 1)]
+    experiment = NextExperiment(
+        name=way.experiment.name,
+        why="; ".join(filter(None, why)),
+        separates=tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair)),
+        expected_separation=_rms(separation),
+        minutes=way.minutes,
+        excitation=files[0],
+        excitations=files,
+        settings=settings,
+        cautions=tuple(filter(None, (*carried_texts(bench), predicted))),
+    )
+    return Proposal(experiment, columns, sent_with(d.evidence, bench, columns))
 
 
 def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
