@@ -49,15 +49,20 @@ def settle_free_joints(mujoco: Any, spec: Any, line_of: Callable[[Any], int]) ->
         return FreeJoints()
     model = spec.compile()
     touched = set(_touched(mujoco, model)) or {int(t) for t in model.body_treeid}
+    # read before a joint is replaced: the numbers of the others change with it
+    trees = [int(model.body_treeid[joint.parent.id]) for joint in loose]
+    forced = [
+        joint.type != mujoco.mjtJoint.mjJNT_FREE or _has_forces(model, joint.id) for joint in loose
+    ]
     floating: list[str] = []
     notes: list[tuple[str, int, str]] = []
-    for joint in loose:
-        body, is_free = joint.parent, joint.type == mujoco.mjtJoint.mjJNT_FREE
+    for joint, tree, has_forces in zip(loose, trees, forced, strict=True):
+        body = joint.parent
         line = line_of(joint) or line_of(body)  # <freejoint> has none
         name = joint.name or f"of {body.name or f'body_{body.id}'}"
-        if int(model.body_treeid[body.id]) not in touched:
+        if tree not in touched:
             notes.append((name, line, OBJECT_HELD))
-        elif is_free and not _has_forces(model, joint.id):
+        elif not has_forces:
             notes.append((name, line, BASE_FREED))
             floating += _as_base(mujoco, spec, body, joint.name or body.name or "base")
         else:
