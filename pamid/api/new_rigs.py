@@ -14,7 +14,7 @@ from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, write_atomically
 from pamid.base.schemas.new_rig_file import NewRigFile, OtherMatch, TakenColumn
-from pamid.base.units import NONE, split_column
+from pamid.base.units import split_column, unit_label
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import catalogue_rig, effects, rigs
 from pamid.model.rig import Rig
@@ -130,7 +130,7 @@ def new_rig(arguments: NewRigArguments) -> NewRig:
         columns=tuple(
             TakenColumn(
                 column=q.recorded,
-                unit="" if (unit := split_column(q.recorded)[1]) == NONE else unit,
+                unit=unit_label(split_column(q.recorded)[1]),
                 role=q.role,  # type: ignore[arg-type]
                 stands_for=q.wanted,
                 by=q.by,  # type: ignore[arg-type]

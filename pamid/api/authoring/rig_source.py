@@ -20,7 +20,16 @@ from pamid.api.authoring.column_match import Match, Pair
 from pamid.api.authoring.pruned_source import SourceText, declared, pruned_source
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray, motion
-from pamid.base.units import NONE, quotient, si_symbol, size_to_si, split_column, suffix_of, to_si
+from pamid.base.units import (
+    NONE,
+    quotient,
+    si_symbol,
+    size_to_si,
+    split_column,
+    suffix_of,
+    to_si,
+    unit_label,
+)
 from pamid.intake.checks.conformance import ExcitedRig
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
@@ -289,7 +298,7 @@ class RigSource:
         above, below = (rig_unit, symbol) if pair.role == "input" else (symbol, rig_unit)
         ratio = usual / span if pair.role == "input" else span / usual
         unit_text = quotient(above or NONE, below or NONE)
-        return _Gain(f"{stem}_gain", _short(ratio), "" if unit_text == NONE else unit_text)
+        return _Gain(f"{stem}_gain", _short(ratio), unit_label(unit_text))
 
     # ---- words ----------------------------------------------------------------------------------
 

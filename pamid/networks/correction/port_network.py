@@ -32,14 +32,7 @@ from pamid.base.progress import Progress, silent
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.base.schemas.fit_file import FitFile
-from pamid.base.units import (
-    NONE,
-    display_unit,
-    from_si,
-    split_column,
-    to_si,
-    with_unit,
-)
+from pamid.base.units import display_unit, from_si, split_column, to_si, unit_label, with_unit
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.expression import symbol
@@ -339,7 +332,7 @@ def train_at_port(
     for comparison the same network, trained alike, on the residual of the channel. Errors as in
     `train_network`; FileError where residual.csv is not of this model."""
     e = model.evidence
-    unit = "" if (u := display_unit(e.rig.ports[entry.port].unit)) == NONE else u
+    unit = unit_label(display_unit(e.rig.ports[entry.port].unit))
     stage(f"looking for what is missing at {entry.name}")
     with threadpool_limits(limits=1, user_api="blas"):
         fitted = tuple(
