@@ -78,7 +78,25 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
     if path.suffix != ".py":
         raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
-    source = _source_of(path, sha256)
+    return _run(path, _source_of(path, sha256))
+
+
+def _source_of(path: Path, sha256: str) -> bytes:
+    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
+    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
+        raise FileError(
+            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
+            "Restore the old file, or make the run again.",
+            code="changed",
+        )
+    return source
+
+
+def _run(path: Path, source: bytes) -> ModuleType:
     name = f"pamid_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     loader = importlib.machinery.SourceFileLoader(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
@@ -105,21 +123,6 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
-
-
-def _source_of(path: Path, sha256: str) -> bytes:
-    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
-    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
-        raise FileError(
-            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
-            "Restore the old file, or make the run again.",
-            code="changed",
-        )
-    return source
 
 
 def resolved_rig(rig: RigLike | None) -> str | Rig | None:
@@ -165,6 +168,13 @@ def in_catalogue(name: str) -> bool:
     return name.partition(":")[0] in rigs()
 
 
+def _rig_file_in(name: str) -> str:
+    """A rig file of that name in the folder, which is named by its path."""
+    file = Path(f"{name}.py")
+    there = name.isidentifier() and file.is_file()
+    return f"The file {file} is named by its path: ./{file}" if there else ""
+
+
 def catalogue_rig(name: str) -> Rig:
     """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
     file is ever run: this is the look-up for names that came from data."""
@@ -180,11 +190,9 @@ def catalogue_rig(name: str) -> Rig:
     if base not in known:
         if is_code(name):
             raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
-        file = Path(f"{base}.py")
-        there = base.isidentifier() and file.is_file()
         raise FileError(
             f"unknown rig {base!r}",
-            (f"The file {file} is named by its path: ./{file}" if there else "")
+            _rig_file_in(base)
             or nearest(base, list(known))
             or f"rigs: {', '.join(known)}; or the path of a rig file",
         )

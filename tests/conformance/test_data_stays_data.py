@@ -57,7 +57,6 @@ MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/base/parallel/dask_backend.py", "cloudpickle"),
     ("pamid/base/parallel/result_store.py", "marshal"),
-    ("pamid/rigs/simulators/forward_dynamics.py", "system"),  # of equations
     ("pamid/rigs/simulators/free_joints.py", "compile"),
     ("pamid/rigs/simulators/mujoco_file.py", "compile"),
     ("pamid/rigs/simulators/mujoco_sources.py", "compile"),
