@@ -5,7 +5,7 @@ working folder. That file belongs to whoever packed the folder, and is not read.
 folder next to pamid's files where these can be written, else that of NUMBA_CACHE_DIR or of the
 user. It is a new folder of this process where others may write that folder, where nobody can, or
 without a home: numba would then take a folder called ~ in the working folder. A new folder costs
-time and nothing else.
+time and nothing else. What another version of pamid left in the folder is compiled anew.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import os
 from pathlib import Path
 
 from numba import carray, cfunc, njit, types
-from numba.core import config
+from numba.core import caching, config
 
 from pamid.base.trust import is_shared
 from pamid.engine.cache_folder import home_cache, private_folder
@@ -40,4 +40,15 @@ def _settle() -> None:
         config.reload_config()
 
 
+class _IndexFile(caching.IndexDataCacheFile):
+    """Index of compiled functions. One that names classes of another version counts as empty."""
+
+    def _load_index(self) -> dict[object, str]:
+        try:
+            return dict(super()._load_index())
+        except (ImportError, AttributeError):
+            return {}
+
+
 _settle()
+caching.IndexDataCacheFile = _IndexFile  # type: ignore[misc]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import stat
 import subprocess
@@ -248,3 +249,36 @@ def test_numba_keeps_nothing_where_others_may_write(tmp_path: Path) -> None:
     for chosen in (shared, shared / "not" / "there"):
         used = Path(_cache_of_numba(tmp_path, NUMBA_CACHE_DIR=str(chosen), TMPDIR=str(own)))
         assert used.is_relative_to(own) and not used.exists()  # gone with its process
+
+
+KERNEL = """
+from pamid.engine.numba_cache import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2.0 * x
+"""
+
+
+def test_a_function_compiled_by_a_version_with_other_modules_is_compiled_again(
+    tmp_path: Path,
+) -> None:
+    (own := tmp_path / "own").mkdir(mode=0o700)
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    words = [sys.executable, "-c", "import kernel; print(kernel.twice(2.0))"]
+
+    def ran() -> str:
+        paths = os.pathsep.join([str(tmp_path), *sys.path])
+        environment = {**os.environ, "PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(own)}
+        return subprocess.run(
+            words, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert ran() == "4.0\n"
+    (index,) = own.rglob("kernel*.nbi")
+    version = pickle.dumps(pickle.loads(index.read_bytes()))
+    index.write_bytes(version + b"cpamid.moved\nTyp\n.")
+    with pytest.raises(ModuleNotFoundError):
+        pickle.loads(index.read_bytes()[len(version) :])
+    assert ran() == "4.0\n"
+    assert b"pamid.moved" not in index.read_bytes()
