@@ -340,11 +340,7 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
     symbol = declared.replace(".", " ")
     symbol = symbol if is_unit(symbol) and unit(symbol).symbol != NONE else ""
     name = named_with(_word(v.name), symbol) if symbol else _word(v.name)
-    fresh = name  # "x", "x_", "x_3", "x_4" ...
-    while fresh in used_names:
-        used_names[name] += 1
-        fresh = f"{name}_{used_names[name]}" if used_names[name] > 2 else f"{name}_"
-    used_names[fresh] = 1
+    fresh = _fresh_name(name, used_names)
     start = v.start[0] if isinstance(v.start, list | tuple) else v.start
     return FmuVariable(
         fresh,
@@ -355,6 +351,16 @@ def _variable(v: Any, used_names: dict[str, int]) -> FmuVariable:
         v.variability == "tunable",
         v.description or "",
     )
+
+
+def _fresh_name(name: str, used_names: dict[str, int]) -> str:
+    """Unused name that resembles the given name: "x", "x_", "x_3", "x_4" ..."""
+    fresh = name
+    while fresh in used_names:
+        used_names[name] += 1
+        fresh = f"{name}_{used_names[name]}" if used_names[name] > 2 else f"{name}_"
+    used_names[fresh] = 1
+    return fresh
 
 
 def _word(name: str) -> str:
