@@ -168,13 +168,14 @@ def compile_seconds(assembly: Assembly, folder: Path) -> tuple[float, float]:
 
 DRIVER = """
 import time
+from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 import numpy as np
 a = Assembly(rig_named("one-dof"))
 program, p = a.program, a.values()
 begun = time.process_time()
-program.run(program.memory(a.start(p)), np.zeros((2, 2)), p, period_s=0.003)
+program.run(program.memory(a.start(p), period_s=0.003), SampledInputs(np.zeros((2, 2)), 0.003), p)
 print(time.process_time() - begun)
 """
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +42,7 @@ def cost(
     wide = len(free) + n if slopes else 0
     room = None if limit is None else program.room(len(u), 1, columns)
     if room is not None:
-        program = program.with_slopes(replace(room, prediction_limit=limit))
+        program = program.with_slopes(room._replace(prediction_limit=limit))
     best = np.inf
     for _ in range(ROUNDS + 1):  # the first one compiles
         memory = program.memory(a.start(p), wide, period_s=rig.period_s)

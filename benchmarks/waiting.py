@@ -30,7 +30,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "suppo
 
 from browser import CHROMIUM, browser
 from synthetic_run import make_run
-from test_report_page import LONG, PERIOD_S, long_residual
 from timing import cpu
 
 from pamid.intake.checks.recording_quality import examine
@@ -40,7 +39,25 @@ from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 
 ROOT = Path(__file__).resolve().parent.parent
+PERIOD_S, LONG = 0.003, 66_667  # of the residual that the page shows
 SECONDS = PERIOD_S * LONG
+
+
+def long_residual() -> dict[str, np.ndarray]:
+    """A measured angle with noise, and three models."""
+    random, time = np.random.default_rng(1), PERIOD_S * np.arange(LONG)
+    shape = np.sin(0.9 * time) + 0.4 * np.sin(2.3 * time) + 0.3 * np.sign(np.sin(0.37 * time))
+    gap = np.tanh(8.0 * np.cos(0.9 * time))
+    return {
+        "time_s": time,
+        "recording": 0 * time,
+        "part": 1 * (time >= 140.0),
+        "window": np.where(np.arange(LONG) % 767 < 115, -1, np.arange(LONG) // 767),
+        "angle_deg": 20.0 * shape + random.normal(0.0, 0.03, LONG),
+        "angle_data_sheet_deg": 18.6 * shape + gap,
+        "angle_refitted_deg": 20.0 * shape + 0.5 * gap,
+        "angle_cause_deg": 20.0 * shape + 0.1 * gap,
+    }
 
 
 def process(*words: str) -> Callable[[], object]:
