@@ -166,15 +166,7 @@ def write_together(files: Mapping[Path, bytes]) -> None:
     target = Path()
     try:
         for target, data in files.items():
-            # nothing but a file is replaced by a file, nor is a link to a device (/dev/stdout)
-            with contextlib.suppress(FileNotFoundError):
-                status = os.stat(target)
-                if not stat.S_ISREG(status.st_mode):
-                    raise FileError(
-                        f"{target} cannot be written: it is {_word(status)}, not a file.",
-                        "Give another name.",
-                        code="write",
-                    )
+            _require_replaceable(target)
             made[target] = temporary_of(target)
             with open(made[target], "xb") as file:
                 file.write(data)
@@ -245,6 +237,19 @@ def refuse_write(target: Path, error: OSError) -> NoReturn:
     raise FileError(
         f"{target} cannot be written: {error.strerror or error}.", hint, code="write"
     ) from error
+
+
+def _require_replaceable(target: Path) -> None:
+    """A folder, a pipe or a device is not replaced by a file, nor is a link to these
+    (/dev/stdout)."""
+    with contextlib.suppress(FileNotFoundError):
+        status = os.stat(target)
+        if not stat.S_ISREG(status.st_mode):
+            raise FileError(
+                f"{target} cannot be written: it is {_word(status)}, not a file.",
+                "Give another name.",
+                code="write",
+            )
 
 
 # ---- removing ----------------------------------------------------------------------------------

@@ -71,14 +71,7 @@ def load_arrays(
 
 def _unpacked(file: BinaryIO) -> dict[str, NDArray[Any]]:
     size = file.seek(0, os.SEEK_END)
-    # zipfile takes the whole directory, which must therefore be of a size that may be read
-    tail = 20 + _END.size  # the locator of a directory beyond 4 GB would stand before the end
-    file.seek(max(size - tail, 0))
-    last = file.read(tail)
-    mark, *_, length, _, comment = _END.unpack(last[-_END.size :])
-    if mark != b"PK\x05\x06" or comment or last.startswith(b"PK\x06\x07") or length > _DIRECTORY:
-        raise ValueError("its directory is damaged or too long")
-    file.seek(0)
+    _require_short_directory(file, size)
     with zipfile.ZipFile(file) as archive:
         members = archive.infolist()
         if any(
@@ -88,6 +81,17 @@ def _unpacked(file: BinaryIO) -> dict[str, NDArray[Any]]:
         if sum(m.file_size for m in members) > size:
             raise ValueError("its directory declares more data than the file contains")
         return {m.filename.removesuffix(".npy"): _array(archive, m) for m in members}
+
+
+def _require_short_directory(file: BinaryIO, size: int) -> None:
+    """ValueError unless the directory is of a size that may be read: zipfile takes it whole."""
+    tail = 20 + _END.size  # the locator of a directory beyond 4 GB would stand before the end
+    file.seek(max(size - tail, 0))
+    last = file.read(tail)
+    mark, *_, length, _, comment = _END.unpack(last[-_END.size :])
+    if mark != b"PK\x05\x06" or comment or last.startswith(b"PK\x06\x07") or length > _DIRECTORY:
+        raise ValueError("its directory is damaged or too long")
+    file.seek(0)
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:

@@ -97,12 +97,7 @@ def answer(
     rest = share_left >= settings.material_rest and not comparison.at_floor(best)
     leader = next((c for c in ranking if c.label not in set_aside), None)
     single = selection.instead.get(best.attached[0].label, ()) if len(best.additions) == 1 else ()
-    names, families = {a.effect.name for a in best.attached}, families_of(best)
-    others = [
-        c
-        for c in single
-        if {a.effect.name for a in c.attached} != names and families_of(c) != families
-    ]
+    others = [c for c in single if not _same_effect(c, best)]
     if others:
         # Families in a tie are alternatives that a measurement could separate. A long list of them
         # is no guidance, unless all predict the same: then it is the same finding under several
@@ -121,12 +116,7 @@ def answer(
         verdict = "partly-explained" if rest else "explained"
     # A share off zero that misses the required certainty is neither a cause nor proof of a
     # complete model.
-    elif (
-        leader is not None
-        and (removed := comparison.removed(leader)).share >= settings.material_share
-        and removed.low > 0.0
-        and removed.z < settings.standard_errors
-    ):
+    elif leader is not None and _is_open(comparison, leader):
         verdict = "cannot-tell"
     # A curve at a port absorbs more than any equation of the catalogue: a cause exists, without a
     # name.
@@ -143,6 +133,23 @@ def answer(
         best, rest = comparison.budget.baseline, bool(forms)
     floors = comparison.floors(best)
     return Answer(verdict, best, causes, rest, floors, selection.after, tuple(forms), leader)
+
+
+def _same_effect(candidate_model: CandidateModel, other: CandidateModel) -> bool:
+    """Whether two models have the same effect at different ports, or effects of the same family."""
+    names = {a.effect.name for a in candidate_model.attached}
+    return names == {a.effect.name for a in other.attached} or families_of(
+        candidate_model
+    ) == families_of(other)
+
+
+def _is_open(comparison: Comparison, leader: CandidateModel) -> bool:
+    """Whether the leader's share is material with an interval off zero, at too few standard
+    errors."""
+    settings, removed = comparison.budget.settings, comparison.removed(leader)
+    return removed.share >= settings.material_share and (
+        removed.low > 0.0 and removed.z < settings.standard_errors
+    )
 
 
 def _cause(

@@ -145,6 +145,13 @@ def _move(before, step, reach, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _copy(values, to):  # type: ignore[no-untyped-def]
+    old, new = values.ravel(), to.ravel()
+    for i in range(old.shape[0]):
+        new[i] = old[i]
+
+
+@njit(cache=True)
 def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-untyped-def]
     """Solve x = base + gh f(x) in place, in all lanes but those that are lost; see
     `pamid.engine.integrator._newton`. A lane that does not converge becomes NaN."""
@@ -152,7 +159,7 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
     t, out, M, pivots = work.ticks, work.out, work.M, work.pivots
     step, following, before, base = work.step, work.next_step, work.before, work.base
     worst, left, reach, trying = work.worst, work.left, work.reach, work.trying
-    going, now, kept = work.going, memory.x.ravel(), work.before.ravel()
+    going = work.going
     remaining = 0
     for lane in range(LANES):
         going[lane] = lost[lane] < 0
@@ -166,8 +173,7 @@ def _newton(equations, memory, u, row, p, gh, lost, work):  # type: ignore[no-un
         _step_from(base, gh, out, x, step)
         solve_lanes(M, pivots, step)
         _sizes(step, x, worst)
-        for i in range(now.shape[0]):
-            kept[i] = now[i]
+        _copy(x, before)
         damped = 0
         for lane in range(LANES):
             reach[lane] = 1.0 if going[lane] else 0.0

@@ -20,6 +20,7 @@ from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import reported_values
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import between_of
+from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, replay_track
 
@@ -38,7 +39,6 @@ def fit_json(
         "noise_floor": channel_mae(list(g.floor)),
     }
     combinations, ties = combinations_of(g.fit, g.draws)
-    fitted, held_out = ({id(s.recording) for s in spans} for spans in (e.fit, e.held_out))
     file = result.FitFile(
         rig=e.rig.name,
         effects=tuple(a.label for a in g.assembly.attachments),
@@ -48,11 +48,7 @@ def fit_json(
                 name=r.name,
                 path=str(r.path),
                 sha256=r.sha256,
-                role="both"
-                if id(r) in fitted and id(r) in held_out
-                else "fit"
-                if id(r) in fitted
-                else "held-out",
+                role=_role(e, r),
                 samples=len(r),
                 period_s=r.sampling_period_s,
                 loop=r.loop,
@@ -124,6 +120,12 @@ def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
 def recorded_inputs(e: DataSplit) -> tuple[str, ...]:
     """Inputs of the rig that every recording holds."""
     return tuple(n for n in e.rig.inputs if all(n in r.values for r in e.recordings))
+
+
+def _role(e: DataSplit, recording: Recording) -> str:
+    fit = any(s.recording is recording for s in e.fit)
+    held = any(s.recording is recording for s in e.held_out)
+    return "both" if fit and held else "fit" if fit else "held-out"
 
 
 def residual_table(g: GreyBox, cause: GreyBox | None = None) -> tuple[list[str], Array]:

@@ -164,20 +164,25 @@ def _named(
         if space.share(q.slope, q.slope_prior) < SETTLED and adds(q.slope):
             chosen.append(q)
     singles = [space.single(k) for k in group]
-    candidates: list[_Candidate] = []
-    # settled quotients and products of a declared combination and another or a parameter
-    factors, plain_factors = [q for q in near if q.log], [q for q in singles if q.log]
-    for i, a in enumerate(factors):
-        for rank, b in [(1, b) for b in factors[i + 1 :]] + [(2, b) for b in plain_factors]:
-            for n in (-1.0, 1.0):
-                slope, share = space.share_together([(a, 1.0), (b, n)])
-                if share < SETTLED:
-                    candidates.append((rank * share, rank, slope, [(a, 1.0), (b, n)]))
-    candidates += _plainest(space, group, known, singles)
+    candidates = [*_quotients(space, near, singles), *_plainest(space, group, known, singles)]
     for _, _, slope, terms in sorted(candidates, key=lambda f: f[:2]):
         if adds(slope):
             chosen.append(space.together(terms))
     return chosen
+
+
+def _quotients(
+    space: Space, declared: list[Quantity], singles: list[Quantity]
+) -> Iterator[_Candidate]:
+    """Settled quotients and products of a declared combination and another combination or a
+    parameter."""
+    declared, singles = [q for q in declared if q.log], [q for q in singles if q.log]
+    for i, a in enumerate(declared):
+        for rank, b in [(1, b) for b in declared[i + 1 :]] + [(2, b) for b in singles]:
+            for n in (-1.0, 1.0):
+                slope, share = space.share_together([(a, 1.0), (b, n)])
+                if share < SETTLED:
+                    yield rank * share, rank, slope, [(a, 1.0), (b, n)]
 
 
 def _plainest(

@@ -185,22 +185,24 @@ def _regressors(y: Array, u: Array, period_s: float, horizon_s: float, edges_s: 
 
 
 def _error_ratio(parts: Sequence[_Rows]) -> float:
-    """Cross-validated error of the regression with inputs over that without: summed absolute error,
-    each fifth of a recording predicted from everything else."""
+    """Cross-validated error of the regression with inputs over that without."""
+    without, *with_inputs = (_cross_validated(parts, groups) for groups in GROUPS)
+    return min(with_inputs) / without if without > 0.0 else 1.0
+
+
+def _cross_validated(parts: Sequence[_Rows], groups: tuple[str, ...]) -> float:
+    """Summed absolute error, each fifth of a recording predicted from everything else."""
     # Folds are contiguous stretches. Rows drawn at random would be predicted from their correlated
     # neighbours.
     folds = [np.arange(len(p.increments)) * FOLDS // max(len(p.increments), 1) for p in parts]
+    x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
     y, fold = np.concatenate([p.increments for p in parts]), np.concatenate(folds)
-    totals = []
-    for groups in GROUPS:
-        x = np.concatenate([np.concatenate([getattr(p, g) for g in groups], axis=1) for p in parts])
-        totals.append(0.0)
-        for k in range(FOLDS):
-            held = fold == k
-            if held.any() and not held.all():
-                totals[-1] += float(np.abs(y[held] - _ridge(x[~held], y[~held], x[held])).sum())
-    without, *with_inputs = totals
-    return min(with_inputs) / without if without > 0.0 else 1.0
+    total = 0.0
+    for k in range(FOLDS):
+        held = fold == k
+        if held.any() and not held.all():
+            total += float(np.abs(y[held] - _ridge(x[~held], y[~held], x[held])).sum())
+    return total
 
 
 def _ridge(x: Array, y: Array, rows: Array) -> Array:

@@ -395,7 +395,7 @@ def refitted_texts(parameters: dict[str, Estimate]) -> list[str]:
 
 
 def _unknown_texts(unknown: Unknown) -> list[str]:
-    """What each nonparametric curve removes; parity, memory, energy and formula of the term."""
+    """Shares that nonparametric curves remove; parity, memory, energy and formula of the term."""
     texts = []
     for form in unknown.free_forms:
         share = form.removes or form

@@ -79,27 +79,17 @@ MUSCLE_PORTS = {
         general=False,
     ),
 }
+
+
+def _sensor(unit: str, **size: float) -> Port:
+    return Port("reading", unit, {"rate": f"{unit}/s"}, group="sensor", size=size, general=False)
+
+
 MUSCLE_SENSORS = {
-    "pressure_sensor": Port(
-        "reading",
-        "Pa",
-        {"rate": "Pa/s"},
-        group="sensor",
-        size={"value": 4e5, "rate": 1e6},
-        general=False,
-    ),
-    "force_sensor": Port(
-        "reading", "N", {"rate": "N/s"}, group="sensor", size={"value": 700.0}, general=False
-    ),
+    "pressure_sensor": _sensor("Pa", value=4e5, rate=1e6),
+    "force_sensor": _sensor("N", value=700.0),
 }
-ANGLE_SENSOR = Port(
-    "reading",
-    "rad",
-    {"rate": "rad/s"},
-    group="sensor",
-    size={"value": 0.7, "rate": 2.0},
-    general=False,
-)
+ANGLE_SENSOR = _sensor("rad", value=0.7, rate=2.0)
 
 LENGTH = Parameter.held("length", 0.250, 0.05, 2.0, "m").with_source("data sheet, nominal length")
 SUPPLY_PARAMETERS = (

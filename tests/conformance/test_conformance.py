@@ -155,7 +155,7 @@ def test_typical_size_is_seen(case: Case) -> None:
 @each_case
 def test_finite_within_the_bounds(case: Case) -> None:
     assembly, rng = assembled(case), seeded(case)
-    for _ in range(8):
+    for _ in range(20):
         p = drawn(assembly, rng)
         y, _, bad = run(assembly, excitation(case.rig), p)
         if bad != -1:  # stiff: a fit takes the implicit step there

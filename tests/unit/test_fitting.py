@@ -289,15 +289,23 @@ def cart_estimates(rig: Rig, *recordings: Recording) -> dict[str, Estimate]:
 
 
 def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -> None:
-    """Also where recordings of two sampling periods are fitted."""
-    slow = cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH)
-    found = cart_estimates(Cart(), cart_record(tmp_path, **TRUTH), slow)
+    found = cart_estimates(Cart(), cart_record(tmp_path, **TRUTH))
     grip = found["grip_n_s_per_m"]
     assert (grip.word, grip.at_bound) == ("silent", None)
     assert grip.value == pytest.approx(5.0, abs=1e-6) and grip.strain < 1e-6
     assert (grip.low, grip.high) == pytest.approx((5.0 - 1.96 * 2.0, 5.0 + 1.96 * 2.0), abs=1e-3)
     for name, value in TRUTH.items():
         assert found[name].word == "settled" and found[name].value == pytest.approx(value, rel=0.03)
+
+
+def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
+    slow, fast = (
+        cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH),
+        cart_record(tmp_path, seed=2, **TRUTH),
+    )
+    found = cart_estimates(Cart(), fast, slow)
+    for name, value in TRUTH.items():
+        assert found[name].value == pytest.approx(value, rel=0.03)
 
 
 def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:

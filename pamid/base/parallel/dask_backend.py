@@ -64,25 +64,7 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
     patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
     try:
-        deadline = time.monotonic() + patience.first_s
-        while not client.scheduler_info(n_workers=-1)["workers"]:
-            if time.monotonic() > deadline:
-                hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
-                raise _refused(f"the scheduler at {address} has no workers", hint)
-            time.sleep(0.1)
-        expected = fingerprint()
-        try:
-            fingerprints = client.run(fingerprint)
-        except (ImportError, AttributeError) as error:
-            message = f"the workers of {address} cannot load pamid: {error}"
-            raise _refused(message, "Install the same version there.") from error
-        other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
-        if other:
-            raise _refused(
-                f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
-                f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
-                "Install the same versions everywhere: results would depend on the worker.",
-            )
+        _require_alike(client, address, patience.first_s)
         yield Cluster(client, address, patience)
     finally:
         client.close(timeout=LISTEN_S)
@@ -128,6 +110,28 @@ def fingerprint() -> dict[str, str]:
 
 def _refused(message: str, hint: str) -> FileError:
     return FileError(message, hint, code="cluster")
+
+
+def _require_alike(client: Client, address: str, patience_s: float) -> None:
+    deadline = time.monotonic() + patience_s
+    while not client.scheduler_info(n_workers=-1)["workers"]:
+        if time.monotonic() > deadline:
+            hint = f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`."
+            raise _refused(f"the scheduler at {address} has no workers", hint)
+        time.sleep(0.1)
+    expected = fingerprint()
+    try:
+        fingerprints = client.run(fingerprint)
+    except (ImportError, AttributeError) as error:
+        message = f"the workers of {address} cannot load pamid: {error}"
+        raise _refused(message, "Install the same version there.") from error
+    other = sorted(worker for worker, theirs in fingerprints.items() if theirs != expected)
+    if other:
+        raise _refused(
+            f"{len(other)} of {len(fingerprints)} workers of {address} run another version of "
+            f"pamid or of a numerical package than this machine: {', '.join(other[:3])}",
+            "Install the same versions everywhere: results would depend on the worker.",
+        )
 
 
 @dataclass(eq=False)

@@ -137,27 +137,13 @@ def _reason(code: int, folder: Path, limits: ProcessLimits) -> str:
 def serve() -> None:
     """Answer the request on stdin; the entry point of the child process."""
     request = json.load(sys.stdin)
-    if sys.platform == "linux":  # end when the parent ends, whatever is going on then
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != request["parent"]:  # it ended before
-            os._exit(1)
+    _end_with(request["parent"])
     folder = Path(request["folder"])
     module, _, name = request["function"].partition(":")
     answer: dict[str, Any]
     try:
         function = getattr(importlib.import_module(module), name)
-        if resource is not None:
-            # RLIMIT_DATA counts memory that is writable and private. RLIMIT_AS also counts address
-            # space that allocators reserve and never use, and files that are mapped to be read.
-            whole = math.ceil(request["seconds"])
-            wanted = {"RLIMIT_CORE": (0, 0), "RLIMIT_CPU": (whole, whole + 5)}
-            statm = Path("/proc/self/statm")
-            if statm.exists():
-                data = int(statm.read_text().split()[5]) * resource.getpagesize()
-                wanted["RLIMIT_DATA"] = (data + request["memory"],) * 2
-            for kind, limits in wanted.items():
-                with contextlib.suppress(OSError, ValueError):  # a stricter limit holds already
-                    resource.setrlimit(getattr(resource, kind), limits)
+        _limit(request["seconds"], request["memory"])
         answer = {"answer": function(**request["arguments"], folder=folder)}
         text = json.dumps(answer)
     except PamidError as error:
@@ -166,3 +152,31 @@ def serve() -> None:
     except MemoryError:
         os._exit(_OUT_OF_MEMORY)
     (folder / _ANSWER).write_text(text, encoding="utf-8")
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent ends, whatever it is doing then."""
+    if sys.platform != "linux":
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before
+        os._exit(1)
+
+
+def _limit(seconds: float, memory: int) -> None:
+    """Set the limits of this process.
+
+    RLIMIT_DATA counts memory that is writable and private. RLIMIT_AS also counts address space that
+    allocators reserve and never use, a GiB at a time, and files that are mapped to be read.
+    """
+    if resource is None:
+        return
+    whole = math.ceil(seconds)
+    wanted = {"RLIMIT_CORE": (0, 0), "RLIMIT_CPU": (whole, whole + 5)}
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        data = int(statm.read_text().split()[5]) * resource.getpagesize()
+        wanted["RLIMIT_DATA"] = (data + memory, data + memory)
+    for name, limits in wanted.items():
+        with contextlib.suppress(OSError, ValueError):  # a stricter limit holds already
+            resource.setrlimit(getattr(resource, name), limits)

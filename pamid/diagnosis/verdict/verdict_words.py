@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from pamid.base.errors import join_words
-from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder
+from pamid.base.schemas.diagnosis_file import Cause, DiagnosisFile, Remainder, Where
 from pamid.base.share_words import chance_text, percent_text, percents_text, times_text
 
 RECORD_MORE = "Record for longer, or with larger excitation."
@@ -37,50 +37,48 @@ def sentence(diagnosis: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     doubts = (
         f" First correct the recording: {' '.join(diagnosis.doubts)}" if diagnosis.doubts else ""
     )
+    return f"{_verdict_text(diagnosis, spelling)}{doubts}"
+
+
+def _verdict_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     if diagnosis.remark:
-        verdict = diagnosis.remark
-    elif diagnosis.verdict == "no-structural-gap":
-        floors = diagnosis.remainder.floors if diagnosis.remainder is not None else None
-        verdict = (
-            "The refitted model is at the noise floor: no structural gap was found."
-            if floors is None
-            else "No structural gap was found. The refitted model leaves "
-            f"{times_text(floors)} times the noise floor. No effect and no curve at a port "
-            "removes a material share of this error."
-        )
-    elif diagnosis.verdict == "unknown-effect":
-        verdict = f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
-    elif diagnosis.verdict == "cannot-tell":
-        verdict = _undecided_text(diagnosis, spelling)
-    else:
-        if diagnosis.verdict == "ambiguous":
-            causes = _set_text(diagnosis, spelling)
-        elif len(diagnosis.causes) > 1:
-            causes = _joint_text(diagnosis, spelling)
-        else:
-            removing = _share_text(diagnosis, findings_of(diagnosis)[0], spelling)
-            causes = f"{removing}.{_next_family_text(diagnosis, spelling)}"
-        verdict = f"{causes}{_rest_text(diagnosis, spelling)}"
-    return f"{verdict}{doubts}"
+        return diagnosis.remark
+    if diagnosis.verdict == "no-structural-gap":
+        return _no_gap_text(diagnosis)
+    if diagnosis.verdict == "unknown-effect":
+        return f"{NOT_IN_CATALOGUE} {_curve_text(diagnosis, spelling)}"
+    if diagnosis.verdict == "cannot-tell":
+        return _undecided_text(diagnosis, spelling)
+    if diagnosis.verdict == "ambiguous":
+        return f"{_set_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+    if len(diagnosis.causes) > 1:
+        return f"{_joint_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+    removing = _share_text(diagnosis, findings_of(diagnosis)[0], spelling)
+    return f"{removing}.{_next_family_text(diagnosis, spelling)}{_rest_text(diagnosis, spelling)}"
+
+
+def _no_gap_text(diagnosis: DiagnosisFile) -> str:
+    """Text for no gap, or for a gap that no known effect or curve closes."""
+    rest = diagnosis.remainder
+    if rest is None or rest.floors is None:
+        return "The refitted model is at the noise floor: no structural gap was found."
+    return (
+        "No structural gap was found. The refitted model leaves "
+        f"{times_text(rest.floors)} times the noise floor. No effect and no curve at a port "
+        "removes a material share of this error."
+    )
 
 
 def _curve_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:
     """Text for a gap without a named effect: nonparametric curve, its family, port and share."""
     forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
     if not forms:
-        text, where = "A curve at any of the ports does.", diagnosis.where
-        if where is None or not where.port:
-            return text
-        text += f" It enters at the {spelling.port(where.port)} port"
-        # inseparable ports whose share is at least as large
-        shares = {item.port: item.share for item in where.ports}
-        port_share = shares.get(where.port, 0.0)
-        inseparable = where.inseparable_from(where.port)
-        others = sorted(port for port in inseparable if shares.get(port, 0.0) >= port_share > 0.0)
-        if not others:
-            return f"{text}."
-        names = join_words([spelling.port(port) for port in others], "or")
-        return f"{text}, or at {names}: these sensors cannot separate them."
+        at = (
+            _entry_port(diagnosis.where, spelling)
+            if diagnosis.where and diagnosis.where.port
+            else ""
+        )
+        return f"A curve at any of the ports does.{at}"
     share = percent_text(forms[0].removes.share) if forms[0].removes else "a material share"
     first, *others = dict.fromkeys(spelling.port(form.port) for form in forms)
     elsewhere = f", or equally at the {join_words(others, 'or')} port," if others else ""
@@ -121,13 +119,7 @@ def finding_label(
     first = finding[0]
     if len(finding) == 1:
         return spelling.effect(first.effect)
-    mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
-    joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
-    if {c.port for c in finding} == joints:
-        places = "in the joints"
-    else:
-        places = f"at {join_words(spelling.port(c.port) for c in finding)}"
-    return f"{spelling.effect(_effect_name(first))} {places}"
+    return f"{spelling.effect(_effect_name(first))} {_places_text(diagnosis, finding, spelling)}"
 
 
 def finding_text(
@@ -142,6 +134,16 @@ def finding_text(
     ports = join_words((spelling.port(port) for port in first.or_at), "or")
     elsewhere = f" (or equally at the {ports} port)" if ports else ""
     return f"{label}{place}{elsewhere}"
+
+
+def _places_text(diagnosis: DiagnosisFile, finding: Finding, spelling: Spelling) -> str:
+    """Ports of an effect; "in the joints" if these are all motion ports with a torque."""
+    ports = {c.port for c in finding}
+    mapped = diagnosis.rig.ports if diagnosis.rig is not None else ()
+    joints = {q.group or q.port for q in mapped if q.kind == "motion" and q.unit == "N m"}
+    if ports == joints:
+        return "in the joints"
+    return f"at {join_words(spelling.port(c.port) for c in finding)}"
 
 
 def _probability_text(c: Cause) -> str:
@@ -278,6 +280,19 @@ def amount_of(rest: Remainder) -> str:
 def advice_of(rest: Remainder) -> str:
     """Advice about smaller effects in an immaterial remainder; "" if it is near the noise floor."""
     return "" if rest.real or (rest.floors or 0.0) < LEAST_FLOORS else LOOK_FURTHER
+
+
+def _entry_port(where: Where, spelling: Spelling) -> str:
+    """Port at which the gap enters, and inseparable ports whose share is at least as large."""
+    shares = {item.port: item.share for item in where.ports}
+    port_share = shares.get(where.port, 0.0)
+    inseparable = where.inseparable_from(where.port)
+    others = sorted(port for port in inseparable if shares.get(port, 0.0) >= port_share > 0.0)
+    first = f" It enters at the {spelling.port(where.port)} port"
+    if not others:
+        return f"{first}."
+    other_ports = join_words([spelling.port(p) for p in others], "or")
+    return f"{first}, or at {other_ports}: these sensors cannot separate them."
 
 
 def _undecided_text(diagnosis: DiagnosisFile, spelling: Spelling) -> str:

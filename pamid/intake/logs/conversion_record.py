@@ -25,6 +25,7 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.base.schemas import ingest_file as result
+from pamid.intake.logs.clocks import Clock
 from pamid.intake.logs.conversion import ColumnPieces, Conversion
 from pamid.recording.recording import write_recording
 
@@ -110,60 +111,24 @@ def conversion_records(
     conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path
 ) -> list[result.IngestFile]:
     """Conversion record of each recording, by file."""
-    records = []
-    for conversion, part in zip(conversions, outputs, strict=True):
-        log = conversion.log
-        if log.path.is_dir():  # names and checksums of the files that are read
-            files = sorted(p for p in log.path.rglob("*") if p.suffix in _READ_IN_FOLDERS)
-            lines = [f"{sha256_of(p)}  {p.relative_to(log.path).as_posix()}\n" for p in files]
-            digest = hashlib.sha256("".join(lines).encode()).hexdigest()
-        else:
-            digest = sha256_of(log.path)
-        clocks = []
-        for clock in conversion.clocks:
-            about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
-            if clock.diagnosis is not None:
-                about = {
-                    "state": clock.diagnosis.state,
-                    "why": clock.diagnosis.why,
-                    "numbers": clock.diagnosis.numbers,
-                    "signals": clock.diagnosis.witnesses,
-                }
-            used = result.ClockUsed(
-                name=clock.name,
-                rows=clock.rows.stamps.size,
-                cure=clock.cure,
-                **about,
-                repairs=(*clock.rows.repairs, *clock.base.repairs),
-                leads=clock is conversion.lead,
-            )
-            clocks.append(used)
-        shared = result.IngestFile(
-            source=result.LogRead(
-                path=str(log.path), sha256=digest, kind=log.kind, details=log.details
-            ),
-            mapping=result.MappingUsed(
-                path=str(mapping_file),
-                sha256=sha256_of(mapping_file),
-                **conversion.mapping.model_dump(exclude_none=True),
-            ),
-            clock_ppm=1e6 * (conversion.stretch - 1.0),
-            clocks=tuple(clocks),
-            signals={c: _of_track(track, conversion) for c, track in conversion.tracks.items()},
-            notes=conversion.notes,
+    return [
+        shared.model_copy(
+            update={
+                "recording": result.RecordingMade(
+                    path=str(path),
+                    samples=recording.time.size,
+                    sampling_period_s=conversion.period,
+                    duration_s=recording.time.size * conversion.period,
+                    columns=tuple(recording.columns),
+                    begins_s=recording.begins_s,
+                    first_row=recording.first_row,
+                )
+            }
         )
-        for recording, path in zip(conversion.recordings, part, strict=True):
-            made = result.RecordingMade(
-                path=str(path),
-                samples=recording.time.size,
-                sampling_period_s=conversion.period,
-                duration_s=recording.time.size * conversion.period,
-                columns=tuple(recording.columns),
-                begins_s=recording.begins_s,
-                first_row=recording.first_row,
-            )
-            records.append(shared.model_copy(update={"recording": made}))
-    return records
+        for conversion, part in zip(conversions, outputs, strict=True)
+        for shared in [_of_log(conversion, mapping_file)]
+        for recording, path in zip(conversion.recordings, part, strict=True)
+    ]
 
 
 def _numbered(stem: Path, count: int) -> list[Path]:
@@ -183,6 +148,54 @@ def tables_of(conversion: Conversion) -> dict[str, Any]:
         "between": mapping.between,
     }
     return {title: table for title, table in tables.items() if table}
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a log; of a folder that of the names and checksums of the files that are read."""
+    if not path.is_dir():
+        return sha256_of(path)
+    files = sorted(part for part in path.rglob("*") if part.suffix in _READ_IN_FOLDERS)
+    lines = [f"{sha256_of(part)}  {part.relative_to(path).as_posix()}\n" for part in files]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
+    log, lead = conversion.log, conversion.lead
+    return result.IngestFile(
+        source=result.LogRead(
+            path=str(log.path), sha256=_digest(log.path), kind=log.kind, details=log.details
+        ),
+        mapping=result.MappingUsed(
+            path=str(mapping_file),
+            sha256=sha256_of(mapping_file),
+            **conversion.mapping.model_dump(exclude_none=True),
+        ),
+        clock_ppm=1e6 * (conversion.stretch - 1.0),
+        clocks=tuple(_of_clock(clock, clock is lead) for clock in conversion.clocks),
+        signals={
+            column: _of_track(track, conversion) for column, track in conversion.tracks.items()
+        },
+        notes=conversion.notes,
+    )
+
+
+def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
+    about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
+    if clock.diagnosis is not None:
+        about = {
+            "state": clock.diagnosis.state,
+            "why": clock.diagnosis.why,
+            "numbers": clock.diagnosis.numbers,
+            "signals": clock.diagnosis.witnesses,
+        }
+    return result.ClockUsed(
+        name=clock.name,
+        rows=clock.rows.stamps.size,
+        cure=clock.cure,
+        **about,
+        repairs=(*clock.rows.repairs, *clock.base.repairs),
+        leads=leads,
+    )
 
 
 def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:

@@ -27,13 +27,7 @@ def read_hdf5(builder: ChannelBuilder) -> None:
         _group(builder, datasets, file, "", frozenset())
         # the sum of all is known before any is read
         for name, dataset in datasets.items():
-            unit = _unit(dataset)
-            builder.budget.charge(name, 0, raw=dataset.size * dataset.dtype.itemsize)
-            values = dataset[()]
-            if dataset.dtype.names is None:
-                builder.add(name, values, unit=unit)
-            for field in dataset.dtype.names or ():
-                builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
+            _read(builder, dataset, name)
 
 
 def _group(
@@ -56,23 +50,8 @@ def _group(
             item = item["value"]
         if isinstance(item, h5py.Group):
             _group(builder, datasets, item, inside, above | {address})
-            continue
-        if not octave and not isinstance(item, h5py.Dataset):
-            continue
-        kind = item.dtype
-        if item.external or item.is_virtual:
-            builder.leave_out(inside, "stored in another file")
-        elif kind.hasobject or kind.kind in "OSUV" and kind.names is None:
-            builder.leave_out(inside, "not numbers")
-        elif item.shape is None:
-            continue
-        elif not item.id.get_storage_size():  # reading it would make its fill value of nothing
-            builder.leave_out(inside, "declared but not written")
-        elif builder.reserve(inside, item.shape, kind.itemsize):
-            for field in kind.names or ():
-                values = item.size * math.prod(kind[field].shape)
-                builder.budget.charge(f"{inside}/{field}", values)
-            datasets[inside] = item
+        elif octave or isinstance(item, h5py.Dataset):
+            _dataset(builder, datasets, item, inside)
 
 
 def charge_hdf5(builder: ChannelBuilder) -> None:
@@ -87,6 +66,38 @@ def charge_hdf5(builder: ChannelBuilder) -> None:
 
     with h5py.File(builder.path, "r") as file:
         file.visititems(charge)
+
+
+def _dataset(builder: ChannelBuilder, datasets: dict[str, Any], dataset: Any, name: str) -> None:
+    if dataset.external or dataset.is_virtual:
+        builder.leave_out(name, "stored in another file")
+        return
+    if dataset.dtype.hasobject or dataset.dtype.kind in "OSUV" and dataset.dtype.names is None:
+        builder.leave_out(name, "not numbers")
+        return
+    if dataset.shape is None:
+        return
+    if not dataset.id.get_storage_size():  # reading it would make its fill value of nothing
+        builder.leave_out(name, "declared but not written")
+        return
+    kind = dataset.dtype
+    if not builder.reserve(name, dataset.shape, kind.itemsize):
+        return
+    for field in kind.names or ():
+        inside = math.prod(kind[field].shape)
+        builder.budget.charge(f"{name}/{field}", dataset.size * inside)
+    datasets[name] = dataset
+
+
+def _read(builder: ChannelBuilder, dataset: Any, name: str) -> None:
+    kind, unit = dataset.dtype, _unit(dataset)
+    builder.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
+    values = dataset[()]
+    if kind.names is None:
+        builder.add(name, values, unit=unit)
+        return
+    for field in kind.names:
+        builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
 def _unit(dataset: Any) -> str:
