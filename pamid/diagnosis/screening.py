@@ -2,15 +2,14 @@
 
 All candidates take the first steps, from each of their starting points. The best of them take
 further steps (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240). The gain of a
-candidate is the drop of the fit's cost (-2 log posterior) against the baseline after the same
-number of steps. It counts only the part of the recordings that the baseline fits worst. The gain
+candidate is the drop of the fit's cost (-2 log posterior) against the baseline. It counts only the part of the recordings that the baseline fits worst. The gain
 selects candidates for a refit; the refitted model is judged on held-out windows.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -51,9 +50,6 @@ Array = NDArray[np.float64]
 
 CHANCE = 0.05  # significance level of a gain, which by chance is chi-square distributed
 FEWEST_SCREENED = 3  # minimum number of windows per recording
-# Size of an additional start, as a share of the typical size. Near the baseline the cost falls
-# whenever the effect helps.
-TRACE = 0.1
 ADVANCED = 2  # candidates with further steps per refitted candidate
 SCAN_GAIN = 0.1  # share of the cost that an effect must remove before a grid search
 # cost ratio above which screening starts from the data-sheet parameters, not from the fitted ones
@@ -64,8 +60,7 @@ SHEET_ADVANTAGE = 1.05
 class ScreenedCandidate:
     """A candidate after screening from its best starting point.
 
-    first: starting values (SI) by key; gain: drop of the training cost against the baseline after
-    the same number of steps; why: reason for a failure; p, starts, stepping: end point of the steps
+    first: starting values (SI) by key; gain: drop of the training cost against the baseline; why: reason for a failure; p, starts, stepping: end point of the steps
     (parameters in SI, states at the screened windows per track); rival: the same candidate from
     another starting point with a larger predicted gain; promised: gain predicted by the linear
     model.
@@ -113,15 +108,13 @@ def starting_points(
 ) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
     """Return starting values (SI, by key) of a candidate: general ones, and those from hints.
 
-    The general ones are the typical values, a small effect (`TRACE`), and the variations that
-    parameters declare as `tries`. All ports of a candidate have the same values. A small effect
-    stays close to the baseline, where the cost falls along the effect's gradient if it helps.
+    The general ones are the typical values, no effect, and the variations that parameters declare
+    as `tries`. All ports of a candidate have the same values. Without an effect the model is the
+    baseline, where the cost falls along the effect's gradient if it helps.
     """
     bounds = {b.key: b for b in assembly.parameters if b.owner in added.labels}
-    small = {
-        key: b.null + TRACE * (b.value - b.null) for key, b in bounds.items() if b.null is not None
-    }
-    points = [{}, small]
+    absent = {key: b.null for key, b in bounds.items() if b.null is not None}
+    points = [{}, absent]
     varied: dict[tuple[str, int], dict[str, float]] = {}
     for key, b in bounds.items():
         for k, value in enumerate(b.tries):
@@ -137,8 +130,8 @@ def starting_points(
     hinted = []
     for starts in zip_longest(*hints_per_port, fillvalue={}):
         first = {key: value for start in starts for key, value in start.items()}
-        hinted += [first, small | first]
-    # an effect without a null has no small version, so starting points may coincide
+        hinted += [first, absent | first]
+    # an effect without a null is never absent, so starting points may coincide
     return _distinct(points), _distinct(hinted)
 
 
@@ -150,10 +143,9 @@ def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
 class ScreeningBaseline:
     """Reference for screening: the baseline over the worst-fitted part of every recording.
 
-    spans: begin and end of that part, per track; starts: states at its windows, per track; p:
-    starting parameters (SI), fitted or from the data sheet, whichever give the lower cost; cost:
-    cost of the baseline after the same number of steps as a candidate; held: whether the background
-    parameters stay as fitted.
+    spans: begin and end of that part, per track; starts: states at its windows, per track,
+    and p: the baseline fitted to these spans, from its parameters or from the data sheet, whichever
+    give the lower cost; cost: of that fit; held: whether the background parameters stay as fitted.
 
     A gap can drive the fit of the baseline into a local minimum that no effect leaves. The data
     sheet is then the better start. With many candidates the background is held, which makes a step
@@ -206,17 +198,18 @@ class ScreeningBaseline:
         held = candidates > settings.held_background_from
         restricted = _restricted(problem, tuple(spans), held)
         sheet, stepping = problem.assembly.values(), _screening_stepping(base_fit)
-        costs = [
+        # A candidate contains this baseline, so that its gain is what the effect adds only if the
+        # baseline has converged here.
+        fits = [
             fit(
                 restricted,
                 replace(base_fit.end, p=p, starts=tuple(starts), stepping=stepping),
-                iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
-            ).cost
+            )
             for p in (base_fit.p, sheet)
         ]
-        p = base_fit.p if costs[0] <= SHEET_ADVANTAGE * costs[1] else sheet
-        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
+        best = fits[fits[0].cost > SHEET_ADVANTAGE * fits[1].cost]
+        return cls(baseline, tuple(spans), best.starts, best.p, best.cost, held, settings)
 
     @cached_property
     def stepping(self) -> Stepping:
@@ -521,45 +514,45 @@ def by_gain(screened: Iterable[ScreenedCandidate]) -> list[ScreenedCandidate]:
 
 
 def advancing(
-    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+    kind_of: Mapping[str, Hashable], screened: list[ScreenedCandidate], reference: ScreeningBaseline
 ) -> list[ScreenedCandidate]:
     """Return the candidates that take further steps.
 
-    These are twice as many leaders as are refitted. In the first round the best candidate of every
-    other family is added, whatever its gain: an end stop gains only after its steps have found the
-    limit.
+    kind_of: kind of a candidate, by label. These are twice as many leaders as are refitted. In the
+    first round the best candidate of every other kind is added, whatever its gain: an end stop
+    gains only after its steps have found the limit.
     """
-    return _leaders(family_of, screened, reference, ADVANCED, -np.inf)
+    return _leaders(kind_of, screened, reference, ADVANCED, -np.inf)
 
 
 def promising(
-    family_of: dict[str, str], screened: list[ScreenedCandidate], reference: ScreeningBaseline
+    kind_of: Mapping[str, Hashable], screened: list[ScreenedCandidate], reference: ScreeningBaseline
 ) -> list[ScreenedCandidate]:
     """Return the candidates to refit: the leaders by gain, and in the first round the best of every
-    other family that gains.
+    other kind that gains.
 
-    Over short windows the right family may gain a hundredth of the largest gain. For example, a
+    Over short windows the right kind may gain a hundredth of the largest gain. For example, a
     free pendulum restarts from an estimated state before friction has slowed it.
     """
-    return _leaders(family_of, screened, reference, 1, 0.0)
+    return _leaders(kind_of, screened, reference, 1, 0.0)
 
 
 def _leaders(
-    family_of: dict[str, str],
+    kind_of: Mapping[str, Hashable],
     screened: list[ScreenedCandidate],
     reference: ScreeningBaseline,
     times: int,
     least: float,
 ) -> list[ScreenedCandidate]:
-    """Leaders by gain, and the best of every other family that gains more than `least`."""
+    """Leaders by gain, and the best of every other kind that gains more than `least`."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = by_gain(s for s in screened if s.usable)
     count = times * (settings.refits if first_round else settings.refits_further)
     chosen = usable[:count]
-    families = {family_of[s.added.label] for s in chosen}
+    kinds = {kind_of[s.added.label] for s in chosen}
     for s in usable[count:] if first_round else []:
-        family = family_of[s.added.label]
-        if family not in families and s.prospect > least:
+        kind = kind_of[s.added.label]
+        if kind not in kinds and s.prospect > least:
             chosen.append(s)
-            families.add(family)
+            kinds.add(kind)
     return chosen

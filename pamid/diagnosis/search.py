@@ -209,14 +209,16 @@ def screened_candidates(
     joint = screened_by_label(wholes_of(evidence.rig, candidates))
     insignificant = {label for s in joint.values() if s.by_chance for label in s.added.labels}
     screened = screened_by_label([a for a in candidates if a.label not in insignificant])
-    # Select by family. Otherwise a family with many laws would take all places of the next steps.
-    families = {a.label: search.family(a) for a in candidates}
-    leaders = advancing(families, list(screened.values()), reference)
+    # Select by family and by what its laws read. Otherwise a family with many laws would take all
+    # places of the next steps, and viscous friction, which the damping of a rig imitates, the place
+    # of dry friction.
+    kinds = {a.label: (search.family(a), a.members[0].effect.signals) for a in candidates}
+    leaders = advancing(kinds, list(screened.values()), reference)
     advanced = run(_AdvanceWork(evidence, reference), leaders, progress)
     screened |= {s.added.label: s for s in advanced if not isinstance(s, Failed)}
     # from here on only the gain reached counts, not the predicted gain
     final = [replace(s, rival=None) for s in screened.values()]
-    return final, promising(families, final, reference)
+    return final, promising(kinds, final, reference)
 
 
 def refit_screened(
