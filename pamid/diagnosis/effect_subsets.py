@@ -138,7 +138,6 @@ def responses_of(
         base.fit,
         problem=reference.problem(evidence, base.assembly),
         p=reference.p,
-        starts=reference.starts,
         stepping=reference.stepping,
     )
     ground = linear_rows(point, SUBSET_ROWS, known=reference.known)

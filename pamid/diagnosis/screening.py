@@ -2,8 +2,8 @@
 
 All candidates take the first steps, from each of their starting points. The best of them take
 further steps (successive halving: Jamieson and Talwalkar 2016, AISTATS, PMLR 51:240). The gain of a
-candidate is the drop of the fit's cost (-2 log posterior) against the baseline. It counts only the part of the recordings that the baseline fits worst. The gain
-selects candidates for a refit; the refitted model is judged on held-out windows.
+candidate is the drop of the fit's cost (-2 log posterior) against the baseline. It selects
+candidates for a refit; the refitted model is judged on held-out windows.
 """
 
 from __future__ import annotations
@@ -43,13 +43,10 @@ from pamid.model.attachment import Addition
 from pamid.model.bound_parameter import Sizes
 from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.tracks import Track
-from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
 CHANCE = 0.05  # significance level of a gain, which by chance is chi-square distributed
-FEWEST_SCREENED = 3  # minimum number of windows per recording
 ADVANCED = 2  # candidates with further steps per refitted candidate
 SCAN_GAIN = 0.1  # share of the cost that an effect must remove before a grid search
 # cost ratio above which screening starts from the data-sheet parameters, not from the fitted ones
@@ -60,10 +57,10 @@ SHEET_ADVANTAGE = 1.05
 class ScreenedCandidate:
     """A candidate after screening from its best starting point.
 
-    first: starting values (SI) by key; gain: drop of the training cost against the baseline; why: reason for a failure; p, starts, stepping: end point of the steps
-    (parameters in SI, states at the screened windows per track); rival: the same candidate from
-    another starting point with a larger predicted gain; promised: gain predicted by the linear
-    model.
+    first: starting values (SI) by key; gain: drop of the training cost against the baseline; why:
+    reason for a failure; p, starts, stepping: end point of the steps (parameters in SI, states at
+    the screened windows per track); rival: the same candidate from another starting point with a
+    larger predicted gain; promised: gain predicted by the linear model.
     """
 
     added: Addition
@@ -141,20 +138,17 @@ def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ScreeningBaseline:
-    """Reference for screening: the baseline over the worst-fitted part of every recording.
+    """Reference for screening.
 
-    spans: begin and end of that part, per track; starts: states at its windows, per track,
-    and p: the baseline fitted to these spans, from its parameters or from the data sheet, whichever
-    give the lower cost; cost: of that fit; held: whether the background parameters stay as fitted.
+    p, cost: starting parameters (SI) of the candidates and cost of the baseline there; held:
+    whether the background parameters stay as fitted.
 
     A gap can drive the fit of the baseline into a local minimum that no effect leaves. The data
-    sheet is then the better start. With many candidates the background is held, which makes a step
-    several times cheaper.
+    sheet is then the better start: its cost is that after as many steps as a candidate takes. With
+    many candidates the background is held, which makes a step several times cheaper.
     """
 
     baseline: CandidateModel
-    spans: tuple[tuple[int, int], ...]
-    starts: tuple[Array, ...]
     p: Array
     cost: float
     held: bool
@@ -164,52 +158,23 @@ class ScreeningBaseline:
     def of(
         cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
     ) -> ScreeningBaseline:
-        problem, base_fit = baseline.fit.problem, baseline.fit
-        length = settings.screen_further if baseline.attached else settings.screen_length
-        share = (
-            length
-            * problem.tracks[0].timescale_s
-            / sum(len(t) * t.period_s for t in problem.tracks)
-        )
-        spans, starts = [], []
-        for track, window_starts, residuals in zip(
-            problem.tracks, base_fit.starts, base_fit.residuals, strict=True
-        ):
-            # The missing effect acts most where the baseline fits worst. A part is also much
-            # cheaper than the whole.
-            windows = problem.windows(track)
-            losses = np.array(
-                [
-                    np.nansum((residuals[w.start : w.stop] * base_fit.weights.root) ** 2)
-                    for w in windows
-                ]
-            )
-            first, last = _worst_run(
-                problem,
-                track,
-                windows,
-                losses,
-                max(FEWEST_SCREENED, round(share * len(windows))),
-            )
-            spans.append((windows[first].start, windows[last].stop))
-            starts.append(window_starts[first : last + 1])
+        base_fit = baseline.fit
         # There are many background terms. Holding them saves time, but a candidate then cannot
         # trade off against them.
         held = candidates > settings.held_background_from
-        restricted = _restricted(problem, tuple(spans), held)
-        sheet, stepping = problem.assembly.values(), _screening_stepping(base_fit)
-        # A candidate contains this baseline, so that its gain is what the effect adds only if the
-        # baseline has converged here.
-        fits = [
+        problem, stepping = _with_held(base_fit.problem, held), _screening_stepping(base_fit)
+        starts = base_fit.p, problem.assembly.values()
+        costs = [
             fit(
-                restricted,
-                replace(base_fit.end, p=p, starts=tuple(starts), stepping=stepping),
+                problem,
+                replace(base_fit.end, p=p, stepping=stepping),
+                iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
-            )
-            for p in (base_fit.p, sheet)
+            ).cost
+            for p in starts
         ]
-        best = fits[fits[0].cost > SHEET_ADVANTAGE * fits[1].cost]
-        return cls(baseline, tuple(spans), best.starts, best.p, best.cost, held, settings)
+        p = starts[costs[0] > SHEET_ADVANTAGE * costs[1]]
+        return cls(baseline, p, min(costs), held, settings)
 
     @cached_property
     def stepping(self) -> Stepping:
@@ -217,35 +182,28 @@ class ScreeningBaseline:
 
     @cached_property
     def frozen(self) -> FrozenJacobian | None:
-        """Jacobian of the baseline over these spans, for chord steps of the candidates. None for a
-        stepped rig, which reuses slopes instead (`known`)."""
+        """Jacobian of the baseline, for chord steps of the candidates.
+
+        None for a stepped rig, which reuses slopes instead (`known`).
+        """
         base_fit = self.baseline.fit
         if isinstance(base_fit.problem.assembly.rig, StepRig):
             return None
-        restricted = _restricted(base_fit.problem, self.spans, self.held)
-        return FrozenJacobian.of(restricted, self.p, self.starts, base_fit.weights, self.stepping)
+        problem = _with_held(base_fit.problem, self.held)
+        return FrozenJacobian.of(problem, self.p, base_fit.starts, base_fit.weights, self.stepping)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
-        """Initial slopes of a simulator's steps over these spans, for the candidates."""
+        """Initial slopes of a simulator's steps, for the candidates."""
         base = self.baseline.fit
         return known_along(
-            replace(
-                base,
-                problem=_restricted(base.problem, self.spans, self.held),
-                p=self.p,
-                starts=self.starts,
-            ),
-            self.stepping,
+            replace(base, problem=_with_held(base.problem, self.held), p=self.p), self.stepping
         )
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
-        tracks = tuple(
-            t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
-        )
-        return Problem(
-            assembly, tracks, _varied(assembly, free_parameters(assembly, tracks), self.held)
-        )
+        tracks = evidence.tracks(assembly)
+        problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+        return _with_held(problem, self.held)
 
 
 def _screening_stepping(base: Fit) -> Stepping:
@@ -254,36 +212,12 @@ def _screening_stepping(base: Fit) -> Stepping:
     return careful_stepping(base.problem, base.p) if expensive else base.stepping
 
 
-def _restricted(problem: Problem, spans: tuple[tuple[int, int], ...], held: bool) -> Problem:
-    """Restrict a problem to these spans of its tracks."""
-    return replace(
-        problem,
-        tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
-        free=_varied(problem.assembly, problem.free, held),
-    )
-
-
-def _varied(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
-    """Return the places of the parameters that screening varies."""
-    return tuple(i for i in places if not held or not assembly.parameters[i].nuisance)
-
-
-def _worst_run(
-    problem: Problem, track: Track, windows: list[Window], losses: Array, few: int
-) -> tuple[int, int]:
-    """Return the first and last of `few` (or slightly more) consecutive windows with the largest
-    loss.
-
-    Cutting this part alone must give the same number of windows. If there is no such part, it is
-    the whole track.
-    """
-    for count in range(min(few, len(windows)), len(windows)):
-        # total losses of `count` consecutive windows, the largest first
-        for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
-            last = int(first) + count - 1
-            if len(problem.windows(track.part(windows[first].start, windows[last].stop))) == count:
-                return int(first), last
-    return 0, len(windows) - 1
+def _with_held(problem: Problem, held: bool) -> Problem:
+    """The problem without its background parameters, if they are held."""
+    if not held:
+        return problem
+    bounds = problem.assembly.parameters
+    return replace(problem, free=tuple(i for i in problem.free if not bounds[i].nuisance))
 
 
 def screen(
@@ -304,13 +238,13 @@ def screen(
         return ScreenedCandidate(added, None, {}, -np.inf, str(error))
     # Start from the baseline's states, unless the baseline measures the sign of a state and the
     # candidate only its magnitude.
-    starts = window_starts_from(baseline.fit, assembly).starts and reference.starts
+    starts = window_starts_from(baseline.fit, assembly).starts
     # A chord step with the baseline's Jacobian needs no derivatives. It is good enough to rank
     # starting points near the baseline.
     by_chords = _Probe(reference, problem, reference.frozen)
     exact = replace(by_chords, frozen=None)
     points, hinted = starting_points(assembly, added, hints)
-    points += _scanned_at_null(reference, evidence, problem, starts, added)
+    points += _scanned_at_null(reference, problem, starts, added)
     # The cost of an effect that acts only beyond a limit has many minima. Few steps or an outdated
     # Jacobian would miss the best, so hinted starts take more steps with exact derivatives.
     exact_steps = steps + reference.settings.screen_steps
@@ -380,7 +314,6 @@ def _screened(
 
 def _scanned_at_null(
     reference: ScreeningBaseline,
-    evidence: DataSplit,
     problem: Problem,
     starts: tuple[Array, ...] | None,
     added: Addition,
@@ -394,16 +327,13 @@ def _scanned_at_null(
     scanned = _scanned_places(assembly, added)
     if not scanned or starts is None or _has_shape_parameters(problem, added):
         return []
-    tracks = evidence.tracks(assembly)
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    fitted = transferred(assembly, (reference.baseline.assembly, base_fit.p))
     for i, bound in enumerate(assembly.parameters):
         # the effect is zero at the candidate's other joints, too
         if bound.owner in added.labels and bound.null is not None:
-            p[i] = fitted[i] = bound.null
-    part = ScanPart(problem, p, starts, base_fit.weights, reference.stepping, SCAN_SAMPLES)
-    full_problem = Problem(assembly, tracks, problem.free)
-    whole = ScanPart(full_problem, fitted, base_fit.starts, base_fit.weights, reference.stepping)
+            p[i] = bound.null
+    whole = ScanPart(problem, p, starts, base_fit.weights, reference.stepping)
+    part = replace(whole, most=SCAN_SAMPLES)
     keys = [assembly.parameters[i].key for i in scanned]
     # effects at several joints begin together, each at its best value
     ranked = itertools.zip_longest(*(scanned_values(part, whole, i) for i in scanned))

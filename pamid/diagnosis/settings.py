@@ -183,16 +183,6 @@ class Settings:
         "at a port of the kind; of many candidates, those at ports with less are not screened",
         COST_ONLY,
     )
-    screen_length: float = setting(
-        16.0,
-        "correlation times",
-        "length of the fitted recordings that screening uses",
-        "benchmarks/screened.py, 10 cases: with 8, 16, 32 the right family is refitted in 6, 7, 9; "
-        "CPU 0.6, 1, 1.4",
-    )
-    screen_further: float = setting(
-        10.0, "correlation times", "the same on top of a first effect", COST_ONLY
-    )
     probe_steps: int = setting(
         2, "Gauss-Newton steps", "of screening from every starting point", COST_ONLY
     )
