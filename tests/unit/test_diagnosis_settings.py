@@ -87,7 +87,7 @@ def test_numbers_of_the_command_line_are_those_of_python() -> None:
 
 
 def ground(settings: Settings) -> ScreeningBaseline:
-    return ScreeningBaseline(nothing, (), (), nothing, 0.0, False, settings)
+    return ScreeningBaseline(nothing, nothing, 0.0, False, settings)
 
 
 @pytest.mark.parametrize(

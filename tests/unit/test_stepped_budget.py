@@ -58,7 +58,7 @@ def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(
     found = []
     for rig in (WrittenPendulum(), SteppedTwin()):
         leader: Any = SimpleNamespace(fit=_fitted(Assembly(rig)))
-        found.append(ScreeningBaseline(leader, (), (), NONE, 0.0, False, DEFAULT).stepping)
+        found.append(ScreeningBaseline(leader, NONE, 0.0, False, DEFAULT).stepping)
     assert found == [Stepping(2), Stepping(1)]
 
 
@@ -66,5 +66,5 @@ def test_what_is_stepped_is_screened_by_the_slopes_that_are_kept() -> None:
     """Lanes of a simulator run one after the other, and every chord step would cost as many runs
     as there are parameters."""
     leader: Any = SimpleNamespace(fit=_fitted(Assembly(SteppedTwin())))
-    base = ScreeningBaseline(leader, (), (), NONE, 0.0, False, DEFAULT)
+    base = ScreeningBaseline(leader, NONE, 0.0, False, DEFAULT)
     assert base.frozen is None
