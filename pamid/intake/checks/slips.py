@@ -507,9 +507,8 @@ def _next(
 
     Empty for a recording without a fault.
     """
-    ranked = _best(
-        recording, before, _nearest_slips(recording, e, slips_of_recording(e, recording))
-    )
+    nearest = _nearest_slips(recording, e, slips_of_recording(e, recording))
+    ranked = _best(recording, before, nearest)
     first = _first(ranked)
     if first is None or first.slip.kind in UNNAMED:
         ranked = _best(recording, before, _predicted_slips(recording, e, before), ranked)
@@ -518,7 +517,7 @@ def _next(
         return [first]
     if float(sheet_distances(e).min(axis=0).max()) <= 0.0:
         return [] if first is None else [first]
-    pairs = [] if first else [*_pairs(recording, e, before)]
+    pairs = [] if first else [*_pairs(recording, before, nearest)]
     if pairs:
         return max(pairs, key=lambda pair: pair[1].gain)
     if thorough:
@@ -528,18 +527,17 @@ def _next(
 
 
 def _pairs(
-    recording: Recording, e: SheetComparison, before: Judgement
+    recording: Recording, before: Judgement, nearest: Sequence[tuple[Slip, SheetComparison]]
 ) -> Iterator[list[Explanation]]:
-    """Pairs of slips of which neither explains the recording alone."""
-    tried = _nearest_slips(recording, e, slips_of_recording(e, recording))
-    named = [slip for slip, _ in tried if slip.kind not in UNNAMED][:MOST_PAIRED]
-    for slip in named:
-        fixed, after = slip.corrected(recording), slip.compared(e, recording)
-        if after is not None:
-            further = _nearest_slips(fixed, after, slips_of_recording(after, fixed))
-            second = _first(_best(fixed, before, further))
-            if second is not None and second.slip.kind not in UNNAMED:
-                yield [replace(second, slip=slip, others=()), second]
+    """Pairs of slips of which neither explains the recording alone; nearest: as of
+    `_nearest_slips`."""
+    named = [(slip, after) for slip, after in nearest if slip.kind not in UNNAMED]
+    for slip, after in named[:MOST_PAIRED]:
+        fixed = slip.corrected(recording)
+        further = _nearest_slips(fixed, after, slips_of_recording(after, fixed))
+        second = _first(_best(fixed, before, further))
+        if second is not None and second.slip.kind not in UNNAMED:
+            yield [replace(second, slip=slip, others=()), second]
 
 
 def _best(
