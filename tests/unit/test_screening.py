@@ -11,9 +11,18 @@ from small_cart import cart_evidence, record_cart
 
 from pamid.diagnosis import input_response
 from pamid.diagnosis.candidate_model import candidate_from
-from pamid.diagnosis.screening import ScreenedCandidate, advancing, promising
+from pamid.diagnosis.screening import (
+    ScreenedCandidate,
+    ScreeningBaseline,
+    advancing,
+    promising,
+    screen,
+)
 from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.grey_box import fit_model
+from pamid.model.attachment import additions_of, attachments
+from pamid.model.registry import effects
 
 
 def candidate(name: str, gain: float, promised: float | None = None) -> Any:
@@ -46,6 +55,21 @@ def test_twice_as_many_leaders_and_every_family_go_on() -> None:
 def cart(tmp_path_factory: pytest.TempPathFactory) -> Any:
     data = cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
     return data, fit_model(data)
+
+
+def test_no_candidate_is_screened_below_the_baseline(cart: Any) -> None:
+    """Every candidate that can be absent contains the baseline, so that none loses against it more
+    than its prior costs."""
+    data, model = cart
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    reference, hints = ScreeningBaseline.of(base), gather_hints(data, base)
+    losses = {}
+    for added in additions_of(data.rig, attachments(data.rig, effects().values())):
+        tried = screen(data, reference, added, model.assembly.sizes, hints)
+        bounds = [b for b in tried.assembly.parameters if b.owner in added.labels]
+        if any(b.null is not None for b in bounds):
+            losses[added.label] = -tried.gain / reference.cost
+    assert len(losses) > 10 and max(losses.values()) < 0.05, losses
 
 
 def test_windows_are_replayed_only_where_free_runs_leave_it_open(
