@@ -67,9 +67,11 @@ def test_no_candidate_is_screened_below_the_baseline(cart: Any) -> None:
     for added in additions_of(data.rig, attachments(data.rig, effects().values())):
         tried = screen(data, reference, added, model.assembly.sizes, hints)
         bounds = [b for b in tried.assembly.parameters if b.owner in added.labels]
-        if any(b.null is not None for b in bounds):
-            losses[added.label] = -tried.gain / reference.cost
-    assert len(losses) > 10 and max(losses.values()) < 0.05, losses
+        absent = [b for b in bounds if b.null is not None]
+        if absent:
+            prior = sum(((b.null - b.value) / b.spread) ** 2 for b in absent)
+            losses[added.label] = (-tried.gain - prior) / reference.cost
+    assert len(losses) > 10 and max(losses.values()) < 1e-3, losses
 
 
 def test_windows_are_replayed_only_where_free_runs_leave_it_open(
