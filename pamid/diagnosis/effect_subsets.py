@@ -133,14 +133,7 @@ def responses_of(
     pool: WorkerPool,
 ) -> ScreenedResponses:
     """Responses of all screened candidates, each linearised where its screening has ended."""
-    base = reference.baseline
-    point = replace(
-        base.fit,
-        problem=reference.problem(evidence, base.assembly),
-        p=reference.p,
-        stepping=reference.stepping,
-    )
-    ground = linear_rows(point, SUBSET_ROWS, known=reference.known)
+    ground = linear_rows(reference.point, SUBSET_ROWS, known=reference.known)
     spanned = orthonormal_span(np.column_stack([ground.by_parameters, ground.by_starts]))
     responses = pool.run(ResponseWork(evidence, reference, ground.away, spanned), screened)
     finite = [

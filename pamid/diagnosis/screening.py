@@ -110,7 +110,7 @@ def starting_points(
     baseline, where the cost falls along the effect's gradient if it helps.
     """
     bounds = {b.key: b for b in assembly.parameters if b.owner in added.labels}
-    absent = {key: b.null for key, b in bounds.items() if b.null is not None}
+    absent = _absent(assembly, added)
     points = [{}, absent]
     varied: dict[tuple[str, int], dict[str, float]] = {}
     for key, b in bounds.items():
@@ -132,6 +132,13 @@ def starting_points(
     return _distinct(points), _distinct(hinted)
 
 
+def _absent(assembly: Assembly, added: Addition) -> dict[str, float]:
+    """Return the values (SI, by key) at which the candidate vanishes at all of its ports."""
+    return {
+        b.key: b.null for b in assembly.parameters if b.owner in added.labels and b.null is not None
+    }
+
+
 def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
     return [point for i, point in enumerate(points) if point not in points[:i]]
 
@@ -140,12 +147,13 @@ def _distinct(points: list[dict[str, float]]) -> list[dict[str, float]]:
 class ScreeningBaseline:
     """Reference for screening.
 
-    p, cost: starting parameters (SI) of the candidates and cost of the baseline there; held:
-    whether the background parameters stay as fitted.
+    p: starting parameters (SI) of the candidates; cost: lowest cost of the baseline, from its fit
+    or from the data sheet, after as many steps as a candidate takes; held: whether the background
+    parameters stay as fitted.
 
     A gap can drive the fit of the baseline into a local minimum that no effect leaves. The data
-    sheet is then the better start: its cost is that after as many steps as a candidate takes. With
-    many candidates the background is held, which makes a step several times cheaper.
+    sheet is then the better start. With many candidates the background is held, which makes a step
+    several times cheaper.
     """
 
     baseline: CandidateModel
@@ -181,24 +189,27 @@ class ScreeningBaseline:
         return _screening_stepping(self.baseline.fit)
 
     @cached_property
+    def point(self) -> Fit:
+        """The baseline's fit where candidates start, of the parameters that screening varies."""
+        base_fit = self.baseline.fit
+        problem = _with_held(base_fit.problem, self.held)
+        return replace(base_fit, problem=problem, p=self.p, stepping=self.stepping)
+
+    @cached_property
     def frozen(self) -> FrozenJacobian | None:
         """Jacobian of the baseline, for chord steps of the candidates.
 
         None for a stepped rig, which reuses slopes instead (`known`).
         """
-        base_fit = self.baseline.fit
-        if isinstance(base_fit.problem.assembly.rig, StepRig):
+        if isinstance(self.baseline.fit.problem.assembly.rig, StepRig):
             return None
-        problem = _with_held(base_fit.problem, self.held)
-        return FrozenJacobian.of(problem, self.p, base_fit.starts, base_fit.weights, self.stepping)
+        at = self.point
+        return FrozenJacobian.of(at.problem, at.p, at.starts, at.weights, at.stepping)
 
     @cached_property
     def known(self) -> tuple[KnownSlopes | None, ...]:
         """Initial slopes of a simulator's steps, for the candidates."""
-        base = self.baseline.fit
-        return known_along(
-            replace(base, problem=_with_held(base.problem, self.held), p=self.p), self.stepping
-        )
+        return known_along(self.point, self.stepping)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = evidence.tracks(assembly)
@@ -328,10 +339,7 @@ def _scanned_at_null(
     if not scanned or starts is None or _has_shape_parameters(problem, added):
         return []
     p = transferred(assembly, (reference.baseline.assembly, reference.p))
-    for i, bound in enumerate(assembly.parameters):
-        # the effect is zero at the candidate's other joints, too
-        if bound.owner in added.labels and bound.null is not None:
-            p[i] = bound.null
+    set_within_bounds(assembly, p, _absent(assembly, added))
     whole = ScanPart(problem, p, starts, base_fit.weights, reference.stepping)
     part = replace(whole, most=SCAN_SAMPLES)
     keys = [assembly.parameters[i].key for i in scanned]
