@@ -39,7 +39,6 @@ OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
 ENCODED_BYTES = 1 << 12  # of a text whose encoding is looked for
 ZERO_BYTES = 0.5  # more of the even or of the odd bytes are zero in UTF-16
 TEXT_COPIES, CELL_BYTES = 5, 16
-COUNTED_BYTES = 1 << 24  # bytes of text in which cells are counted at a time
 #: of a table with a value a row: columns that vary within a signal, and signals, at most
 LONG_COLUMNS, MOST_SIGNALS = 4, 64
 MOST_TURNS = 0.5  # share of rows with another signal than the row above, of signals in turn
@@ -235,13 +234,16 @@ def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tup
         text = "\n".join(lines)
     ended = text.endswith("\n")
     body = (text if ended else text + "\n").encode()
-    widths, ends = _widths(body, dialect.delimiter)
+    # line by line: a list of the lines would take several times the memory of the text
+    delimiter = dialect.delimiter.encode()
+    widths = np.fromiter((_cells(line, delimiter) for line in io.BytesIO(body)), dtype=np.intp)
+    ends = np.cumsum(np.fromiter((len(line) for line in io.BytesIO(body)), dtype=np.intp))
     rows = np.flatnonzero(widths)
     if not ended and rows.size > RUN:
         builder.note("the last line has no line end and may be incomplete: it is left out")
         rows = rows[:-1]
     if '"' in text:  # delimiters in quotes: pandas counts
-        return body[: ends[rows[-1]] + 1], rows.size
+        return body[: ends[rows[-1]]], rows.size
     wrong = rows[widths[rows] != dialect.width]
     good = rows[widths[rows] == dialect.width]
     last = good[-1] if good.size else 0
@@ -257,31 +259,15 @@ def _whole_rows(builder: ChannelBuilder, text: str, dialect: TextDialect) -> tup
             "The log may be damaged there. Correct or delete the line.",
             code="ragged",
         )
-    return body[: ends[last] + 1], good.size
+    return body[: ends[last]], good.size
 
 
-def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
-    """Cells of every line, 0 for a blank line, and where the lines end; body ends with a line
-    end."""
-    whole = np.frombuffer(body, dtype=np.uint8)
-    widths, line_ends, begin = list[Any](), list[Any](), 0
-    while begin < len(body):  # piece by piece: the masks take several times the memory of the text
-        end = body.find(b"\n", min(begin + COUNTED_BYTES, len(body) - 1)) + 1
-        data = whole[begin:end]
-        ends = np.flatnonzero(data == 10)
-        blank = (data == 32) | (data == 9) | (data == 10)
-        words = _count(~blank & np.concatenate(([True], blank[:-1])), ends)
-        marks = _count(data == ord(delimiter), ends)
-        written = words + marks if delimiter == "\t" else words
-        widths.append(words if delimiter == " " else np.where(written, marks + 1, 0))
-        line_ends.append(ends + begin)
-        begin = end
-    return np.concatenate(widths), np.concatenate(line_ends)
-
-
-def _count(there: Any, ends: Any) -> Any:
-    """True cells of `there` in each of the lines that end at `ends`."""
-    return np.diff(np.searchsorted(np.flatnonzero(there), ends), prepend=0)
+def _cells(line: bytes, delimiter: bytes) -> int:
+    """Number of cells of a line, 0 for a blank line."""
+    if delimiter == b" ":
+        return len(line.split())
+    blank = b" \n" if delimiter == b"\t" else b" \t\n"
+    return line.count(delimiter) + 1 if line.strip(blank) else 0
 
 
 KIND = Kind("csv", (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".prn"), read_text)
