@@ -37,10 +37,15 @@ from pamid.intake.checks.channel_quality import (
     standstills,
 )
 from pamid.intake.checks.findings import QualityIssue, issue, share_words
+from pamid.intake.checks.input_echo import echoed_inputs
+from pamid.intake.checks.rig_consistency import clock, contradictions, idle_input_issues
+from pamid.intake.checks.sheet_comparison import compared_with_sheet
+from pamid.intake.checks.slips import ORDER
 from pamid.intake.logs.channel_words import names_command
 from pamid.model.rig import Rig
 from pamid.recording.held_signal import held_by_jumps, stands
 from pamid.recording.recording import Recording, match_column
+from pamid.simulation.data_split import shortfall_alone
 from pamid.simulation.excitation.aprbs import coverage
 
 MOVES = 4.2  # times the noise: three standard deviations of the difference of two readings
@@ -106,8 +111,6 @@ def examine(
 
 def before_a_fit(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     """Issues that make a fit nonsense (wrong), or that it would take for the machine (advice)."""
-    from pamid.intake.checks.slips import ORDER
-
     issues = _absurd(recording) or _rig_issues(recording, rig, thorough=False)[0]
     return tuple(i for i in issues if i.severity == "wrong" or i.kind in ORDER)
 
@@ -127,11 +130,6 @@ def _rig_issues(
     The judged columns need no guess from their values alone. thorough: include checks that take
     many runs of the model.
     """
-    # the engine is needed only here
-    from pamid.intake.checks.input_echo import echoed_inputs
-    from pamid.intake.checks.rig_consistency import clock, contradictions, idle_input_issues
-    from pamid.intake.checks.sheet_comparison import compared_with_sheet
-
     if issues := clock(recording, rig):
         return issues, {}
     try:
@@ -309,8 +307,6 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 
 def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     """Findings on too little excitation, or on an excitation that is too short."""
-    from pamid.simulation.data_split import shortfall_alone  # the engine is needed only here
-
     issues = []
     if few := shortfall_alone(recording):
         hint = "Record for longer, or give several such episodes together: they are pooled."

@@ -198,8 +198,15 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
         return []
     try:
         data = fit_data_of(recording, rig)
-        direct = set() if data is None else direct_outputs(rig)
-        if data is None or not direct & set(data.names):
+        if data is None:
+            return []
+        # outputs that depend on an input of the same instant
+        direct = {
+            name
+            for name, y in Assembly(rig).traced.outputs.items()
+            if any(space == "input" for space, _ in symbols([y]))
+        }
+        if direct.isdisjoint(data.names):
             return []
         base = data.fitted(rig)
         orders = [
@@ -210,12 +217,6 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
         return [order for order in orders if order is not None]
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         return []
-
-
-def direct_outputs(rig: Rig) -> set[str]:
-    """Outputs that depend on an input of the same instant."""
-    outputs = Assembly(rig).traced.outputs
-    return {n for n, y in outputs.items() if any(space == "input" for space, _ in symbols([y]))}
 
 
 def _refit(data: FitData, base: FittedWindows, column: str, way: str) -> FittedWindows:

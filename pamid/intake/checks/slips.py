@@ -154,11 +154,6 @@ class Slip:
         return self.kind in ("sign", "exchanged") or bool(self.offset) or size >= math.log(GROSS)
 
     @property
-    def shifts_zero(self) -> bool:
-        """True if it exchanges kelvin and degrees Celsius."""
-        return self.kind == "unit" and self.factor == 1.0 and bool(self.offset)
-
-    @property
     def geared(self) -> bool:
         """True if its meaning is the side of a gear, and not a unit."""
         return self.meaning.startswith(OTHER_SIDE)
@@ -219,7 +214,8 @@ class Slip:
     def compared(self, e: SheetComparison, recording: Recording) -> SheetComparison | None:
         """Comparison after the correction; None if the rig does not run then."""
         if self.kind == "parameter":
-            p = self.sheet(e)
+            p = e.p.copy()
+            p[[b.full_name for b in e.assembly.parameters].index(self.names[0])] *= self.factor
             model = e.simulate(e.u, p)
             return None if model is None else replace(e, p=p, model=model)
         if self.kind == "clock":
@@ -234,13 +230,6 @@ class Slip:
         y, u = fixed.outputs(e.names)[:n], fixed.inputs(e.assembly)[:n]
         model = e.model if np.array_equal(u, e.u) else e.simulate(u)
         return None if model is None else replace(e, y=y, u=u, model=model)
-
-    def sheet(self, e: SheetComparison) -> Array:
-        """Values of the data sheet after the correction."""
-        p = e.p.copy()
-        if self.kind == "parameter":
-            p[[b.full_name for b in e.assembly.parameters].index(self.names[0])] *= self.factor
-        return p
 
 
 @dataclass(frozen=True)
@@ -302,10 +291,13 @@ class Explanation:
     @property
     def wrong(self) -> bool:
         """True if the recording cannot be right."""
-        # 273 K are beyond any fault of a machine, and in either direction: below absolute zero the
-        # error is infinite, but far above room temperature a fit adapts its losses
-        sure = CLEAR_GAIN if self.slip.shifts_zero else SURE_GAIN
-        return self.slip.gross and self.slip.kind not in HARMLESS and self.gain >= sure
+        slip = self.slip
+        # an exchange of kelvin and degrees Celsius: 273 K are beyond any fault of a machine, and in
+        # either direction: below absolute zero the error is infinite, but far above room
+        # temperature a fit adapts its losses
+        celsius = slip.kind == "unit" and slip.factor == 1.0 and slip.offset
+        sure = CLEAR_GAIN if celsius else SURE_GAIN
+        return slip.gross and slip.kind not in HARMLESS and self.gain >= sure
 
     @property
     def figures(self) -> dict[str, float]:

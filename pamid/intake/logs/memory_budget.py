@@ -35,11 +35,7 @@ class MemoryBudget:
 
         raw: of the values in the file's format. FileError if the reserved sum exceeds the limit.
         """
-        self.charge_bytes(name, FLOAT * values, raw=raw)
-
-    def charge_bytes(self, name: str, size: int, *, raw: int = 0) -> None:
-        """Reserve `size` permanent and `raw` temporary bytes; errors as in `charge`."""
-        needed = self.used + size + raw
+        needed = self.used + FLOAT * values + raw
         if needed > self.limit:
             raise FileError(
                 f"{self.path} is too large: up to {name!r} it needs {size_words(needed)} of "
@@ -48,7 +44,7 @@ class MemoryBudget:
                 f"--memory-limit {math.ceil(needed / GIB)} (GiB; memory_limit in Python).",
                 code="too-large",
             )
-        self.used += size
+        self.used += FLOAT * values
 
 
 def memory_limit() -> int:

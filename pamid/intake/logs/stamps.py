@@ -36,11 +36,6 @@ LACKING = 0.7  # of a period: smallest fall of their level if it was
 DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
 
-def repair(what: str, count: int, detail: str) -> ClockRepair:
-    """A kind of repair: a stable word, the number of repairs, and a sentence."""
-    return ClockRepair(what=what, count=count, detail=detail)
-
-
 @dataclass(frozen=True)
 class Rows:
     """Usable rows in the order of their stamps.
@@ -75,7 +70,7 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
     keep, repairs = np.flatnonzero(np.abs(stamps) < AGES), []
     if lost := stamps.size - keep.size:
         detail = f"{lost} rows without a stamp were left out"
-        repairs.append(repair("rows-without-stamp", lost, detail))
+        repairs.append(ClockRepair(what="rows-without-stamp", count=lost, detail=detail))
     if keep.size < MIN_SAMPLES:
         message = f"{place}: {keep.size} rows have a stamp, at least {MIN_SAMPLES} are needed."
         raise DataError(message, code="too-short")
@@ -97,18 +92,18 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
             f"{differing} samples have the stamp of the sample before and got one between the "
             "neighbours"
         )
-        repairs.append(repair("stamps-shared", differing, detail))
+        repairs.append(ClockRepair(what="stamps-shared", count=differing, detail=detail))
         return Rows(keep, _spread(stamps[keep]), tuple(starts), False, tuple(repairs))
     # last row of every stamp
     if equal := twice.size - differing:
         detail = f"{equal} rows were repeated and were dropped"
-        repairs.append(repair("rows-repeated", equal, detail))
+        repairs.append(ClockRepair(what="rows-repeated", count=equal, detail=detail))
     if differing:
         detail = (
             f"{differing} stamps were repeated, with values of the same instant: the later row is "
             "kept"
         )
-        repairs.append(repair("stamps-repeated", differing, detail))
+        repairs.append(ClockRepair(what="stamps-repeated", count=differing, detail=detail))
     stay = np.ones(keep.size, dtype=bool)
     stay[twice] = False
     if stay.sum() < MIN_SAMPLES:
@@ -143,10 +138,10 @@ def _rising(
             f"{moved} stamps are below the one before; the signals are smooth in the order of the "
             "rows, so the stamps were late"
         )
-        repairs.append(repair("stamps-out-of-order", moved, detail))
+        repairs.append(ClockRepair(what="stamps-out-of-order", count=moved, detail=detail))
     elif moved:
         detail = f"{moved} rows were written out of order and sorted"
-        repairs.append(repair("rows-out-of-order", moved, detail))
+        repairs.append(ClockRepair(what="rows-out-of-order", count=moved, detail=detail))
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
         steps_back = ", ".join(f"{step:.4g} s" for step in back[:3])
@@ -159,7 +154,7 @@ def _rising(
         detail = (
             f"the clock was set back {len(back)} times ({steps_back}): the recording is split there"
         )
-        repairs.append(repair("clock-set-back", len(back), detail))
+        repairs.append(ClockRepair(what="clock-set-back", count=len(back), detail=detail))
     return keep, stamps, starts, repairs
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from array import array
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ _MOMENT = re.compile(
     rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?"
     rf"|(?:(?P<only_days>\d{{1,6}})\sdays?,?\s)?{_TIME.replace('?P<', '?P<only_')})$"
 )
+_DATE_PARTS = ("year", "month", "day", "day_or_month", "month_or_day", "late_year")
 _THOUSANDS = re.compile(
     r"[+-]?\d{1,3}(?:(?:[ \u00a0\u202f'’]\d{3})+(?:[.,]\d+)?|(?:,\d{3})+\.\d+|(?:\.\d{3})+,\d+"
     r"|(?:,\d{3}){2,}|(?:\.\d{3}){2,})$"
@@ -41,8 +43,6 @@ MISSING_WORDS = tuple(_MISSING.split())
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
 TEXT_CELL = 300  # bytes of a date or a word until it is a number
-#: rows whose dates are parsed at a time
-PARTED_ROWS = 1 << 16
 #: a column of text with fewer numbers than this is a column of words
 SHARE_OF_NUMBERS = 0.5
 
@@ -160,7 +160,7 @@ def _numbers(
         .replace({"true": "1", "false": "0"})
         .str.replace(r"(?<=[\d.])d(?=[-+\d])", "e", regex=True)  # as Fortran writes it
     )
-    return _floats(clean)
+    return np.asarray(clean.astype(object).fillna("nan").to_numpy().astype(np.float64))
 
 
 def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> FloatArray:
@@ -168,83 +168,69 @@ def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Float
 
     Times of day continue past midnight.
     """
-    parts = _parts(text)
-    lost = text.notna() & parts.isna().all(axis=1)
-    if lost.any():
+    # numbers at once: the matches of all cells would need a kilobyte per row
+    numbers, valid = array("d"), np.zeros(len(text), dtype=bool)
+    dotted = False
+    for row, cell in enumerate(text.fillna("")):
+        if match := _MOMENT.match(cell):
+            valid[row] = True
+            numbers.extend(_time_of_day(match))
+            numbers.extend(float(part or "nan") for part in match.group(*_DATE_PARTS))
+            dotted = dotted or match["other_mark"] == "."
+    lost = text[text.notna() & ~valid]
+    if len(lost):
         builder.note(
-            f"{name}: {int(lost.sum())} cells are not times and become empty, the first is "
-            f"{text[lost].iloc[0]!r}"
+            f"{name}: {len(lost)} cells are not times and become empty, the first is "
+            f"{lost.iloc[0]!r}"
         )
-
-    def part(*names: str, missing: float = 0.0) -> FloatArray:
-        column = parts[names[0]].astype(object)
-        for other in names[1:]:
-            column = column.fillna(parts[other].astype(object))
-        numbers = _floats(column)
-        return np.where(np.isnan(numbers), missing, numbers)
-
-    days = _days(parts, part, place)
-    hours = part("hour", "only_hour")
-    half = parts["half"].astype(object).fillna(parts["only_half"].astype(object)).str.lower()
-    hours = np.where(half.notna(), hours % 12, hours)
-    hours = hours + np.where((half == "pm").fillna(False), 12.0, 0.0)
-    # offsets of time zones from UTC, s; 0 if none is written
-    zones = parts["zone"].astype(object)
-    offsets = {zone: 0.0 for zone in zones.dropna().unique()}
-    for zone in offsets:
-        if zone[0] in "+-":
-            sign = -1.0 if zone[0] == "-" else 1.0
-            offsets[zone] = sign * (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60)
-    digits = parts["fraction"].astype(object).fillna(parts["only_fraction"].astype(object))
-    fractions = np.nan_to_num(_floats("0." + digits))
-    seconds = (
-        part("only_days") * 86400
-        + hours * 3600
-        + part("minute", "only_minute") * 60
-        + part("second", "only_second")
-        - np.nan_to_num(_floats(zones.map(offsets)))
-    )
+    seconds, fractions, *parts = np.array(numbers).reshape(-1, 2 + len(_DATE_PARTS)).T
+    days = _days(*parts, dotted=dotted, place=place)
     if np.isnan(days).all():
-        days = np.zeros(len(text))
-        nights = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
-        if nights[-1]:
-            builder.note(f"{name}: the time continues past {int(nights[-1])} midnights")
-        days += nights
-    valid = parts.notna().any(axis=1).to_numpy()
-    first = np.flatnonzero(valid)[0]
-    builder.note(f"{name}: dates or times, in s since {text.iloc[first]}")
-    days, seconds, fractions = (x - x[first] for x in (days, seconds, fractions))
-    return np.where(valid, days * 86400.0 + seconds + fractions, np.nan)
+        days = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
+        if days[-1]:
+            builder.note(f"{name}: the time continues past {int(days[-1])} midnights")
+    builder.note(f"{name}: dates or times, in s since {text[valid].iloc[0]}")
+    days, seconds, fractions = (x - x[0] for x in (days, seconds, fractions))
+    moments = np.full(len(text), np.nan)
+    moments[valid] = days * 86400.0 + seconds + fractions
+    return moments
 
 
-def _parts(text: Any) -> Any:
-    """Named parts of dates and times, a column each.
+def _time_of_day(match: re.Match[str]) -> tuple[float, float]:
+    """Whole seconds since midnight UTC, more than a day for counted days, and the rest."""
+    part = {key.removeprefix("only_"): text for key, text in match.groupdict().items() if text}
+    days, hours, minutes, seconds = (
+        int(part.get(key, 0)) for key in ("days", "hour", "minute", "second")
+    )
+    if half := part.get("half"):
+        hours = hours % 12 + (12 if half.lower() == "pm" else 0)
+    zone = part.get("zone", "UTC")
+    if zone[0] in "+-":
+        minutes -= int(zone[0] + "1") * (60 * int(zone[1:3]) + int(zone[-2:]))
+    fraction = float(f"0.{part.get('fraction', 0)}")
+    return ((days * 24 + hours) * 60 + minutes) * 60.0 + seconds, fraction
 
-    The columns are categories, because separate texts would need a kilobyte per row.
+
+def _days(
+    year: FloatArray,
+    month: FloatArray,
+    day: FloatArray,
+    first: FloatArray,
+    second: FloatArray,
+    late_year: FloatArray,
+    *,
+    dotted: bool,
+    place: str,
+) -> FloatArray:
+    """Days since 1970; NaN without a date. Raises FileError if the month is ambiguous.
+
+    first, second: day and month in unknown order. dotted: whether points separate them.
     """
-    import pandas
-
-    pieces = [
-        text.iloc[start : start + PARTED_ROWS].str.extract(_MOMENT).astype("category")
-        for start in range(0, max(len(text), 1), PARTED_ROWS)
-    ]
-    columns = {
-        name: pandas.api.types.union_categoricals([piece[name] for piece in pieces])
-        for name in pieces[0]
-    }
-    return pandas.DataFrame(columns, index=text.index)
-
-
-def _days(parts: Any, part: Any, place: str) -> FloatArray:
-    """Days since 1970; NaN without a date. Raises FileError if the month is ambiguous."""
-    nan = float("nan")
-    first, second = part("day_or_month", missing=nan), part("month_or_day", missing=nan)
-    year = part("late_year", missing=nan)
-    year = np.where(year < 100, year + 2000, year)
     if np.isnan(first).all():
-        return _counted_days(*(part(name, missing=nan) for name in ("year", "month", "day")))
+        return _counted_days(year, month, day)
+    year = np.where(late_year < 100, late_year + 2000, late_year)
     day_first, month_first = _counted_days(year, second, first), _counted_days(year, first, second)
-    if (parts["other_mark"] == ".").any() or np.nanmax(first) > 12:
+    if dotted or np.nanmax(first) > 12:
         return day_first
     if np.nanmax(second) > 12:
         return month_first
@@ -266,11 +252,6 @@ def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> Float
     first = months.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
     days = first + np.where(there, day, 1) - 1
     return np.where(there, days, np.nan)
-
-
-def _floats(cells: Any) -> FloatArray:
-    """Numbers of a column of texts; NaN for an empty cell."""
-    return np.asarray(cells.astype(object).fillna("nan").to_numpy().astype(np.float64))
 
 
 def _unclear(place: str, cell: str) -> FileError:

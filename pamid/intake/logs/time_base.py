@@ -33,7 +33,6 @@ from pamid.intake.logs.stamps import (
     count_samples,
     fit_clock,
     follow_rows,
-    repair,
     rough_period,
 )
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
@@ -174,7 +173,7 @@ def reconstructed_time_base(
     if clock.wanders:
         instants = np.maximum.accumulate(instants) + 1e-9 * period * samples
         detail = "the sampling rate varies: the clock follows the earliest stamps"
-        repairs = (repair("clock-followed", len(pieces), detail), *repairs)
+        repairs = (ClockRepair(what="clock-followed", count=len(pieces), detail=detail), *repairs)
     return TimeBase(instants, tuple(pieces), period, repairs)
 
 
@@ -369,11 +368,11 @@ def _repairs(
     repairs = []
     if lost:
         detail = f"{lost} single samples are missing and were filled"
-        repairs.append(repair("samples-missing", lost, detail))
+        repairs.append(ClockRepair(what="samples-missing", count=lost, detail=detail))
     if gaps := [p.start for p in pieces if p.start not in starts]:
         longest = max(float(instants[i] - instants[i - 1]) for i in gaps)
         detail = f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split there"
-        repairs.append(repair("gaps", len(gaps), detail))
+        repairs.append(ClockRepair(what="gaps", count=len(gaps), detail=detail))
     return tuple(repairs)
 
 

@@ -40,8 +40,8 @@ _CONTROLLER_PARTS = {
     "actual": False,
     "feedback": False,
 }
-#: of the two stamps of a message; of a number, its place and the channel made of both
-MESSAGE_BYTES, NUMBER_BYTES = 96, 32
+#: memory in sizes of a float64: two stamps of a message; a number, its place and their channel
+MESSAGE_FLOATS, NUMBER_FLOATS = 12, 4
 _NAMES = ("name", "names", "joint_names")
 
 
@@ -100,9 +100,8 @@ def read_ros(builder: ChannelBuilder) -> None:
             topic = topics.setdefault(connection.topic, _Topic())
             flat = _Flat(builder, connection.topic, topic.robot)
             flat.enter(message, connection.topic)
-            builder.budget.charge_bytes(
-                connection.topic, MESSAGE_BYTES + NUMBER_BYTES * len(flat.row)
-            )
+            floats = MESSAGE_FLOATS + NUMBER_FLOATS * len(flat.row)
+            builder.budget.charge(connection.topic, floats)
             topic.append(flat.row)
             topic.received.append(received)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
