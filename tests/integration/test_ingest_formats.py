@@ -472,7 +472,7 @@ def test_a_reader_that_crashes_or_hangs_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
 ) -> None:
     if "sleep" in code:
-        monkeypatch.setattr("pamid.intake.logs.child_process.PATIENCE", 1.0)
+        monkeypatch.setattr("pamid.intake.logs.log_reader.PATIENCE", 1.0)
     stub(tmp_path, monkeypatch, "nptdms", code)
     (tmp_path / "rig.tdms").write_bytes(b"TDSm" + bytes(100))
     with pytest.raises(FileError, match=words):

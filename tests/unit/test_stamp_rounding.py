@@ -10,9 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.recording.file_checks import check_stamps
+from pamid.recording.file_checks import check_stamps, even_but_rounded
 from pamid.recording.recording import read_recording
-from pamid.recording.stamp_rounding import even_but_rounded
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.resampling import hold, smooth
+from pamid.intake.logs.conversion import hold, smooth
 from pamid.intake.logs.stamps import IntArray, Rows, usable_rows
 from pamid.intake.logs.time_base import (
     Cure,

@@ -41,14 +41,13 @@ from pamid.intake.checks.sheet_comparison import (
     recorded_columns,
     shapes,
 )
-from pamid.intake.checks.short_fit import RUNAWAY, fit_data_of
+from pamid.intake.checks.short_fit import RUNAWAY, Judgement, fit_data_of
 from pamid.intake.checks.slips import (
     CLOCKS,
     MOST_NAMED_SLIPS,
     UNEXPLAINED_MOTION,
     UNNAMED,
     Explanation,
-    Judgement,
     Slip,
     find_slips,
 )

@@ -326,7 +326,7 @@ def _best_order(
     if least >= MENDED * baseline:
         return None
     orders = [order for order in fits if errors[order] <= AS_GOOD * least]
-    orders.sort(key=lambda order: fits[order].strain)
+    orders.sort(key=lambda order: fits[order].judgement.strain)
     column = match_column(recording.columns, name) or name
     symbol = split_column(column)[1]
     recorded, corrected = (float(size_from_si(e, symbol)) for e in (baseline, errors[orders[0]]))

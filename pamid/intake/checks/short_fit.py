@@ -23,8 +23,8 @@ takes a single run. After parameters and start states have adapted, the error is
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,8 @@ INDEPENDENT = 12.0  # effective number of independent windows
 RUNAWAY = 1e6  # error as a share of the motion: no more is counted
 LEAST_NOISES = 5.0  # smallest motion, in noises
 USUAL_ERROR = 0.2  # of the motion of a channel: a recording that suits its rig leaves no more
+# standard deviations of the strain above its mean, of a recording that suits its rig
+USUAL_DEVIATIONS = 4.0
 FURTHEST = 300.0  # largest logarithm of a factor on the data sheet, beyond any bound
 
 
@@ -81,6 +83,46 @@ class FitPoint:
     linearised: bool = True
 
 
+@dataclass(frozen=True)
+class Judgement:
+    """Quality of a short fit.
+
+    errors      root mean square error of each channel, as a share of its motion
+    strain      sum of squares of the parameters' distances from the data sheet, in prior spreads
+    determined  number of parameters that the data determine against their priors: the mean of the
+                strain if the priors hold
+    """
+
+    errors: dict[str, float]
+    strain: float = 0.0
+    determined: float = 0.0
+    problem: ShortFit | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def score(self) -> float:
+        """Lower for a better fit, in the unit of a log likelihood."""
+        logs = [math.log(min(max(e, EXACT), RUNAWAY)) for e in self.errors.values()]
+        return INDEPENDENT * sum(logs) + 0.5 * self.strain
+
+    @property
+    def suspicious(self) -> bool:
+        # a chi-squared distribution has a variance of twice its mean
+        usual = self.determined + USUAL_DEVIATIONS * math.sqrt(2.0 * self.determined)
+        return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > usual
+
+    def smallest_error(self, columns: Sequence[str]) -> float:
+        """Smallest error of these outputs, or of any if none is named."""
+        errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
+        return min(errors, default=RUNAWAY)
+
+    def error_ratio(self, other: Judgement) -> float:
+        """Errors over those of another judgement, all channels together."""
+        logs = [
+            math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
+        ]
+        return math.exp(sum(logs))
+
+
 @dataclass(frozen=True, eq=False)
 class FittedWindows:
     """Result of a fit with the inputs of `rig`."""
@@ -93,34 +135,17 @@ class FittedWindows:
     def error(self) -> float:
         return float(np.sqrt(self.point.errors.mean()))
 
-    @property
-    def shares(self) -> dict[str, float]:
-        """Root mean square error of each channel, as a share of its motion."""
-        data = self.problem.trial
+    @cached_property
+    def judgement(self) -> Judgement:
+        data, s, H = self.problem.trial, self.point.s, self.point.H
         errors = np.sqrt(self.point.errors.mean(axis=0)) / data.weight / data.motions
         errors = np.where(np.isfinite(errors), errors, RUNAWAY)
-        return dict(zip(data.names, errors.tolist(), strict=True))
-
-    @property
-    def strain(self) -> float:
-        """Sum of squares of the parameters' distances from the data sheet, in prior spreads."""
-        return float(self.point.s @ self.point.s)
-
-    @property
-    def determined(self) -> float:
-        """Number of parameters that the data determine against their priors: the mean of the strain
-        if the priors hold."""
-        H = self.point.H
-        return float(len(H) - np.trace(np.linalg.pinv(H)))
-
-
-def score(errors: dict[str, float], strain: float) -> float:
-    """Quality of a fit, the lower the better, in the unit of a log likelihood.
-
-    INDEPENDENT * sum over channels log(error / motion) + 1/2 strain. errors: shares of the motion.
-    """
-    logs = [math.log(min(max(e, EXACT), RUNAWAY)) for e in errors.values()]
-    return INDEPENDENT * sum(logs) + 0.5 * strain
+        return Judgement(
+            dict(zip(data.names, errors.tolist(), strict=True)),
+            strain=float(s @ s),
+            determined=float(len(H) - np.trace(np.linalg.pinv(H))),
+            problem=self.problem,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +186,10 @@ class FitData:
         read: FitPoint | None = None
         further = [np.zeros(len(problem.unset)), problem.unset.astype(float)]
         for s in further[: 1 + problem.unset.any()]:
-            if max(best.shares.values()) > USUAL_ERROR:
+            if max(best.judgement.errors.values()) > USUAL_ERROR:
                 read = problem.at(s, read.x) if read else problem.readings(s)
                 fit = FittedWindows(rig, reach(read, steps), problem)
-                best = min(best, fit, key=lambda fit: score(fit.shares, fit.strain))
+                best = min(best, fit, key=lambda fit: fit.judgement.score)
         return best
 
     def shifted(self, columns: Iterable[str], rows: int) -> FitData:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +47,9 @@ from pamid.intake.checks.short_fit import (
     EXACT,
     FEWEST_WINDOWS,
     RUNAWAY,
-    USUAL_ERROR,
+    Judgement,
     ShortFit,
     fit_data_of,
-    score,
 )
 from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
@@ -114,8 +113,6 @@ GROSS = 6.0  # a factor beyond any error of a data sheet
 WINDOW_TIMESCALES = 1.0  # length of a window, in correlation times of the recording
 # largest number of steps: of the fit as recorded, of a slip, and of the first fit of a slip
 RECORDED_STEPS, JUDGING_STEPS, FIRST_STEPS = 30, 12, 4
-# standard deviations of the strain above its mean, of a recording that suits its rig
-USUAL_DEVIATIONS = 4.0
 # largest error after a fit as a share of the channel's motion; the second if it was much larger
 UNEXPLAINED_MOTION, HARDLY_EXPLAINED = 0.5, 0.75
 FAR = 0.3  # smallest distance to the data sheet's run for a search of slips
@@ -233,42 +230,6 @@ class Slip:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """Quality of a short fit: error over motion by channel, and the distance to the data sheet.
-
-    strain: distance, as the sum of squares in prior spreads; determined: its mean if the data sheet
-    is right; problem: of the fit.
-    """
-
-    errors: dict[str, float]
-    strain: float = 0.0
-    determined: float = 0.0
-    problem: ShortFit | None = field(default=None, compare=False, repr=False)
-
-    @property
-    def score(self) -> float:
-        return score(self.errors, self.strain)
-
-    @property
-    def suspicious(self) -> bool:
-        # a chi-squared distribution has a variance of twice its mean
-        usual = self.determined + USUAL_DEVIATIONS * math.sqrt(2.0 * self.determined)
-        return max(self.errors.values(), default=0.0) > USUAL_ERROR or self.strain > usual
-
-    def smallest_error(self, columns: Sequence[str]) -> float:
-        """Smallest error of these outputs, or of any if none is named."""
-        errors = [self.errors[c] for c in columns if c in self.errors] or [*self.errors.values()]
-        return min(errors, default=RUNAWAY)
-
-    def error_ratio(self, other: Judgement) -> float:
-        """Errors over those of another judgement, all channels together."""
-        logs = [
-            math.log(max(e, EXACT) / max(other.errors[c], EXACT)) for c, e in self.errors.items()
-        ]
-        return math.exp(sum(logs))
-
-
-@dataclass(frozen=True)
 class Explanation:
     """A slip with its fits as recorded and corrected; others: slips that explain as much."""
 
@@ -336,7 +297,7 @@ def judge(
             problem = like if like and like.matches_data(data) else None
             # what every slip has to beat is the best fit of the recording as it is
             fit = data.fitted(rig, problem=problem, steps=steps, restart=like is None)
-            return Judgement(fit.shares, fit.strain, fit.determined, problem=fit.problem)
+            return fit.judgement
     except (PamidError, FloatingPointError, np.linalg.LinAlgError):
         pass
     return _judged_by_sheet(e)

@@ -90,7 +90,7 @@ def _dataset(builder: ChannelBuilder, datasets: dict[str, Any], dataset: Any, na
 
 
 def _read(builder: ChannelBuilder, dataset: Any, name: str) -> None:
-    kind, unit = dataset.dtype, _unit(dataset)
+    kind, unit = dataset.dtype, unit_of(dataset.attrs)
     builder.budget.charge(name, 0, raw=dataset.size * kind.itemsize)
     values = dataset[()]
     if kind.names is None:
@@ -100,8 +100,7 @@ def _read(builder: ChannelBuilder, dataset: Any, name: str) -> None:
         builder.add(f"{name}/{field}", np.asarray(values[field]), unit=unit)
 
 
-def _unit(dataset: Any) -> str:
-    attributes = dataset.attrs
+def unit_of(attributes: Any) -> str:
     for name in UNIT_NAMES if len(attributes) else ():
         value = attributes.get(name)
         if isinstance(value, bytes):

@@ -13,7 +13,7 @@ import numpy as np
 from pamid.intake.logs.channel_builder import ChannelBuilder
 from pamid.intake.logs.log_kinds import Kind
 from pamid.intake.logs.memory_budget import FLOAT
-from pamid.intake.logs.readers.hdf5 import UNIT_NAMES
+from pamid.intake.logs.readers.hdf5 import unit_of
 
 
 def read_parquet(builder: ChannelBuilder) -> None:
@@ -49,8 +49,10 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
         for name in reserved:
             column = file.read(columns=[name], use_threads=False).column(0)
             field = file.schema_arrow.field(name)
+            metadata = field.metadata or {}
+            unit = unit_of({key.decode(errors="replace"): text for key, text in metadata.items()})
             if not _is_list(field.type):
-                yield name, _values(pyarrow, column), _unit(field)
+                yield name, _values(pyarrow, column), unit
                 continue
             lengths = pyarrow.compute.list_value_length(column).drop_null().unique().to_pylist()
             if len(lengths) != 1 or not lengths[0]:
@@ -61,7 +63,7 @@ def columns_of(builder: ChannelBuilder, path: Path) -> Iterator[tuple[str, Any, 
             flat = flat.fill_null(np.nan)
             values = np.full((rows, lengths[0]), np.nan)  # NaN where a list is missing
             values[column.is_valid().to_numpy()] = flat.to_numpy().reshape(-1, lengths[0])
-            yield name, values, _unit(field)
+            yield name, values, unit
 
 
 def _is(kind: Any, *words: str) -> bool:
@@ -98,14 +100,6 @@ def _values(pyarrow: Any, column: Any) -> Any:
     if _is(column.type, "floating"):
         column = column.cast(pyarrow.float64()).fill_null(np.nan)
     return column.combine_chunks().to_numpy(zero_copy_only=False)
-
-
-def _unit(field: Any) -> str:
-    for name in UNIT_NAMES:
-        value = (field.metadata or {}).get(name.encode())
-        if value is not None:
-            return str(value.decode(errors="replace"))
-    return ""
 
 
 KIND = Kind("parquet", (".parquet", ".pq"), read_parquet, (b"PAR1",), "parquet", ("pyarrow",))
