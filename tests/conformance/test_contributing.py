@@ -96,7 +96,7 @@ READER = '''"""Numbers, one a line."""
 
 import numpy as np
 
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import Kind
 
 
 def read_numbers(builder):

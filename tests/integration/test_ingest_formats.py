@@ -16,8 +16,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.intake.logs.channels import Log
-from pamid.intake.logs.log_kinds import known_kinds, read_here
-from pamid.intake.logs.log_reader import read_log
+from pamid.intake.logs.log_reader import known_kinds, read_here, read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -540,7 +539,7 @@ DAMAGE = """
 import json, sys, numpy
 from pathlib import Path
 from pamid.base.errors import FileError
-from pamid.intake.logs.log_kinds import known_kinds, read_here
+from pamid.intake.logs.log_reader import known_kinds, read_here
 from pamid.intake.logs.log_reader import read_log
 name, whole, *paths = sys.argv[1:]
 true = {channel.name: channel.values for channel in read_here(Path(whole), name).channels}

@@ -14,8 +14,7 @@ import pytest
 from pamid import guess_mapping
 from pamid.base.errors import FileError, UsageError
 from pamid.base.files import GIB, LOG_MEMORY
-from pamid.intake.logs.log_kinds import read_here
-from pamid.intake.logs.log_reader import read_log
+from pamid.intake.logs.log_reader import read_here, read_log
 from pamid.intake.logs.memory_budget import LIMIT_VARIABLE, limited_memory, memory_limit
 
 

@@ -1,12 +1,12 @@
-"""Channels from the arrays of a reader: numbers become float64, times become seconds, and notes
-list everything else."""
+"""Kinds of logs, and channels from the arrays of a reader: numbers become float64, times become
+seconds, and notes list everything else."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -146,6 +146,24 @@ class ChannelBuilder:
             channels.append(channel)
         details = (*self.notes, *left)
         return Log(self.path, kind, tuple(channels), details, stated=self.stated)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of log.
+
+    read       enters the channels of the builder's file
+    marks      first bytes of such a file, none for plain text
+    extra      extra of pamid to install for it, "" if none
+    packages   packages of the extra, which `read` imports when it is called
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[ChannelBuilder], None]
+    marks: tuple[bytes, ...] = ()
+    extra: str = ""
+    packages: tuple[str, ...] = ()
 
 
 def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:

@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pamid.base.errors import FileError, nearest, quoted
+from pamid.base.errors import FileError, PamidError, nearest, quoted
 from pamid.base.files import LOG, MIB, open_data
 from pamid.base.npz import load_arrays
 from pamid.base.parallel.limited_process import ProcessFailure, ProcessLimits, run_limited
+from pamid.base.scanned import modules_of
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.channels import Channel, Log, RobotValue
-from pamid.intake.logs.log_kinds import Kind, known_kinds, read_here
 from pamid.intake.logs.readers.lerobot import data_set_of
 from pamid.intake.logs.stamp_parts import join_stamp_parts
 
@@ -169,6 +171,46 @@ def _head(path: Path) -> bytes:
         hint = hint.replace("FILE", quoted(path))
         raise FileError(f"{path} is {what}, which pamid cannot read as a log.", hint, code="kind")
     return head
+
+
+@lru_cache
+def known_kinds() -> dict[str, Kind]:
+    """Every kind by its name: the `KIND` of each file in `pamid.intake.logs.readers`."""
+    modules = modules_of("pamid.intake.logs.readers").values()
+    return {module.KIND.name: module.KIND for module in modules if hasattr(module, "KIND")}
+
+
+def read_here(path: Path, kind: str) -> Log:
+    """Signals of a log of this kind, read in this process; FileError for every fault of it."""
+    reader = known_kinds()[kind]
+    try:
+        builder = ChannelBuilder(path)
+        reader.read(builder)
+        return builder.log(kind)
+    except PamidError:
+        raise
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in reader.packages:
+            raise
+        raise FileError(
+            f"{path}: reading such a {kind} file needs {error.name}, which is not installed.",
+            f"pip install 'pamid[{reader.extra}]'",
+            code="missing-extra",
+        ) from error
+    except MemoryError as error:
+        raise FileError(
+            f"{path} cannot be read as {kind}: there is not enough memory.",
+            "Export fewer channels or a shorter part of it.",
+            code="too-large",
+        ) from error
+    except Exception as error:  # a foreign reader may raise anything on a damaged file
+        reason = " ".join(str(error).split())[:200] or "no reason given"
+        raise FileError(
+            f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
+            "It may be damaged, incomplete or of another kind. Export it again from the program "
+            "that wrote it.",
+            code="damaged",
+        ) from error
 
 
 def _read_in_child(path: Path, kind: str) -> Log:

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 

@@ -7,8 +7,7 @@ import json
 from typing import Any
 
 from pamid.base.errors import FileError
-from pamid.intake.logs.channel_builder import MAX_COLUMNS, ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import MAX_COLUMNS, ChannelBuilder, Kind
 from pamid.intake.logs.readers.text import decode
 from pamid.intake.logs.text_cells import add_column
 

@@ -16,10 +16,9 @@ from pamid.base.errors import FileError
 from pamid.base.files import LOG, open_data
 from pamid.base.json_file import read_json
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.channel_builder import ChannelBuilder
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.channel_words import JOINT_QUANTITIES, names_command, tokens
 from pamid.intake.logs.channels import RobotValue
-from pamid.intake.logs.log_kinds import Kind
 from pamid.intake.logs.readers.parquet import columns_of
 
 INFO = Path("meta", "info.json")

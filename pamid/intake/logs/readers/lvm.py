@@ -12,9 +12,8 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.channel_builder import ChannelBuilder
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.dialect import TextDialect
-from pamid.intake.logs.log_kinds import Kind
 from pamid.intake.logs.readers.text import add_table, decode
 
 FIRST_TAG = "LabVIEW Measurement"

@@ -18,8 +18,7 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.memory_budget import MemoryBudget
 from pamid.intake.logs.readers.hdf5 import charge_hdf5
 from pamid.intake.logs.readers.text import decode

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 
 #: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers
 #: are read instead)

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.memory_budget import FLOAT
 from pamid.intake.logs.readers.hdf5 import unit_of
 

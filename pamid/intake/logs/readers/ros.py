@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import FloatArray
-from pamid.intake.logs.channel_builder import MAX_COLUMNS, ChannelBuilder
+from pamid.intake.logs.channel_builder import MAX_COLUMNS, ChannelBuilder, Kind
 from pamid.intake.logs.channel_words import names_command
 from pamid.intake.logs.channels import RobotValue
-from pamid.intake.logs.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
 CLOCKS_APART = 60.0

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.intake.logs.channel_builder import ChannelBuilder
-from pamid.intake.logs.log_kinds import Kind
+from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.memory_budget import FLOAT
 
 
