@@ -164,13 +164,7 @@ def plateaus(values: Array) -> tuple[float, float]:
 
 def noise_level(y: Array) -> Array:
     """Noise of every channel of y (samples x channels): its white noise, at least that of its step,
-    at least 1e-6 of the spread.
-
-    White noise is read from differences, robustly, of the order that shows least of it: smooth
-    motion contributes next to nothing, a tone the less the higher the order. A quantised channel
-    that moves slowly rests at a level and shows no noise below its step; its readings are off by
-    step/sqrt(12) all the same, which is then the least.
-    """
+    at least 1e-6 of the spread."""
     return _noise_and_steps(y)[0]
 
 

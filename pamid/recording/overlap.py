@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.metrics import motion, runs_of
-from pamid.base.units import split_column, to_si
+from pamid.base.units import size_to_si, split_column, to_si
 from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
 from pamid.recording.recording import Recording, match_column
 
@@ -168,8 +168,8 @@ def _signals(recording: Recording, outputs: Sequence[str]) -> dict[str, _Signal]
         if column is None or motion(recording.columns[column]) == 0.0:
             continue
         values, symbol = recording.columns[column], split_column(column)[1]
-        factor = abs(float(to_si(1.0, symbol)) - float(to_si(0.0, symbol)))
-        signals[name] = _Signal(np.asarray(to_si(values, symbol)), factor * _printed_step(values))
+        step = float(size_to_si(_printed_step(values), symbol))
+        signals[name] = _Signal(np.asarray(to_si(values, symbol)), step)
     return signals
 
 

@@ -100,7 +100,6 @@ class CheckedSignal:
 
     @cached_property
     def still_share(self) -> float:
-        """Share of the samples that equal the sample before."""
         return float(self.still.mean())
 
 
@@ -154,14 +153,12 @@ class Stretches:
 
     @classmethod
     def of(cls, time: FloatArray, mask: Mask) -> Stretches:
-        """Intervals in which the mask is true."""
         return cls(time, *runs_of(mask))
 
     def only(self, chosen: Mask | slice) -> Stretches:
         return Stretches(self.time, self.starts[chosen], self.stops[chosen])
 
     def each(self, check: Callable[[int, int], bool]) -> Mask:
-        """Result of a check of start and stop, for each interval."""
         pairs = zip(self.starts.tolist(), self.stops.tolist(), strict=True)
         return np.array([check(a, b) for a, b in pairs], dtype=bool)
 
@@ -176,7 +173,6 @@ class Stretches:
 
     @property
     def mask(self) -> Mask:
-        """Mask of the samples within the intervals."""
         edges = np.zeros(self.time.size + 1, dtype=np.int64)
         np.add.at(edges, self.starts, 1)
         np.add.at(edges, self.stops, -1)

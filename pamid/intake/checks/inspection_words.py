@@ -77,7 +77,6 @@ def _not_fine(findings: Iterable[dict[str, Any]]) -> list[str]:
 
 
 def _fine(findings: Iterable[dict[str, Any]]) -> list[str]:
-    """Passed checks."""
     fine: dict[str, list[str]] = {}
     for f in findings:
         if f["ok"]:
@@ -106,7 +105,6 @@ def _together(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _count(summary: dict[str, Any]) -> str:
-    """Number of problems and notes."""
     wrong = sum(not f["ok"] and not f["advice"] for f in summary["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in summary["findings"])
     doubtful = any(i["kind"] in DOUBTS for i in summary.get("quality", {}).get("issues", []))

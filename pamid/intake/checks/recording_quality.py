@@ -403,8 +403,7 @@ def sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
     """Commanded columns, which may stand still, jump, and sit at their limits.
 
     They are the inputs and references of the rig, and of other columns those with the name or the
-    course of a command. A held signal changes by jumps with standstills between them, and by more
-    than a converter's step. A frozen sensor moves from sample to sample in between.
+    course of a command.
     """
     columns = recording.columns
     inputs = () if rig is None else (*rig.inputs, *(loop.reference for loop in rig.loops))

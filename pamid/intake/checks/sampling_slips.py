@@ -73,7 +73,6 @@ class InputHold(BetweenSamples):
         return self.better not in ("", self.taken)
 
     def text(self, recording: Recording) -> str:
-        """Finding, with the line that corrects it."""
         by = {HELD: self.rms_held, LINEAR: self.rms_linear}
         way, rest = (self.better or self.taken), other(self.better or self.taken)
         figures = (
@@ -109,7 +108,6 @@ class RowOrder:
     corrected: float
 
     def text(self, recording: Recording) -> str:
-        """Order, evidence and remedy."""
         where = " or ".join(MEANINGS[order] for order in self.orders)
         rows = f"below [signals.{self.column}] in the mapping of `pamid ingest`"
         remedies = {
@@ -220,7 +218,6 @@ def misplaced_readings(recording: Recording, rig: Rig) -> list[RowOrder]:
 
 
 def _refit(data: FitData, base: FittedWindows, column: str, way: str) -> FittedWindows:
-    """Fit with a column sampled another way."""
     if way in (ROW_LATE, ROW_EARLY):
         data = data.shifted([column], -1 if way == ROW_LATE else 1)
         rig = base.rig
@@ -335,8 +332,7 @@ def _best_order(
 
 def _left(fit: FittedWindows, channel: int) -> Array:
     """Residuals of the channel, windows x samples, SI; infinite if the model diverges."""
-    left = fit.problem.residuals(fit.point)[:, :, channel]
-    return np.where(np.isnan(left), np.inf, left)
+    return np.asarray(fit.point.left[:, :, channel] / fit.problem.trial.weight[channel])
 
 
 def _rms(fit: FittedWindows, channel: int) -> float:

@@ -134,13 +134,11 @@ def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison:
 
 
 def same_quantity_columns(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Indices of columns of the same quantity."""
     kinds = [quantity_of(split_column(n)[1]) for n in names]
     return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
 
 
 def recorded_columns(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
-    """Recorded columns of the rig's columns."""
     return tuple(match_column(recording.columns, n) or n for n in names)
 
 

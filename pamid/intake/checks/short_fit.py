@@ -68,8 +68,8 @@ class FitPoint:
     """Scaled parameters s and states x at the windows' starts (windows x states), with their cost.
 
     The start states are eliminated from half the Hessian and the gradient in s; their steps follow
-    from the remaining fields. errors: squared weighted residuals, windows x channels; linearised:
-    True with derivatives.
+    from the remaining fields. left: weighted residuals, windows x samples x channels, infinite if
+    the model diverges; linearised: True with derivatives.
     """
 
     s: Array
@@ -79,8 +79,13 @@ class FitPoint:
     g: Array
     gains: Array  # windows x states x parameters: derivatives of the start states by s
     start_steps: Array  # windows x states: steps of the start states at constant s
-    errors: Array
+    left: Array
     linearised: bool = True
+
+    @cached_property
+    def errors(self) -> Array:
+        """Mean squares of the weighted residuals, windows x channels."""
+        return np.asarray((self.left**2).mean(axis=1))
 
 
 @dataclass(frozen=True)
@@ -364,21 +369,19 @@ class ShortFit(LeastSquares[FitPoint, Array]):
 
     def at(self, s: Array, x: Array, derivatives: bool = True) -> FitPoint:
         trial, m = self.trial, len(s)
-        n, channels = self.runner.start_states, len(trial.names)
+        n, length = self.runner.start_states, trial.windows[0].stop - trial.windows[0].start
         p, slopes = self.parameters(s)
         fresh = self.runner.memory(p)
         H, g = np.eye(m), s.copy()
         cost = float(s @ s)
         gains, start_steps = np.zeros((len(x), n, m)), np.zeros((len(x), n))
-        errors = np.zeros((len(x), channels))
+        left = np.full((len(x), length, len(trial.names)), np.inf)
         for k, window in enumerate(trial.windows):
             rows = self._weighted_rows(fresh.copy(), window, x[k], p, slopes, derivatives)
             if rows is None:
-                return FitPoint(
-                    s, x, np.inf, H, g, gains, start_steps, np.full_like(errors, np.inf)
-                )
+                return FitPoint(s, x, np.inf, H, g, gains, start_steps, np.full_like(left, np.inf))
             A, B, r = rows
-            errors[k] = (r.reshape(-1, channels) ** 2).mean(axis=0)
+            left[k] = r.reshape(left[k].shape)
             cost += float(r @ r)
             if not derivatives:
                 continue
@@ -386,7 +389,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
             gains[k], start_steps[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
             H += A.T @ A + A.T @ B @ gains[k]
             g += A.T @ r + A.T @ B @ start_steps[k]
-        return FitPoint(s, x, cost, H, g, gains, start_steps, errors, derivatives)
+        return FitPoint(s, x, cost, H, g, gains, start_steps, left, derivatives)
 
     def _weighted_rows(
         self,
@@ -411,20 +414,6 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         if not derivatives:
             return J, J, left.ravel()
         return J[:, :m] * slopes, J[:, m : m + n], left.ravel()
-
-    def residuals(self, at: FitPoint) -> Array:
-        """Model less measurement in the channels' units: windows x samples x channels; NaN after
-        divergence."""
-        channels, weight = len(self.trial.names), self.trial.weight
-        p, slopes = self.parameters(at.s)
-        fresh, length = self.runner.memory(p), self.trial.windows[0].stop
-        length -= self.trial.windows[0].start
-        left = np.full((len(at.x), length, channels), np.nan)
-        for k, window in enumerate(self.trial.windows):
-            rows = self._weighted_rows(fresh.copy(), window, at.x[k], p, slopes)
-            if rows is not None:
-                left[k] = rows[2].reshape(-1, channels) / weight
-        return left
 
     def first_order_errors(self, at: FitPoint, program: Program, inputs: list[Array]) -> Array:
         """Root mean square errors after parameters and start states have adapted to first order.

@@ -557,7 +557,7 @@ def _predicted_slips(
             )
             # the channel as measured and as predicted: windows x samples
             y = np.array([data.track.y[w.start : w.stop, k] for w in data.windows])
-            model = y + fit.problem.residuals(fit.point)[:, :, k]
+            model = y + fit.point.left[:, :, k] / weight[k]
             ran = np.isfinite(model).all(axis=1)
             (column,) = recorded_columns((name,), recording)
             of_column = _regressed(column, y[ran], model[ran], float(motion_))

@@ -119,7 +119,6 @@ class ChannelBuilder:
         return True
 
     def note(self, text: str) -> None:
-        """Add a note, unless it exists."""
         if text not in self.notes:
             self.notes.append(text)
 

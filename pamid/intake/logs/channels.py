@@ -57,7 +57,6 @@ class Channel:
 
     @property
     def finite(self) -> FloatArray:
-        """Values without the missing ones."""
         return self.values[np.isfinite(self.values)]
 
 

@@ -142,7 +142,6 @@ def _by_stamps(
 
 
 def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArray:
-    """Stamps (s) of the log's rows, by [time]."""
     settings = mapping.time
     if settings.source is None:
         if settings.period_s is None:

@@ -138,7 +138,6 @@ def _numbered(stem: Path, count: int) -> list[Path]:
 
 
 def tables_of(conversion: Conversion) -> dict[str, Any]:
-    """Tables of a recording's TOML."""
     mapping = conversion.mapping
     about = {"rig": mapping.rig, "loop": mapping.loop, "sampling_period_s": conversion.period}
     tables = {
@@ -232,6 +231,5 @@ def at_limit(values: FloatArray) -> int:
 
 
 def _lengths(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Lengths of the stretches where the mask is true."""
     starts, stops = runs_of(mask)
     return stops - starts

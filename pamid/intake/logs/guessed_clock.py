@@ -122,7 +122,6 @@ def guess_clock(
 
 
 def counts_rows(values: FloatArray) -> bool:
-    """Whether the values are row numbers."""
     return values.size > 1 and bool((np.diff(values) == 1.0).all())
 
 
