@@ -417,8 +417,9 @@ def picture_of(
     panels = []
     for k, v in enumerate(VARIABLES):
         word, joint, *_ = v.split("_")
-        traces = (shown(v, y) for y in (r.si(v), sheet[:, k], fitted[:, k]))
-        panels.append(Panel(f"{word} {joint} [{unit_of(v)}]", *traces))
+        traces = {"measured": r.si(v), "data sheet": sheet[:, k], "fitted, ANFIS law": fitted[:, k]}
+        lines = {name: shown(v, y) for name, y in traces.items()}
+        panels.append(Panel(f"{word} {joint} [{unit_of(v)}]", r.time, lines))
     angles = [cells for cells in mae.values() if cells["unit"] == "deg"]
     off = {
         name: " and ".join(f"{cells[name]:.2g}" for cells in angles)
@@ -429,7 +430,7 @@ def picture_of(
         f"fitted, the angles are off by {off[ANFIS]} deg (noise alone: {off[NOISE_FLOOR]}), "
         f"by the data sheet {off[DATA_SHEET]} deg"
     )
-    return arm_picture(kind, title, r.time, panels).png
+    return arm_picture(kind, title, panels)
 
 
 OPTIONS = ()

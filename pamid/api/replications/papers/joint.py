@@ -398,7 +398,7 @@ def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
         }
         for case, r in records.steps.items()
     }
-    return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
+    return steps_picture(clock(step_reference()), errors, ("trained at", "never seen"))
 
 
 def training_figures(training: dict[str, Any]) -> result.PaperTraining:
