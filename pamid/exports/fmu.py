@@ -49,24 +49,13 @@ class Fmu:
 def write_fmu(
     model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
 ) -> Written:
-    """Build the content of an FMU, for the common interface of export forms."""
     fmu = make_fmu(step, version)
     notes = (f"{fmu.why}; {_HOW_TO_BUILD}",) if fmu.why else ()
     return Written({files[0]: fmu.data}, fmu.binary, notes)
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:
-    """Build an FMU.
-
-    Parameters
-    ----------
-    step
-        Sample step of the model.
-    version
-        FMI 2 or 3.
-    compiler
-        C compiler; by default the first of cc, gcc, clang; "" for none.
-    """
+    """Build an FMU of FMI 2 or 3. compiler: by default the first of cc, gcc, clang; "" for none."""
     name = model_name(step)
     model = {f"{name}.h": header(step), f"{name}.c": source(step)}
     token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]
