@@ -26,17 +26,12 @@ from pamid.report.motion import (
     rig_of_run,
     scale_of,
 )
-from pamid.report.page import asset, rendered
+from pamid.report.page import rendered
 
 PLAYER_HZ = 30  # frames per second
 TRAIL_S = 1.0
 # units: width of the drawing; of the strips, their right and left, their head
 _WIDE, _RIGHT, _LEFT, _ABOVE = 1000, 488, 44, 24
-
-
-def player_script() -> str:
-    """Script that plays the figures of a page."""
-    return asset("player.js")
 
 
 def player_html(run: RunData, rig: Rig | None = None) -> Markup:
@@ -52,7 +47,7 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
     # the frame with the largest error of the models
     gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
     still = int(np.argmax(np.max(gaps, axis=0)))
-    several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
+    several = motion.recording and len(run.recordings) > 1
     when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     return rendered(
         "motion.html",

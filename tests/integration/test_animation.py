@@ -22,8 +22,7 @@ from pamid.report.animation import ANIMATION_HZ, gif_of
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run
-from pamid.report.page import html_of
-from pamid.report.player import player_script
+from pamid.report.page import asset, html_of
 from pamid.report.run_page import run_page
 
 STEP_S = 1.0 / ANIMATION_HZ
@@ -214,7 +213,7 @@ def test_no_player_without_rig_residual_or_channel(break_it: str, tmp_path: Path
             text.replace("angle_2_deg", "elbow_deg", 1), encoding="utf-8"
         )
     page = page_of(load_run(folder))
-    assert player_script() not in scripts_of(page) and 'class="motion"' not in page
+    assert asset("player.js") not in scripts_of(page) and 'class="motion"' not in page
 
 
 def test_a_rig_file_is_run_only_when_it_is_named(

@@ -27,8 +27,7 @@ from pamid.base.errors import FileError
 from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
-from pamid.report.page import page_script
-from pamid.report.player import player_script
+from pamid.report.page import asset
 from pamid.report.style import Drawing, Picture
 from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
@@ -113,7 +112,7 @@ def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, O
         assert not name.startswith("on")
         assert name.startswith("xmlns") or "//" not in value, (name, value)
     source = (folder / "report.html").read_text(encoding="utf-8")
-    assert scripts_of(source) == [page_script(), player_script(), *traces_scripts()]
+    assert scripts_of(source) == [asset("page.js"), asset("player.js"), *traces_scripts()]
     assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", source))
     assert "@import" not in source
 
@@ -187,7 +186,7 @@ def test_text_of_files_never_becomes_markup(
     folder = make_run(tmp_path / "RUN", verdict, **parts)
     page = outline_of(write_report(folder).page)
     source = (folder / "report.html").read_text(encoding="utf-8")
-    assert scripts_of(source) == [page_script(), *traces_scripts()]
+    assert scripts_of(source) == [asset("page.js"), *traces_scripts()]
     assert "img" not in page.elements
     assert not any(name.startswith("on") for name, _ in page.attributes)
     assert "<script>alert('x')</script>" in page.text

@@ -16,7 +16,7 @@ from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_run, run_json
 
 from pamid.base.errors import FileError
-from pamid.report.page import page_script
+from pamid.report.page import asset
 from pamid.report.pdf import installed_browser
 from pamid.report.writing import write_report
 
@@ -213,7 +213,7 @@ def test_a_reproduced_paper_has_a_page(
     text = flat(page.text)
     for sentence in told:
         assert sentence in text, sentence
-    assert scripts_of(report.page.read_text(encoding="utf-8")) == [page_script()]
+    assert scripts_of(report.page.read_text(encoding="utf-8")) == [asset("page.js")]
     sources = [value for key, value in page.attributes if key == "src"]
     assert len(sources) == 1 and sources[0].startswith("data:image/png;base64,")
     assert (folder / "figures" / f"{still}.png").read_bytes() == before

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_trial, share_json
 
-from pamid.report.page import page_script
+from pamid.report.page import asset
 from pamid.report.trial_figures import (
     confusion_drawing,
     reliability_drawing,
@@ -61,7 +61,7 @@ def test_one_page_with_four_figures(folder: Path) -> None:
     assert not {"link", "img", "b"} & set(page.elements)
     links = [value for name, value in page.attributes if name == "href"]
     assert links and all(value.startswith("#") for value in links)
-    assert scripts_of((folder / "report.html").read_text(encoding="utf-8")) == [page_script()]
+    assert scripts_of((folder / "report.html").read_text(encoding="utf-8")) == [asset("page.js")]
 
 
 def test_reliability_shows_what_was_said_and_what_was_right(trial: Trial) -> None:
