@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Callable
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -24,9 +23,8 @@ from PIL import Image
 from pamid.base.errors import DataError
 from pamid.report import formatting
 from pamid.report.channel_errors import FIELDS
-from pamid.report.motion import MEASURED, Motion, gap_label, scale_of
+from pamid.report.motion import MEASURED, TRAIL_S, Motion, gap_label, scale_of
 from pamid.report.style import (
-    DRAWING_SETTINGS,
     Look,
     annotate,
     axis,
@@ -35,13 +33,13 @@ from pamid.report.style import (
     finish,
     label,
     line,
+    settings,
 )
 
 ANIMATION_HZ = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
 WIDTH_IN, ARM_IN, STRIP_IN = 4.8, (1.3, 3.6), 0.62
 COLOURS_KEPT = 32
-TRAIL_S = 1.0
 _MARGIN_IN = 0.62  # left of the strips
 TRACE_LINES: dict[str, tuple[float, Any]] = {  # width in points, dashes
     MEASURED: (6.0, "-"),
@@ -67,8 +65,7 @@ def gif_of(
             "Show a shorter part (--from, --to) or a faster animation (--speed).",
             code="frames",
         )
-    # independent of the user's matplotlibrc
-    with matplotlib.style.context(["default", DRAWING_SETTINGS]):
+    with settings("motion"):
         canvas, arm, strips = _stage(motion, width_px)
         draw = _moving(motion, canvas, arm, strips)
         canvas.draw()
@@ -185,8 +182,7 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
 
 def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     """Colour, width and dashes of a kind's lines."""
-    model = "best" if kind == list(motion.lines)[-1] else "before"
-    width, dashes = TRACE_LINES[MEASURED if kind == MEASURED else model]
+    width, dashes = TRACE_LINES[motion.rank(kind)]
     return {
         "linewidth": slim * width,
         "linestyle": dashes,
@@ -201,8 +197,7 @@ def _moving(
     motion: Motion, canvas: FigureCanvasAgg, arm: Axes, strips: list[Axes]
 ) -> Callable[[int, Any], Image.Image]:
     """Create the moving artists; return a function that draws a frame over the still picture."""
-    best = list(motion.lines)[-1]
-    tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
+    tips = {kind: motion.tip(kind) for kind in (MEASURED, motion.best)}
     trails, arms = {}, []
     for kind in tips:
         look: Look = {"color": _style(motion, kind)["color"], "linewidth": 1.0, "alpha": 0.55}

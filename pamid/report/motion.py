@@ -28,6 +28,7 @@ from pamid.report.load import Residual, RunData
 
 LONGEST_SHOWN_S = 12.0  # shown where no times are given
 MEASURED = "measured"
+TRAIL_S = 1.0  # of the tip's path that is drawn
 NO_POSE = "no-pose"  # code of the error where a rig does not describe its pose
 
 
@@ -71,6 +72,15 @@ class Motion:
         points = np.concatenate(self.lines[MEASURED], axis=1)
         still = np.ptp(points, axis=0).max(axis=1) < 1e-9
         return np.unique(points[0, still], axis=0)
+
+    @property
+    def best(self) -> str:
+        """Kind of the best model."""
+        return list(self.lines)[-1]
+
+    def rank(self, kind: str) -> str:
+        """ "measured", "best" or "before", of the model before the best."""
+        return kind if kind == MEASURED else "best" if kind == self.best else "before"
 
     def tip(self, kind: str) -> FloatArray:
         """The last point of the first polyline (n, 2), m."""

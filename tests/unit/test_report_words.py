@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from pamid.base.share_words import minutes_text
 from pamid.report import formatting
 from pamid.report.markup import escape, prose, tag
 from pamid.report.page import Page, Section, html_of, strong, table, text
@@ -44,6 +45,13 @@ def test_numbers(value: float | None, told: str) -> None:
 )
 def test_percentages(share: float | None, told: str) -> None:
     assert formatting.percent(share).replace(formatting.SPACE, " ") == told
+
+
+@pytest.mark.parametrize(
+    ("minutes", "told"), [(8.0, "8 min"), (1.0, "1 min"), (0.67, "40 s"), (0.0017, "0.1 s")]
+)
+def test_short_experiments_are_told_in_seconds(minutes: float, told: str) -> None:
+    assert minutes_text(minutes) == told
 
 
 def test_markup_escapes_everything_but_markup() -> None:
