@@ -21,7 +21,7 @@ MODEL_NAMES = {
     "with_cause": "with cause",
     "noise_floor": "noise floor",
 }
-#: kind of a model's trace in residual.csv -> field of ChannelErrors
+#: kind of a model's trace in residual.csv -> field of ChannelErrors, role of its colour
 FIELDS = {
     "data_sheet": "data_sheet",
     "refitted": "refitted",
