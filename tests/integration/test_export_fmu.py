@@ -10,6 +10,7 @@ import subprocess
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -69,36 +70,26 @@ def test_an_output_that_hangs_on_an_input(version: int, tmp_path: Path) -> None:
 @needs_gcc
 def test_a_state_brings_back_every_bit(version: int, tmp_path: Path) -> None:
     c, slave = case(SEVERAL, 2000), Slave(SEVERAL, version, tmp_path)
-    take, put, free = (
-        ("getFMUstate", "setFMUstate", "freeFMUstate")
-        if version == 2
-        else ("getFMUState", "setFMUState", "freeFMUState")
-    )
-    pack, unpack = (
-        ("serializeFMUstate", "deSerializeFMUstate")
-        if version == 2
-        else ("serializeFMUState", "deserializeFMUState")
-    )
+    kind, unpack = ("state", "deSerialize") if version == 2 else ("State", "deserialize")
+
+    def call(verb: str, *given: Any) -> Any:
+        return getattr(slave.fmu, f"{verb}FMU{kind}")(*given)
+
     slave.run(c.inputs[:1000])
-    state = getattr(slave.fmu, take)()
-    packed = getattr(slave.fmu, pack)(state)
+    state = call("get")
+    packed = call("serialize", state)
     first = slave.run(c.inputs[1000:], start=3.0)
-    getattr(slave.fmu, put)(state)
+    call("set", state)
     assert np.array_equal(slave.run(c.inputs[1000:], start=3.0), first)
-    again = getattr(slave.fmu, unpack)(packed)
-    getattr(slave.fmu, put)(again)
+    again = call(unpack, packed)
+    call("set", again)
     assert np.array_equal(slave.run(c.inputs[1000:], start=3.0), first)
     for one in (state, again):
-        getattr(slave.fmu, free)(one)
+        call("free", one)
     with pytest.raises(Exception, match="doStep|DoStep"):
         slave.fmu.doStep(0.0, PERIOD_S)  # back in time without a state
     slave.fmu.reset()
-    if version == 2:
-        slave.fmu.setupExperiment(startTime=0.0)
-        slave.fmu.enterInitializationMode()
-    else:
-        slave.fmu.enterInitializationMode(startTime=0.0)
-    slave.fmu.exitInitializationMode()
+    slave.begin(0.0)
     assert c.error(slave.run(c.inputs)) < 1e-12
 
 

@@ -238,6 +238,7 @@ class Slave:
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
 
+        self.version = version
         folder.mkdir(exist_ok=True)
         path = folder / "model.fmu"
         path.write_bytes(fmu_of(name, version).data)
@@ -256,18 +257,20 @@ class Slave:
         self.get: Callable[[Any], Any] = self.fmu.getReal if version == 2 else self.fmu.getFloat64
         for key, value in (changed or {}).items():
             self.put([self.places[key]], [value])
-        if version == 2:
+        self.begin(start)
+        self.inputs, self.outputs = (
+            [v.valueReference for v in self.description.modelVariables if v.causality == causality]
+            for causality in ("input", "output")
+        )
+
+    def begin(self, start: float) -> None:
+        """Initialise, at first or after a reset."""
+        if self.version == 2:
             self.fmu.setupExperiment(startTime=start)
             self.fmu.enterInitializationMode()
         else:
             self.fmu.enterInitializationMode(startTime=start)
         self.fmu.exitInitializationMode()
-        self.inputs = [
-            v.valueReference for v in self.description.modelVariables if v.causality == "input"
-        ]
-        self.outputs = [
-            v.valueReference for v in self.description.modelVariables if v.causality == "output"
-        ]
 
     def run(
         self, inputs: Array, step: float = PERIOD_S, start: float = 0.0, ahead: bool = False
