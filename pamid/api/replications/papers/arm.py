@@ -505,11 +505,21 @@ def text(paper: dict[str, Any]) -> str:
         f"{target['worst']:.3f} times)",
         f"Force law  {paper['force_law']['finding']}",
         "",
-        *_combinations(paper["combinations"]),
+        # with and without the test that sets the common factor
+        *_estimates(
+            "Inertial data",
+            paper["combinations"],
+            {UNLOADED: "without the payload test", GRAVITY_TEST: "all gravity tests"},
+        ),
         *_tied("Known only in combination", in_the_end),
         *_tied("Without the payload test", unloaded),
         "",
-        *_parameters(paper["parameters"]),
+        *_estimates(
+            "Parameter",
+            paper["parameters"],
+            {ANALYTIC: "fitted, analytic law", ANFIS: "fitted, ANFIS law"},
+        ),
+        "* the interval does not hold the truth",
         "",
     ]
     lines += [
@@ -538,29 +548,16 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
     ]
 
 
-def _combinations(estimates: dict[str, Any]) -> list[str]:
-    """Parameter combinations that the motion depends on, with and without the test that sets the
-    common factor."""
+def _estimates(title: str, estimates: dict[str, Any], stages: dict[str, str]) -> list[str]:
+    """Estimates by two stages of the fits, next to the data sheet and the truth."""
     return [
-        f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
-        f"{'all gravity tests':>38s}",
+        f"{title:28s}{'data sheet':>11s}{'truth':>11s}"
+        + "".join(f"{heading:>38s}" for heading in stages.values()),
         *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate[UNLOADED])}{_estimate_cell(estimate['gravity'])}"
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}"
+            + "".join(_estimate_cell(estimate[stage]) for stage in stages)
             for name, estimate in estimates.items()
         ),
-    ]
-
-
-def _parameters(estimates: dict[str, Any]) -> list[str]:
-    return [
-        f"{'Parameter':28s}{'data sheet':>11s}{'truth':>11s}{'fitted, analytic law':>38s}"
-        f"{'fitted, ANFIS law':>38s}",
-        *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate['fitted_analytic'])}"
-            f"{_estimate_cell(estimate['fitted_anfis'])}"
-            for name, estimate in estimates.items()
-        ),
-        "* the interval does not hold the truth",
     ]
 
 
