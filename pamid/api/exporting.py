@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from pamid.api.given import effects_given, warn_in_python
 from pamid.api.options.exporting import ExportArguments
@@ -25,9 +24,7 @@ class ExportResult(WrittenExport):
     data, by channel, before and now.
     """
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = WrittenExport.as_json
 
     def summary(self) -> str:
         """Files, effects, columns and, for a model file, its errors, as lines of text."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pamid.api.given import effects_given, recording_given
 from pamid.api.options.record import verb
@@ -51,9 +51,7 @@ class PowerResult(PowerFile):
             "separated from another family"
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = PowerFile.as_json
 
     def summary(self) -> str:
         """The finding and a table, as lines of text."""

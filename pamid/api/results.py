@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pamid.api.given import RecordingLike
 from pamid.api.simulating import simulate
@@ -15,7 +15,6 @@ from pamid.api.workers import OpenedRun, RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
-from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.run_files import read_diagnosis
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
@@ -159,11 +158,6 @@ class FitResult(OpenedRun):
         """Mean absolute errors on what was held out, by channel, in the channel's unit."""
         return {row.channel: row for row in errors_of(self.data)}
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / FIT_FILE)
-        return content
-
     def simulate(
         self,
         excitation: RecordingLike,
@@ -253,6 +247,8 @@ class DiagnosisResult(FitResult):
     next_experiment: what to measure next.
     """
 
+    result_file: ClassVar[str] = DIAGNOSIS_FILE
+
     verdict: str = ""
     sentence: str = ""
     remark: str = ""
@@ -265,11 +261,6 @@ class DiagnosisResult(FitResult):
     refitted: ParameterTable = field(default_factory=lambda: ParameterTable(()))
     unknown: Unknown | None = None
     next_experiment: NextExperiment | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / DIAGNOSIS_FILE)
-        return content
 
     def plot_rig(self) -> NotebookFigure:
         """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an
