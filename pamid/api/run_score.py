@@ -61,12 +61,8 @@ class _Models:
 
     def of(self, channel: str) -> dict[str, Identified]:
         """By name, with the channel's network where it has any."""
-        of_channel = (
-            {"with_network": self.channel_networks[channel]}
-            if channel in self.channel_networks
-            else {}
-        )
-        return {**self.named, **of_channel}
+        network = self.channel_networks.get(channel)
+        return self.named if network is None else {**self.named, "with_network": network}
 
     @property
     def every(self) -> list[tuple[str, Identified]]:
@@ -162,9 +158,6 @@ def _models_of(
             if network is not None and channel != network.channel
         }
     return _Models(refitted, named, tuple(fit.channels), others)
-
-
-# ---- what may be judged ------------------------------------------------------------------------
 
 
 # ---- rows --------------------------------------------------------------------------------------

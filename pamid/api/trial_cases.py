@@ -89,17 +89,16 @@ def run_trial(
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
+    unusual: dict[str, Any] = {"bare": True} if selection.bare else {}
+    unusual |= {"world": selection.world} if selection.world != CLOSED else {}
     about = TrialLabelsFile(
         rig=selection.rig_name,
         part=selection.part,
         seed=selection.seed,
         cases_sha256=digest,
         cases=tuple(CaseLabel(**label) for label in labels),
+        **unusual,
     )
-    if selection.bare:
-        about = about.model_copy(update={"bare": True})
-    if selection.world != CLOSED:
-        about = about.model_copy(update={"world": selection.world})
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
     scores = score_cases(
