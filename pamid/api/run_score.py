@@ -15,8 +15,8 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, PamidError
 from pamid.base.files import sha256_of
 from pamid.base.network_folders import channel_networks
@@ -44,8 +44,6 @@ from pamid.simulation.replay import Replay, replay_track
 from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import track_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

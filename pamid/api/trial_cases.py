@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.diagnosing import diagnose
 from pamid.api.results import DiagnosisResult
 from pamid.api.scoring import score
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
@@ -41,7 +41,6 @@ from pamid.trial.machine import ONE_DOF
 from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
-Array = NDArray[np.float64]
 # of a diagnosis, against a case with a single fault, about
 COSTS = {"no-gap": 0.2, "double": 2.0}
 Done = Callable[[int, int], None]

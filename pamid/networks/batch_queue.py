@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from threading import Condition, get_ident
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.networks.torch_passes import TorchPasses
 
-Array = NDArray[np.float64]
 Sums = tuple[float, Array, Array]
 
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
+
 Complex = NDArray[np.complex128]
 
 POOL = 80  # poles drawn, of which a few are chosen

@@ -17,8 +17,9 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import effective_samples, effective_weights, resolved
@@ -33,8 +34,6 @@ from pamid.networks.training_problem import (
     fingerprint,
     recordings,
 )
-
-Array = NDArray[np.float64]
 
 GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
 _CHECKPOINT_SECONDS = 5.0

@@ -24,8 +24,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
@@ -33,8 +34,6 @@ from pamid.networks.network import Network
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-Array = NDArray[np.float64]
 
 
 def require_device(name: str) -> str:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.base.files import make_folder
 from pamid.base.schemas.trial_case_files import ActingEffect
@@ -29,7 +29,6 @@ from pamid.trial.cases import FURTHER_SHARES, OPEN, Case
 from pamid.trial.conditions import StarterConditions
 from pamid.trial.machine import Machine, Record
 
-Array = NDArray[np.float64]
 Faults = Mapping[str, Mapping[str, float]]
 
 FITTED, HELD_OUT = range(2)  # recordings of a case; the numbers above are fresh ones

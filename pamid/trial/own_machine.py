@@ -20,8 +20,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.parallel.result_store import digest
@@ -60,8 +60,6 @@ from pamid.trial.own_forms import (
     wave_values,
 )
 from pamid.trial.starter_machine import draw_map
-
-Array = NDArray[np.float64]
 
 ROUGH_KINDS = ("motion", "actuator-force", "flow", "rate")
 FINENESS = 7  # steps of the machine in each step of a fit

@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Draw, Fault
@@ -30,7 +30,6 @@ from pamid.trial.starter_faults import (
     signal_faults,
 )
 
-Array = NDArray[np.float64]
 #: fine inputs (steps, columns), constants, what is planted at the ports of `inside`, errors of the
 #: maps, step (s), readings to fill (steps, columns); all SI
 Run = Callable[[Array, Any, tuple[Any, ...], tuple[Array, ...], float, Array], None]

@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import motion, rms
@@ -48,8 +49,6 @@ from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
-
-Array = NDArray[np.float64]
 
 COLUMNS = ("contraction", "pressure_kpa", "force_n")
 CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS

@@ -21,16 +21,15 @@ from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.base.units import compatible, split_column, to_si, unit
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import substitute, symbol
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, clip
 from pamid.networks.trained_network import TrainedNetwork, load_network
-
-Array = NDArray[np.float64]
 
 CHECKED_POINTS = 121  # per input, of the grid on which a law is checked
 # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range

@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.conditions import ALL, NO_FORCES, Draws
@@ -31,8 +31,6 @@ from pamid.trial.faults import (
 )
 from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
 from pamid.trial.machine import AHEAD, ONE_DOF, Record, packed
-
-Array = NDArray[np.float64]
 
 PERIOD_S = 0.003
 JOINT_CONTROLLER = {

@@ -10,9 +10,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pamid.api.force_laws import write_law
 from pamid.api.replications.arm_coupling import Uncoupled, coupling_json, coupling_png
 from pamid.api.replications.arm_twin import (
@@ -31,6 +28,7 @@ from pamid.api.replications.arm_twin import (
     unit_of,
 )
 from pamid.api.replications.reproducing import number_cell
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
@@ -56,8 +54,6 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 # procedure: Dynamic characterization and simulation of two-link soft robot arm with pneumatic
 # muscles, Mechanism and Machine Theory (2016)
