@@ -27,17 +27,16 @@ def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
     return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
 
 
-def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
-    """Mean over what is there: NaN stands for what was not recorded, and for the mean of
+def seen_mean(table: ArrayLike) -> FloatArray:
+    """Mean over the rows that are there: NaN stands for what was not recorded, and for the mean of
     nothing."""
     values = np.asarray(table, dtype=float)
     here = ~np.isnan(values)
     if here.all():
-        return np.asarray(values.mean(axis=axis))
-    count = here.sum(axis=axis)
-    return np.where(
-        count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan
-    )
+        return np.asarray(values.mean(axis=0))
+    count = here.sum(axis=0)
+    total = np.where(here, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 #: of the largest value: digits of a file and the rounding of a conversion, no motion

@@ -216,11 +216,9 @@ def known_fault(
     )
 
 
-def nameless_fault(
-    word: str, port: str, sizes: Mapping[str, Draw], needs: tuple[str, ...] = ()
-) -> Fault:
+def nameless_fault(word: str, port: str, sizes: Mapping[str, Draw]) -> Fault:
     """A fault that is in no catalogue."""
-    return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),), needs=frozenset(needs))
+    return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),))
 
 
 _HYSTERESIS, _FRICTION, _VALVE = "muscle-hysteresis", "friction", "valve-dead-band"

@@ -169,9 +169,9 @@ def known_option(text: str) -> Any:
     return option(None, text, "--known", metavar="NAME=VALUE", parse=parse_pairs())
 
 
-def noise_option(default: float, text: str, metavar: str | None = None) -> Any:
+def noise_option(default: float, text: str) -> Any:
     """The --noise option: default, none or a factor."""
-    return option(default, text, command_default="default", parse=_noise_factor, metavar=metavar)
+    return option(default, text, command_default="default", parse=_noise_factor)
 
 
 def _noise_factor(text: str) -> float:
@@ -230,7 +230,7 @@ def overwrite_option(text: str, *, formerly: str = "") -> Any:
     return option(False, text, formerly=formerly)
 
 
-def run_output_option(name: str, text: str = "Run folder to create.") -> Any:
+def run_output_option(name: str) -> Any:
     """The --output option of a command that creates a run folder; name: default of the command."""
     about = "Run folder. Default: a temporary folder, which `save` copies."
-    return option(None, text, command_default=name, in_python=about)
+    return option(None, "Run folder to create.", command_default=name, in_python=about)
