@@ -177,7 +177,6 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
 
 
 def most_iterations(arguments: TrainingArguments) -> int:
-    """Iterations at most, for every start."""
     default = PAPER_ITERATIONS if arguments.plain else USUAL_ITERATIONS
     return default if arguments.iterations is None else arguments.iterations
 

@@ -76,7 +76,6 @@ class Machine(Protocol):
 
 
 def machine_names() -> list[str]:
-    """The rigs for which there is a machine."""
     folder = import_module(_FOLDER)
     return sorted(module.name.replace("_", "-") for module in iter_modules(folder.__path__))
 

@@ -35,7 +35,6 @@ def _files(folder: str) -> list[Path]:
 
 
 def entries(folder: str) -> list[str]:
-    """Names of the entries of a package folder."""
     return [file.stem.replace("_", "-") for file in _files(folder)]
 
 
@@ -49,7 +48,6 @@ def rigs_with(attribute: str) -> list[str]:
 
 
 def machines() -> list[str]:
-    """Rigs for which the blind trial has a machine."""
     return entries("trial/machines")
 
 

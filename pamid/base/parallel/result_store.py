@@ -84,7 +84,6 @@ class Store:
         return [entry for entry in entries if isinstance(entry, dict)]
 
     def clear(self) -> None:
-        """Remove the stored results."""
         remove_jobs(self.folder)
 
 

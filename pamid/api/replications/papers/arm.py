@@ -283,44 +283,37 @@ def target_of(mae: dict[str, Any]) -> result.ArmTarget:
     )
 
 
-def _interval(table: dict[str, Any], truth: float | None) -> dict[str, Any]:
-    return {
-        **{key: table[key] for key in ("value", "low", "high", "word")},
-        "holds": None if truth is None else table["low"] <= truth <= table["high"],
-    }
-
-
 def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Inertial combinations by stage; holds: does the interval hold the truth?"""
+    """Inertial combinations by stage."""
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth = plain.values(twin.hidden())
-    combinations = {n: s.found["combinations"] for n, s in stages.items() if n != WITHOUT_DRY}
-    return {
-        name: {
-            "unit": combinations[GRAVITY_TEST][name]["unit"],
-            DATA_SHEET: combinations[GRAVITY_TEST][name]["prior"],
-            "truth": of(truth),
-            **{
-                stage: _interval(of_stage[name], of(truth))
-                for stage, of_stage in combinations.items()
-            },
-        }
-        for name, of in declared(plain).items()
-    }
+    truths = {name: of(truth) for name, of in declared(plain).items()}
+    return _by_stage(stages, "combinations", truths, truths)
 
 
 def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Fitted parameters by stage; holds (none of a scale): does the interval hold the truth?"""
-    hidden, rows = {**twin.hidden(), **twin.friction}, {}
-    for name, parameter in stages[GRAVITY_TEST].found["parameters"].items():
-        truth = hidden.get(name, parameter["prior"])
-        sheet = parameter["prior"] if parameter.get("null") is None else parameter["null"]
-        by = {
-            stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
-            for stage, s in stages.items()
-            if stage != WITHOUT_DRY
-        }
-        rows[name] = {"unit": parameter["unit"], DATA_SHEET: sheet, "truth": truth, **by}
+    """Fitted parameters by stage."""
+    parameters = stages[GRAVITY_TEST].found["parameters"]
+    return _by_stage(stages, "parameters", parameters, {**twin.hidden(), **twin.friction})
+
+
+def _by_stage(
+    stages: dict[str, FitStage], table: str, names: Iterable[str], truths: dict[str, float]
+) -> dict[str, Any]:
+    """Estimates of a table of fit.json by stage; holds (none of a scale): does the interval hold
+    the truth? What has no truth here is as the data sheet says."""
+    tables = {name: s.found[table] for name, s in stages.items() if name != WITHOUT_DRY}
+    rows = {}
+    for name in names:
+        estimate = tables[GRAVITY_TEST][name]
+        sheet = estimate["prior"] if estimate.get("null") is None else estimate["null"]
+        truth = truths.get(name, estimate["prior"])
+        rows[name] = {"unit": estimate["unit"], DATA_SHEET: sheet, "truth": truth}
+        for stage, of_stage in tables.items():
+            e = of_stage[name]
+            rows[name][stage] = {key: e[key] for key in ("value", "low", "high", "word")}
+            holds = None if name == "scale" else e["low"] <= truth <= e["high"]
+            rows[name][stage]["holds"] = holds
     return rows
 
 
