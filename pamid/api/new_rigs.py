@@ -12,7 +12,7 @@ from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
 from pamid.base.files import make_folder, require_new, write_atomically
-from pamid.base.schemas.new_rig_file import NewRigFile, OtherMatch, TakenColumn
+from pamid.base.schemas.command_files import NewRigFile, OtherMatch, TakenColumn
 from pamid.base.units import split_column, unit_label
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import catalogue_rig, effects, rigs

@@ -12,7 +12,7 @@ from pamid.api.simulating import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import progress_steps
-from pamid.base.schemas.power_file import PowerFile, ShownEffect
+from pamid.base.schemas.command_files import PowerFile, ShownEffect
 from pamid.diagnosis.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power
 from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS

@@ -24,7 +24,7 @@ from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.base.schemas.error_file import ErrorFile
+from pamid.base.schemas.command_files import ErrorFile
 from pamid.base.schemas.model import read
 from pamid.base.schemas.trial_case_files import (
     CaseLabel,

@@ -21,12 +21,11 @@ from numpy.typing import ArrayLike
 
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import Attempt, TrainingStep, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.torch_passes import TorchPasses, engine_on
+from pamid.networks.torch_passes import BatchQueue, TorchPasses, engine_on
 from pamid.networks.training_problem import (
     TrainingOptions,
     TrainingProblem,

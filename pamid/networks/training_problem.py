@@ -10,12 +10,12 @@ import numpy as np
 
 from pamid.base.arrays import Array
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.network import Network
 from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.scaling import check_finite
+from pamid.networks.torch_passes import BatchQueue
 
 StepProgress = Callable[[TrainingStep, int], None]
 
