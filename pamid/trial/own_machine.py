@@ -36,11 +36,7 @@ from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
-from pamid.simulation.free_runs import (
-    free_run,
-    port_sizes,
-    virtual_recording,
-)
+from pamid.simulation.free_runs import free_run, port_sizes, virtual_recording
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions

@@ -13,12 +13,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.arrays import Array
-from pamid.base.metrics import (
-    PROBABILITY_BINS,
-    calibration_error,
-    probability_bin,
-    wilson_interval,
-)
+from pamid.base.metrics import PROBABILITY_BINS, calibration_error, probability_bin, wilson_interval
 from pamid.base.schemas.estimates import FailedJob
 from pamid.base.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.cases import CLOSED, OPEN

@@ -30,11 +30,7 @@ from pamid.base.network_folders import (
     channel_networks,
 )
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
-from pamid.networks.correction.residual_data import (
-    RESIDUAL_FILE,
-    ResidualData,
-    derived,
-)
+from pamid.networks.correction.residual_data import RESIDUAL_FILE, ResidualData, derived
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import (
