@@ -110,6 +110,17 @@ class ForceSizes:
 
 
 @dataclass(frozen=True)
+class SpringSizes:
+    """A share of the inertia that hangs behind a spring; outboard_hz: its frequency with the shaft
+    held; play: half gap before the spring, rad. No share is no spring."""
+
+    outboard: float = 0.0
+    outboard_hz: float = 10.0
+    outboard_ratio: float = 0.03
+    play: float = 0.0
+
+
+@dataclass(frozen=True)
 class ClockSizes:
     """The logger's clock: readings stamped early by so much at the start, and ever later since."""
 
@@ -126,6 +137,21 @@ def clock_fault(port: str, period_s: float) -> Fault:
         {"early_s": around(2.0 * period_s), "skew_ppm": either(50.0)},
         "early_s",
         "skew_ppm",
+    )
+
+
+def spring_faults(port: str, frequency_hz: float, play: float) -> tuple[Fault, ...]:
+    """Springs behind a shaft, without and with play; frequency_hz, play: usual sizes."""
+    family, share = "flexible-transmission", between(0.4, 0.8)
+    soft = {"outboard": share, "outboard_hz": around(frequency_hz, 0.6, 1.6)}
+    stiff = {
+        "outboard": share,
+        "outboard_hz": around(2.0 * frequency_hz, 0.7, 1.5),
+        "play": around(play),
+    }
+    return (
+        known_fault("two-mass", family, port, soft),
+        known_fault("backlash", family, port, stiff, "outboard", "play"),
     )
 
 
