@@ -91,7 +91,8 @@ def export(arguments: ExportArguments) -> ExportResult:
     warn = a.warn or warn_in_python
     for note in written.notes:
         warn(f"{files[0]}: {note}.")
-    result = ExportResult(
+    checked = {} if written.check is None else {"plain_mujoco": written.check.errors}
+    return ExportResult(
         to=a.form,
         files=files,
         binary=written.binary,
@@ -102,7 +103,5 @@ def export(arguments: ExportArguments) -> ExportResult:
         inputs=model.inputs,
         outputs=model.outputs,
         notes=written.notes,
+        **checked,
     )
-    if written.check is None:
-        return result
-    return result.model_copy(update={"plain_mujoco": written.check.errors})

@@ -40,10 +40,10 @@ from pamid.simulation.free_runs import free_run, port_sizes, virtual_recording
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
-from pamid.trial.faults import Fault
+from pamid.trial.faults import NAMELESS, Fault
 from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
-from pamid.trial.own_faults import NAMELESS, TIMES_TYPICAL, WAY, fault_of, planted_places
+from pamid.trial.own_faults import TIMES_TYPICAL, WAY, fault_of, planted_places
 from pamid.trial.own_forms import (
     FORM,
     FORM_BEND,

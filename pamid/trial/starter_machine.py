@@ -18,7 +18,7 @@ import numpy as np
 from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
-from pamid.trial.faults import Draw, Fault
+from pamid.trial.faults import NAMELESS, Draw, Fault
 from pamid.trial.logger import Readout
 from pamid.trial.machine import AHEAD, Record, packed
 from pamid.trial.starter_faults import (
@@ -122,7 +122,7 @@ class StarterMachine:
         faults += [clock_fault(self.clock, self.period_s)] if self.clock else []
         at_ports = {}
         for f in (*faults, *self.further):
-            name = f.name if f.name.startswith("nameless:") else f"{f.name}@{f.port}"
+            name = f.name if f.name.startswith(NAMELESS) else f"{f.name}@{f.port}"
             twin = {self.twins[name]} if name in self.twins else set()
             at_ports[name] = replace(f, name=name, exact=f.exact | twin)
         return at_ports
