@@ -141,7 +141,8 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
 
 def journalled(store: Store) -> Counter[str]:
     """How often each job was worked out."""
-    return Counter(json.loads(line)["key"] for line in (store.folder / "journal.jsonl").open())
+    lines = (store.folder / "journal.jsonl").read_text().splitlines()
+    return Counter(json.loads(line)["key"] for line in lines)
 
 
 def test_what_was_damaged_meanwhile_is_worked_out_again(

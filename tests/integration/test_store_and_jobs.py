@@ -50,7 +50,7 @@ RESULT = {
 
 def journal(store: Store) -> list[dict[str, str]]:
     """What was worked out, in order."""
-    return [json.loads(line) for line in (store.folder / "journal.jsonl").open()]
+    return [json.loads(line) for line in (store.folder / "journal.jsonl").read_text().splitlines()]
 
 
 def same(one: Any, other: Any) -> bool:
