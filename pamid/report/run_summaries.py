@@ -9,7 +9,7 @@ from typing import Any
 from pamid.base.errors import FileError, PamidError
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RUN_FILE
-from pamid.base.schemas.runs_file import RunSummary
+from pamid.base.schemas.command_files import RunSummary
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of

@@ -12,7 +12,7 @@ import pytest
 from pamid_cli.frame import run as run_command
 
 import pamid
-from pamid.base.schemas.power_file import ShownEffect
+from pamid.base.schemas.command_files import ShownEffect
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of

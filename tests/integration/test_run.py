@@ -37,9 +37,8 @@ def test_a_run_from_begin_to_end(tmp_path: Path) -> None:
         and record["options"] == {"jobs": 2}
         and record["begun"]
     )
-    assert not run.finished
     run.finish("done")
-    assert Run.open(run.folder).finished and run.record["outcome"] == "done"
+    assert Run.open(run.folder).record["ended"] and run.record["outcome"] == "done"
     assert run.path("figures/gap.svg").parent.is_dir()
 
 
@@ -251,7 +250,7 @@ def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path: Path) -> None:
         rows = (folder / "residual.csv").read_bytes().split(b"\n")
         assert len(rows) == 30001 and len(set(rows[:-1])) == 1 and len(rows[0]) == 7
         run = Run.open(folder)
-        assert run.record["ended"] is None and not run.finished
+        assert run.record["ended"] is None
         assert {item.name for item in folder.iterdir() if not item.name.endswith(".tmp")} == {
             "run.json",
             "fit.json",

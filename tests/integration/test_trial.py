@@ -23,8 +23,8 @@ from pamid.base.schemas.trial_file import TrialFile
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
-from pamid.trial.faults import FAULTS
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.faults import FAULTS, NAMELESS
 from pamid.trial.figure_table import trial_text
 from pamid.trial.scoring import score_cases
 

@@ -19,13 +19,13 @@ from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
     MAP_TOLERANCE,
-    NAMELESS,
     OPEN,
     STRATA,
     Case,
     cases_sha256,
     draw_cases,
 )
+from pamid.trial.faults import NAMELESS
 from pamid.trial.logger import Logger
 from pamid.trial.machine import machine_names
 from pamid.trial.marking import Marked

@@ -22,7 +22,8 @@ from pamid.report.trial_results import read_trial
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import data_of
 from pamid.trial.case_machine import CaseMachine
-from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.faults import NAMELESS
 from pamid.trial.own_excitation import MAX_SAMPLES, made_excitation, sampled
 from pamid.trial.own_faults import TIMES_TYPICAL
 from pamid.trial.own_forms import (

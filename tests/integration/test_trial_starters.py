@@ -18,8 +18,9 @@ from pamid.base.units import unit
 from pamid.model.attachment import attachments
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.trial.cases import NAMELESS, cases_sha256, draw_cases
+from pamid.trial.cases import cases_sha256, draw_cases
 from pamid.trial.conditions import StarterConditions
+from pamid.trial.faults import NAMELESS
 from pamid.trial.logger import Readout
 from pamid.trial.machine import machine_named, machine_names
 from pamid.trial.starter_machine import StarterMachine, draw_map

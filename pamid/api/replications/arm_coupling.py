@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae
 from pamid.base.schemas import paper_files as result
 from pamid.engine.symbolic.vocabulary import ZERO, Expr
 from pamid.recording.recording import Recording
 from pamid.report.paper_figure import Panel, coupling_picture
 from pamid.rigs.two_link import JOINTS, TwoLink
-
-Array = NDArray[np.float64]
 
 SETTLED_S = 1.0  # after the last pulse on a joint, until what it set moving has come to rest
 SHOWN_S = (0.3, 0.9)  # of the figure, before and after the largest deflection

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.joint_twin import (
     ANGLE_COLUMN,
@@ -18,6 +17,7 @@ from pamid.api.replications.joint_twin import (
     analytic_run,
     clock,
 )
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae, rms
 from pamid.networks.correction.force_map import ForceMap, forces
 from pamid.networks.scaling import scaling_of
@@ -31,8 +31,6 @@ from pamid.report.paper_figure import (
     training_picture,
 )
 from pamid.rigs.muscle import LAWS
-
-Array = NDArray[np.float64]
 
 PAPER_LAW, RIG_LAW = "polynomial", "exponential"
 SURFACE_CONTRACTION, SURFACE_KPA = np.linspace(0.0, 0.25, 51), np.linspace(0.0, 600.0, 61)
