@@ -26,12 +26,22 @@ def export_model(
 ) -> Written:
     """Write an identified model.
 
-    path: file or folder; by default the model's name with the ending of the form, in the working
-    folder; anyway: write a model file even if it is worse than its original; randomise: further
-    file for the ranges of the parameters.
+    Parameters
+    ----------
+    path
+        File or folder; by default the model's name with the ending of the form, in the working
+        folder.
+    anyway
+        Write a model file even if it is worse than its original.
+    randomise
+        Further file for the ranges of the parameters.
 
-    FileError if a file exists and may not be replaced, or a model file got worse; UsageError if the
-    form is unknown, or refuses the model.
+    Raises
+    ------
+    FileError
+        A file exists and `overwrite` is not given, or a model file got worse.
+    UsageError
+        The form is unknown, or it refuses the model.
     """
     forms = known_forms()
     if form not in forms:

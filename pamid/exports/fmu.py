@@ -55,7 +55,17 @@ def write_fmu(
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:
-    """Build an FMU of FMI 2 or 3. compiler: by default the first of cc, gcc, clang; "" for none."""
+    """Build an FMU.
+
+    Parameters
+    ----------
+    step
+        Sample step of the model.
+    version
+        FMI 2 or 3.
+    compiler
+        C compiler; by default the first of cc, gcc, clang; "" for none.
+    """
     name = model_name(step)
     model = {f"{name}.h": header(step), f"{name}.c": source(step)}
     token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]

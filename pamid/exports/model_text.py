@@ -22,10 +22,25 @@ LANGUAGES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 def write_model_text(
     model: Identified, step: None, files: tuple[Path, ...], *, language: str
 ) -> Written:
-    """Text for the file in a language, "mjcf" or "urdf", with its errors in MuJoCo.
+    """Text for the file, with its errors in MuJoCo.
 
-    A URDF is also written as MJCF, which holds more. FileError if the rig does not come from a
-    model file, or an MJCF should become a URDF.
+    A URDF is also written as MJCF, which holds more.
+
+    Parameters
+    ----------
+    model
+        Identified model.
+    step
+        None: a model file has no sample step.
+    files
+        Files to be written.
+    language
+        "mjcf" or "urdf".
+
+    Raises
+    ------
+    FileError
+        The rig does not come from a model file, or an MJCF should become a URDF.
     """
     mechanism = getattr(model.assembly.rig, "mechanism", None)
     if not isinstance(mechanism, Mechanism):

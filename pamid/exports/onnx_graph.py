@@ -109,8 +109,21 @@ def graph_of(
     *,
     outermost: bool = False,
 ) -> Any:
-    """Finished GraphProto. inputs, outputs: shape by name; types: element types other than double,
-    by name; outermost: the graph that holds the used constants."""
+    """Finished GraphProto with the shapes of its inputs and outputs.
+
+    Parameters
+    ----------
+    body
+        Nodes of the graph.
+    name
+        Name of the graph.
+    inputs, outputs
+        Shape by name.
+    types
+        Element types other than double, by name.
+    outermost
+        True for the outermost graph, which holds the used constants.
+    """
     from onnx import TensorProto, helper
 
     kinds = types or {}

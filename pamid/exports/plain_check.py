@@ -82,10 +82,22 @@ def settings_of(record: PlainSettings) -> SimulatorSettings:
 def plain_check(
     model: Identified, mechanism: Mechanism, new: MujocoFile, new_mechanism: Mechanism
 ) -> PlainCheck | None:
-    """Run the old file, of `mechanism`, and the new file on the held-out part of the model's run.
+    """Run the old file and the new file on the held-out part of the model's run.
 
-    None if the run holds nothing out or has no residual.csv, or if the model was not read from a
-    run.
+    Parameters
+    ----------
+    model
+        Identified model.
+    mechanism
+        Mechanism of the old file.
+    new, new_mechanism
+        The new file and its mechanism.
+
+    Returns
+    -------
+    PlainCheck or None
+        None if the run holds nothing out or has no residual.csv, or if the model was not read from
+        a run.
     """
     if model.folder is None or not (model.folder / RESIDUAL_FILE).exists():
         return None
