@@ -4,7 +4,6 @@ break out of the quotes and comments of the files that pamid writes from it."""
 from __future__ import annotations
 
 import ast
-import io
 import json
 import shutil
 import tomllib
@@ -304,23 +303,3 @@ def test_no_text_of_a_run_becomes_source(
         made = [text for which in ("refitted", "network") for text in exported(run, which)]
         assert made or number, "as its texts are no names, the model is exported"
         assert not any("stolen" in text for text in made)
-
-
-def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
-    """Under the right name, with the right entries, and yet an object: not unpacked."""
-    from pamid.base.parallel.packing import Question
-    from pamid.base.parallel.result_store import Store
-
-    class Loud:
-        def __reduce__(self) -> tuple[Any, ...]:
-            return (Path.touch, (tmp_path / "ran",))
-
-    store = Store(tmp_path / "jobs")
-    store.put("a" * 64, "job", Question().packed({"x": np.arange(3.0)}))
-    assert store.get("a" * 64) is not None
-    with np.load(tmp_path / "jobs" / f"{'a' * 64}.npz") as held:
-        whole = {name: held[name] for name in held.files}
-    buffer = io.BytesIO()
-    np.savez(buffer, **{**whole, "a0": np.array([Loud()], dtype=object)})
-    (tmp_path / "jobs" / f"{'a' * 64}.npz").write_bytes(buffer.getvalue())
-    assert store.get("a" * 64) is None and not (tmp_path / "ran").exists()

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import pickle
 import shutil
 import signal
 import struct
@@ -172,32 +173,49 @@ def with_a_directory_of_gigabytes(path: Path) -> None:
     path.write_bytes(one[:-10] + struct.pack("<LLH", 1 << 30, 0, 0))
 
 
-@pytest.mark.parametrize(
-    "bomb",
-    [
-        lambda path: packed(
-            path, {NAME: header((4_000_000,)) + bytes(32_000_000)}, zipfile.ZIP_DEFLATED
-        ),
-        lambda path: packed(path, {NAME: header((MANY,)) + bytes(800)}),
-        lambda path: packed(path, {NAME: header((1 << 62, 4)) + bytes(800)}),
-        holding_the_same_often,
-        with_a_directory_of_gigabytes,
-        lambda path: np.savez(path, weights=np.array([print, None], dtype=object)),
-    ],
-    ids=["compressed", "promising", "overflowing", "same often", "directory", "objects"],
-)
-def test_a_packed_bomb_is_refused_before_it_is_unpacked(
-    bomb: Callable[[Path], Any], tmp_path: Path
-) -> None:
+class Trap:
+    """Unpickled, it would leave a file behind."""
+
+    def __init__(self, sprung: Path) -> None:
+        self.sprung = sprung
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.sprung,)
+
+
+def holding_an_object(path: Path) -> None:
+    np.savez(path, weights=np.array([Trap(path.with_name("sprung"))], dtype=object))
+
+
+#: every npz that pamid reads is read by `load_arrays`, see test_nothing_evaluates_or_unpickles
+BOMBS: dict[str, Callable[[Path], Any]] = {
+    "compressed": lambda path: packed(
+        path, {NAME: header((4_000_000,)) + bytes(32_000_000)}, zipfile.ZIP_DEFLATED
+    ),
+    "promising": lambda path: packed(path, {NAME: header((MANY,)) + bytes(800)}),
+    "overflowing": lambda path: packed(path, {NAME: header((1 << 62, 4)) + bytes(800)}),
+    "same often": holding_the_same_often,
+    "directory": with_a_directory_of_gigabytes,
+    "object": holding_an_object,
+    "pickle": lambda path: path.write_bytes(pickle.dumps(Trap(path.with_name("sprung")))),
+    "pickled member": lambda path: packed(
+        path, {NAME: pickle.dumps(Trap(path.with_name("sprung")))}
+    ),
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_a_packed_bomb_is_refused_before_it_is_unpacked(bomb: str, tmp_path: Path) -> None:
     path = tmp_path / "bomb.npz"
-    bomb(path)
+    BOMBS[bomb](path)
     data = path.read_bytes()
     tracemalloc.start()
     for read in (lambda: load_arrays(path), lambda: load_arrays(path, data)):
-        with pytest.raises(FileError, match="not a plain npz"):
+        with pytest.raises(FileError, match="not an? (plain )?npz"):
             read()
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
+    assert not (tmp_path / "sprung").exists()
 
 
 def test_results_of_jobs_that_are_no_files_are_worked_out_again(tmp_path: Path) -> None:

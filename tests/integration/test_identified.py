@@ -3,7 +3,6 @@ folder holds."""
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
 from collections.abc import Callable
@@ -17,8 +16,7 @@ from identified_runs import SEEN, fitted_run, joint_recording, put_network, rand
 from pamid_cli import frame
 
 from pamid.base.errors import FileError, UsageError
-from pamid.base.files import sha256_of
-from pamid.base.json_file import read_json, write_json
+from pamid.base.json_file import write_json
 from pamid.base.units import from_si, split_column
 from pamid.diagnosis.verdict.diagnosis_run import models_json
 from pamid.estimation.grey_box import GreyBox
@@ -212,30 +210,6 @@ def test_a_damaged_network(run: Copy, about: dict[str, Any], words: str) -> None
     with pytest.raises(FileError, match=words) as told:
         load_identified(folder)
     assert "network.json" in str(told.value) or "no parameter" in str(told.value)
-
-
-class Trap:
-    """Unpickled, it would leave a file behind."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (Path.touch, (self.path,))
-
-
-def test_a_crafted_archive_runs_nothing(run: Copy, tmp_path: Path) -> None:
-    folder, sprung = run(), tmp_path / "sprung"
-    put_network(folder, random_network(Elman(3, 2), SEEN, "angle_deg", 1.0))
-    buffer = io.BytesIO()
-    np.savez(buffer, weights=np.array([Trap(sprung)] * 16, dtype=object), allow_pickle=True)
-    (folder / "network.npz").write_bytes(buffer.getvalue())
-    about = read_json(folder / "network.json")
-    about["weights"]["sha256"] = sha256_of(folder / "network.npz")
-    (folder / "network.json").write_text(json.dumps(about), encoding="utf-8")
-    with pytest.raises(FileError, match=r"network\.npz"):
-        load_identified(folder)
-    assert not sprung.exists()
 
 
 # ---- rigs and effects that are files --------------------
