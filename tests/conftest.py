@@ -20,6 +20,24 @@ UNDESCRIBED = ("pamid.test/1", "pamid.schemas/1", "pamid.calibration/2")
 _unchecked: list[bool] = []
 
 
+#: words, exit status -> the object that `pamid ... --json` prints
+Cli = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command with --json to this exit status."""
+
+    def printed(*words: object, code: int = 0) -> dict[str, Any]:
+        capsys.readouterr()
+        status = frame.run([*map(str, words), "--json"])
+        shown = capsys.readouterr()
+        assert status == code, (words, shown)
+        return dict(json.loads(shown.out))
+
+    return printed
+
+
 @pytest.fixture
 def unchecked() -> Iterator[None]:
     """Leave JSON that this test makes pamid write unchecked."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Cli
 from identified_runs import fitted_run, joint_recording
 from pamid_cli.frame import run
 from synthetic_run import make_run, make_trial
@@ -420,14 +421,17 @@ def refused(
 
 @pytest.mark.parametrize("kind", RECORDINGS)
 def test_recordings(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:
     content, status, code, needles = RECORDINGS[kind]
     monkeypatch.chdir(tmp_path)
     put(tmp_path, content)
     refused(["fit", "rec.csv", "--rig", "one-dof"], status, code, needles, capsys)
-    assert run(["check", "rec.csv", "--rig", "one-dof", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
+    told = cli("check", "rec.csv", "--rig", "one-dof", code=3)
     for finding in told.get("findings", []):
         assert finding["detail"].count("Did you mean") <= 1, finding
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Cli
 from identified_runs import SEEN, fitted_run, put_network, random_network
 from pamid_cli import frame
 from synthetic_run import diagnosis_json, fit_json, make_run
@@ -122,9 +123,7 @@ def test_the_test_above_sees(code: str) -> None:
 # ---- a run stays in its folder --------------------
 
 
-def test_nothing_is_written_or_removed_through_a_link(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, cli: Cli) -> None:
     """A run folder is anybody's: its `figures` may be a link into the user's own pictures."""
     run, own = make_run(tmp_path / "run"), tmp_path / "pictures"
     own.mkdir()
@@ -133,8 +132,7 @@ def test_nothing_is_written_or_removed_through_a_link(
     (run / "figures").symlink_to(own)
     with pytest.raises(FileError, match="is a link"):
         write_report(run)
-    assert frame.run(["animate", str(run), "--json"]) == 3
-    assert "is a link" in json.loads(capsys.readouterr().out)["message"]
+    assert "is a link" in cli("animate", run, code=3)["message"]
     assert {path.name: path.read_text() for path in own.iterdir()} == dict.fromkeys(
         ("window.png", "targets.png", "motion.gif"), "mine"
     )

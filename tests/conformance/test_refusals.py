@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Cli
 from pamid_cli.frame import run
 
 from pamid.base.errors import PamidError
@@ -90,12 +91,11 @@ def test_settings_of_another_kind(
     command: list[str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pamid.toml").write_text(f"[fit]\n{line}\n")
-    assert run([*command, "--json"]) == 3
-    assert "pamid.toml" in json.loads(capsys.readouterr().out)["message"]
+    assert "pamid.toml" in cli(*command, code=3)["message"]
 
 
 class Full(io.StringIO):
@@ -160,7 +160,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
 
 
 def test_a_working_folder_that_was_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     path = put(tmp_path, table(HEAD, *ROWS))
     (tmp_path / "gone").mkdir()
@@ -169,8 +169,10 @@ def test_a_working_folder_that_was_removed(
     assert run(["effects", "--json"]) == 0
     assert run(["check", str(path), "--json"]) == 0
     capsys.readouterr()
-    assert run(["simulate", "--excitation", "rec.csv", "--output", "out.csv", "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["code"] != "unexpected"
+    assert (
+        cli("simulate", "--excitation", "rec.csv", "--output", "out.csv", code=3)["code"]
+        != "unexpected"
+    )
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Cli
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 
@@ -38,7 +39,7 @@ def seed_of(effect: str) -> int:
 
 @pytest.mark.slow
 def test_a_short_demo_names_what_was_withheld(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     folder = tmp_path / "demo"
 
@@ -74,8 +75,7 @@ def test_a_short_demo_names_what_was_withheld(
     told = read_recording(folder / "rec.csv")
     assert not told.known and "dead" not in (folder / "rec.toml").read_text()
     # a folder that is taken
-    assert frame.run(["demo", "--output", str(folder), "--json"]) == 3
-    assert "--overwrite" in json.loads(capsys.readouterr().out)["hint"]
+    assert "--overwrite" in cli("demo", "--output", folder, code=3)["hint"]
     text = demo_text(found, folder)
     assert "Right: " in text and "Withheld  valve-dead-band" in text
     # the network goes on from where the demo left it

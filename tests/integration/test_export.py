@@ -3,10 +3,10 @@ gives, and the command writes it."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from conftest import Cli
 from exported import CASES, JUDGES, case, missing
 from pamid_cli import frame
 
@@ -41,7 +41,7 @@ def test_the_command(
     file: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    cli: Cli,
 ) -> None:
     for package in PACKAGES.get(form, ()):
         pytest.importorskip(package, reason="pip install 'pamid[verify]'")
@@ -51,8 +51,7 @@ def test_the_command(
     )
     monkeypatch.chdir(tmp_path)
     words = ["export", "run", "--to", form]
-    assert frame.run([*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = cli(*words)
     assert (told["schema"], told["outputs"][0], told["period_s"]) == (
         "pamid.export/1",
         "angle_deg",

@@ -3,7 +3,6 @@ way from a recording to a model file that plain MuJoCo runs."""
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from pamid_cli import frame
+from conftest import Cli
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.trust import MODEL_ENDINGS
@@ -42,12 +41,6 @@ URDF = """<robot name="lever">
 PERIOD_S, STEPS, SAMPLES = 0.004, 4, 3000
 
 
-def pamid(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    """The JSON that a command prints."""
-    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
 def written(folder: Path, text: str, name: str = "model.xml") -> Path:
     file = folder / name
     file.write_text(text)
@@ -66,13 +59,11 @@ def test_every_ending_of_a_model_file_is_known_to_be_one() -> None:
     assert set(model_kinds()) == set(MODEL_ENDINGS)
 
 
-def test_check_says_how_it_goes_and_what_is_left_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_says_how_it_goes_and_what_is_left_out(tmp_path: Path, cli: Cli) -> None:
     text = mechanisms.TWO.replace(
         'name="elbow"   axis', 'name="elbow" range="-1 2" limited="true" axis'
     ).replace("</sensor>", '<framepos name="tip" objtype="body" objname="forearm"/></sensor>')
-    said = pamid(capsys, "check", written(tmp_path, text))
+    said = cli("check", written(tmp_path, text))
     assert (said["kind"], said["ok"], said["rigs"]) == ("rig", True, ["model"])
     remarks = [f["detail"] for f in said["findings"] if f["check"] == "remark"]
     assert "compiled into equations (2 joints, 2 actuators, 2 sensors" in remarks[0]
@@ -95,7 +86,7 @@ def test_check_says_how_it_goes_and_what_is_left_out(
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_named(
-    text: str, told: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, told: tuple[str, ...], tmp_path: Path, cli: Cli
 ) -> None:
     file = written(tmp_path, text)
     with pytest.raises(FileError) as raised:
@@ -103,7 +94,7 @@ def test_what_cannot_be_read_is_named(
     for words in told:
         assert words in str(raised.value)
     assert str(file) in str(raised.value)
-    assert not pamid(capsys, "check", file, code=3)["ok"]
+    assert not cli("check", file, code=3)["ok"]
 
 
 @pytest.mark.parametrize(
@@ -212,9 +203,7 @@ def _recorded(model: Any, commands: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_a_recording_to_a_model_that_plain_mujoco_runs(tmp_path: Path, cli: Cli) -> None:
     text = mechanisms.TWO.replace("damping='0.08'", "damping='0.08' frictionloss='0.1'")
     file, random = written(tmp_path, text, "arm.xml"), np.random.default_rng(5)
     truth = mujoco.MjModel.from_xml_path(str(file))
@@ -231,7 +220,7 @@ def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
     header = "time_s,m1_command,m2_command,shoulder_angle_rad,elbow_angle_rad"
     np.savetxt(tmp_path / "rec.csv", table, "%.9g", ",", header=header, comments="")
 
-    said = pamid(capsys, "fit", tmp_path / "rec.csv", "--rig", file, "--output", tmp_path / "run")
+    said = cli("fit", tmp_path / "rec.csv", "--rig", file, "--output", tmp_path / "run")
     wanted = {
         "upper_mass_kg": 1.2 * 1.15,
         "forearm_mass_kg": 0.7 * 0.87,
@@ -242,7 +231,7 @@ def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
         assert said["parameters"][name]["value"] == pytest.approx(value, rel=0.02), name
 
     new = tmp_path / "new.xml"
-    made = pamid(capsys, "export", tmp_path / "run", "--rig", file, "--to", "mjcf", "--output", new)
+    made = cli("export", tmp_path / "run", "--rig", file, "--to", "mjcf", "--output", new)
     assert made["notes"] == []
     assert "<!-- the one that squeaks -->" in new.read_text()
     found = _recorded(mujoco.MjModel.from_xml_path(str(new)), commands)

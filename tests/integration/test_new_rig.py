@@ -8,12 +8,12 @@ import json
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conformance_rules import excitation, plain_run
 from conformance_rules import run as run_rig
+from conftest import Cli
 from pamid_cli import frame
 
 import pamid
@@ -31,56 +31,45 @@ from pamid.recording.recording import Recording, read_recording, recording_of, w
 EXAMPLES = sorted(examples())
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, Any]:
-    capsys.readouterr()
-    found = frame.run([*words, "--json"])
-    said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert found == code, said
-    return said
-
-
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def record(rig: str, capsys: pytest.CaptureFixture[str]) -> Recording:
+def record(rig: str, cli: Cli) -> Recording:
     """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs
     is simulated over the length of a recording."""
     kind = rig_named(rig)
     if kind.inputs:
         words = ("--duration", f"{20 * kind.hold_s[1]}", "--output", "u.csv")
-        run(capsys, "generate-aprbs", "--rig", rig, *words)
+        cli("generate-aprbs", "--rig", rig, *words)
     else:
         time = kind.period_s * np.arange(1000)
         write_recording("u.csv", time, {name: np.cos(time) for name in kind.outputs})
-    run(capsys, "simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
+    cli("simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
     return read_recording("rec.csv")
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_each_tells_its_story(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    story = run(capsys, "rigs", name)["rig"]["story"]
+def test_each_tells_its_story(name: str, cli: Cli) -> None:
+    story = cli("rigs", name)["rig"]["story"]
     assert all(len(story[section]) > 30 for section in RIG_SECTIONS)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_a_file_like_the_rig_is_the_rig(
-    name: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = record(name, capsys)
+def test_a_file_like_the_rig_is_the_rig(name: str, here: Path, cli: Cli) -> None:
+    recording = record(name, cli)
     assert recording.sampling_period_s == pytest.approx(rig_named(name).period_s)
-    assert run(capsys, "check", "rec.csv", "--rig", name)["ok"]
-    said = run(capsys, "new-rig", "rec.csv")
+    assert cli("check", "rec.csv", "--rig", name)["ok"]
+    said = cli("new-rig", "rec.csv")
     assert (said["like"], said["rig"], said["unused"]) == (name, "my-rig", [])
     assert {c["by"] for c in said["columns"]} == {"name"}
     assert not any(c["scaled"] for c in said["columns"])
-    assert run(capsys, "check", "my_rig.py")["ok"]
-    assert run(capsys, "check", "rec.csv", "--rig", "my_rig.py")["ok"]
+    assert cli("check", "my_rig.py")["ok"]
+    assert cli("check", "rec.csv", "--rig", "my_rig.py")["ok"]
     for rig in (name, "my_rig.py"):
-        run(
-            capsys,
+        cli(
             *("simulate", "--rig", rig, "--excitation", "u.csv", "--noise", "none"),
             *("--output", "again.csv", "--overwrite"),
         )
@@ -152,10 +141,8 @@ def test_other_units_are_converted(here: Path) -> None:
     assert sheet["preload"].spread == 60.0
 
 
-def test_a_raw_signal_gets_a_gain_that_is_fitted(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = record("cascaded-tanks", capsys)
+def test_a_raw_signal_gets_a_gain_that_is_fitted(here: Path, cli: Cli) -> None:
+    recording = record("cascaded-tanks", cli)
     volts = {
         "pump_v": recording.columns["pump_v"],
         "level_v": 0.2 * recording.columns["level_cm"],
@@ -164,7 +151,7 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
         else np.resize(wave(4), len(recording)),
     }
     write_recording("volts.csv", recording.time, volts)
-    said = run(capsys, "new-rig", "volts.csv", "--like", "cascaded-tanks", "--output", "tanks.py")
+    said = cli("new-rig", "volts.csv", "--like", "cascaded-tanks", "--output", "tanks.py")
     assert said["like"] == "cascaded-tanks" and said["unrecorded"] == ["upper_level_cm"]
     assert said["unused"] == ["comment_n"]
     assert [c["scaled"] for c in said["columns"]] == [False, True]

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import mechanisms
 import pytest
+from conftest import Cli
 from pamid_cli import frame
 
 import pamid
@@ -50,11 +50,10 @@ def test_a_model_of_seven_joints_is_checked_on_one_screen(
     assert not any("sensitivities" in line for line in whole)
 
 
-def test_json_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_complete(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "seven.xml"
     path.write_text(ranged())
-    assert frame.run(["check", str(path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = cli("check", path)
     rig = pamid.check(path)
     assert {row["port"] for row in found["ports"]} == {r["port"] for r in rig.to_dict()["ports"]}
     assert len(found["ports"]) > 25 and all(row["passes"] for row in found["ports"])

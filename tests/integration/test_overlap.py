@@ -3,14 +3,13 @@ are not."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
-from pamid_cli.frame import run
 from small_cart import RIG
 
 from pamid.recording.overlap import overlaps
@@ -159,7 +158,7 @@ def cart(folder: Path, name: str, seed: int, first: int = 0, last: int | None = 
 @pytest.mark.parametrize("role", ["fitted twice", "held out", "held out twice"])
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
 def test_the_commands_refuse_it_naming_both(
-    command: str, role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, role: str, tmp_path: Path, cli: Cli
 ) -> None:
     one, other, new = (
         cart(tmp_path, "one", 1),
@@ -172,8 +171,7 @@ def test_the_commands_refuse_it_naming_both(
         "held out twice": [new, "--held-out", one, "--held-out", other],
     }[role]
     output = tmp_path / "run"
-    assert run([command, *map(str, given), "--rig", RIG, "--output", str(output), "--json"]) == 4
-    said = json.loads(capsys.readouterr().out)
+    said = cli(command, *given, "--rig", RIG, "--output", output, code=4)
     assert said["code"] == "overlap" and not output.exists()
     assert "one.csv (2 .. 11.99 s)" in said["message"] and "other.csv" in said["message"]
     assert "10 s of them" in said["message"]

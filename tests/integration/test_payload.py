@@ -6,11 +6,11 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mechanisms
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli import frame
 from posed_arms import FOUR_HINGES, arm_text, record_about
@@ -72,16 +72,9 @@ def recorded(folder: Path, *free: str) -> Path:
     return log
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def test_a_payload_is_found_within_the_intervals_and_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_payload_is_found_within_the_intervals_and_written(tmp_path: Path, cli: Cli) -> None:
     log, model, new = recorded(tmp_path), tmp_path / "arm.xml", tmp_path / "new.xml"
-    found = run(capsys, "fit", log, "--rig", model, "--output", tmp_path / "run")
+    found = cli("fit", log, "--rig", model, "--output", tmp_path / "run")
     assert found["converged"]
     mass, centre, inertia = truth()
     shape = shapes_of(read_mechanism(model))[-1]
@@ -105,7 +98,7 @@ def test_a_payload_is_found_within_the_intervals_and_written(
 
     ranges = tmp_path / "ranges.yaml"
     export = ("export", tmp_path / "run", "--rig", model, "--to", "mjcf", "--output", new)
-    written = run(capsys, *export, "--randomise", ranges)
+    written = cli(*export, "--randomise", ranges)
     assert "stretch" not in ranges.read_text() and f"{GROUP}_xx" in ranges.read_text()
     for errors in written["plain_mujoco"]["channels"].values():
         assert errors["now"] < 1.2 * errors["stated"] < 0.1 * errors["before"]

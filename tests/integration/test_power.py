@@ -3,12 +3,12 @@ parameters take up does not show; the command, its picture and its refusals."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 from pamid_cli.frame import run as run_command
 
 import pamid
@@ -64,7 +64,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
 
 
 def test_the_command_says_it_and_draws_it(
-    excitation: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    excitation: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     sent, picture = tmp_path / "levels.csv", tmp_path / "power.png"
     pamid.write_recording(
@@ -74,8 +74,7 @@ def test_the_command_says_it_and_draws_it(
         {"recording": {"sampling_period_s": PERIOD_S, "loop": "open"}},
     )
     asked = ["power", "--rig", PENDULUM, "--excitation", str(sent), "--jobs", "1"]
-    assert run_command([*asked, "--figure", str(picture), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli(*asked, "--figure", picture)
     assert said["schema"] == "pamid.power/1" and len(said["effects"]) > 20
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert run_command([*asked, "--figure", str(tmp_path / "power.gif")]) == 2

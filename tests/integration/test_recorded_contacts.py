@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import mechanisms
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli import frame
 
@@ -112,12 +112,6 @@ def run(place: Path) -> Path:
     """A fit of the clear recording."""
     done = pamid.fit(place / "clear.csv", place / "arm.xml", output=place / "run", progress=False)
     return done.folder
-
-
-def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> Any:
-    """The JSON that a command prints."""
-    assert frame.run([*map(str, words), "--json"]) == 0, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
 
 
 def test_the_recordings_decide_the_form(place: Path) -> None:
@@ -226,18 +220,16 @@ def test_a_run_keeps_the_form_and_says_so(
     capsys.readouterr()
 
 
-def test_a_recording_that_touches_is_named(
-    place: Path, run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_touches_is_named(place: Path, run: Path, cli: Cli) -> None:
     arm = place / "arm.xml"
-    found = asked(capsys, "score", run, place / "hits.csv", "--rig", arm)
+    found = cli("score", run, place / "hits.csv", "--rig", arm)
     assert any("hits.csv" in text and "without contacts" in text for text in found["notes"])
     # likewise the motion that a run simulates
     sent = pd.read_csv(place / "hits.csv")[["time_s", "push_command", "bend_command"]]
     sent.to_csv(place / "sent.csv", index=False)
     made = pamid.simulate(place / "sent.csv", model=run, rig=arm)
     assert any("touch" in text and "simulated motion" in text for text in made.warnings)
-    checked = asked(capsys, "check", place / "hits.csv", "--rig", arm)
+    checked = cli("check", place / "hits.csv", "--rig", arm)
     forms = [f for f in checked["findings"] if f["check"] == "form"]
     assert len(forms) == 1 and forms[0]["advice"] and "Stepped by MuJoCo" in forms[0]["detail"]
 
@@ -253,12 +245,10 @@ def test_a_run_of_an_unknown_form_is_refused(place: Path, run: Path, tmp_path: P
         (run / "fit.json").write_bytes(before)
 
 
-def test_check_without_a_log_says_that_recordings_decide(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_without_a_log_says_that_recordings_decide(place: Path, cli: Cli) -> None:
     mechanism: Mechanism = read_mechanism(place / "arm.xml")
     assert mechanism.collides
-    found = asked(capsys, "check", place / "arm.xml")
+    found = cli("check", place / "arm.xml")
     assert any("recordings decide" in f["detail"] for f in found["findings"])
 
 

@@ -3,7 +3,6 @@ bytes, no network."""
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import matplotlib
 import pytest
+from conftest import Cli
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
 from report_pages import VERDICTS, Outline, flat, outline_of, scripts_of, text_of
@@ -221,10 +221,11 @@ def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_one_object(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
+) -> None:
     folder = make_run(tmp_path / "RUN")
-    assert run_command(["report", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = cli("report", folder)
     assert told["schema"] == "pamid.report/1"
     assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
     assert len(told["figures"]) == 14 and all(Path(path).is_file() for path in told["figures"])
@@ -247,5 +248,4 @@ def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFix
         "0.110",
         "0.0500",
     ]
-    assert run_command(["report", str(tmp_path / "nowhere"), "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["code"] == "not-a-run"
+    assert cli("report", tmp_path / "nowhere", code=3)["code"] == "not-a-run"

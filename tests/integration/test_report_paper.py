@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Cli
 from pamid_cli.frame import run as run_command
 from PIL import Image
 from pypdf import PdfReader
@@ -53,12 +54,11 @@ def test_the_pdf_holds_the_answers_and_the_folded_evidence(few_files: Path) -> N
 
 @needs_browser
 def test_the_command_writes_a_pdf_beside_the_page_or_elsewhere(
-    few_files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    few_files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     folder = few_files
     for _ in range(2):  # a PDF of ours is replaced
-        assert run_command(["report", str(folder), "--pdf", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["pdf"] == str(folder / "report.pdf")
+        assert cli("report", folder, "--pdf")["pdf"] == str(folder / "report.pdf")
     assert (folder / "report.pdf").read_bytes().startswith(b"%PDF")
     assert run_command(["report", str(folder), "--pdf", str(tmp_path / "deep" / "one.pdf")]) == 0
     assert f"PDF:  {tmp_path / 'deep' / 'one.pdf'}" in capsys.readouterr().out

@@ -10,6 +10,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli import frame
 
@@ -170,13 +171,12 @@ def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_and_says_what_was_done(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     path, output = arm(tmp_path, post=0.42, high=0.35), tmp_path / "sent.csv"
     words = ["generate-aprbs", "--rig", str(path), "--duration", "6", "--seed", "3", "--period",
              str(PERIOD_S), "--output", str(output)]  # fmt: skip
-    assert frame.run([*words, "--json"]) == 0
-    note = json.loads(capsys.readouterr().out)
+    note = cli(*words)
     limits, sent = note["limits"], read_recording(output)
     assert [one["column"] for one in limits["commands"]] == list(COLUMNS)
     q, _, touched = run(path, {c: sent.columns[c] for c in COLUMNS})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import mechanisms
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli import frame
 
@@ -144,15 +144,12 @@ def test_nobody_counts_outside() -> None:
     assert first.sentences("in a run") == ("Sim warned in a run (10 steps): a creak in 3. Oil it.",)
 
 
-def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> Any:
-    assert frame.run([*map(str, words), "--json"]) == 0, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def test_check_fit_and_page_report_them(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_fit_and_page_report_them(
+    place: Path, capsys: pytest.CaptureFixture[str], cli: Cli
+) -> None:
     rig, rec = place / f"comb-{SMALL}.xml", place / "rec.csv"
     for words in (("check", rig), ("check", rec, "--rig", rig)):
-        found = [f for f in asked(capsys, *words)["findings"] if f["check"] == "simulator"]
+        found = [f for f in cli(*words)["findings"] if f["check"] == "simulator"]
         assert len(found) == 1 and found[0]["advice"]
         assert "contacts dropped" in found[0]["detail"]
     run = place / "run"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 from pamid_cli import frame
 
 from pamid.api.replications.demonstration import TRUTH_FILE, write_rig_recording
@@ -127,7 +128,7 @@ def test_nothing_of_the_truth_is_in_a_recording(machine: OwnMachine, tmp_path: P
 
 
 def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     monkeypatch.chdir(tmp_path)
     truth = tmp_path / "cart_with_secret_friction.py"
@@ -135,8 +136,9 @@ def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
     sent = short(CART, 200)
     write_recording("sent.csv", sent.time, dict(sent.columns))
     words = ["simulate", "--excitation", "sent.csv", "--output", "rec.csv", "--rig"]
-    assert frame.run([*words, truth.name, "--effect", "coulomb-friction", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rig"] == truth.name  # said to who asked
+    assert (
+        cli(*words, truth.name, "--effect", "coulomb-friction")["rig"] == truth.name
+    )  # said to who asked
     assert "secret" not in Path("rec.toml").read_text() + Path("rec.csv").read_text()
     assert "friction" not in Path("rec.toml").read_text()
 
@@ -236,10 +238,9 @@ def test_a_trial_of_a_rig_file(
 
 
 @pytest.mark.slow
-def test_a_whole_demo_of_a_rig_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_whole_demo_of_a_rig_file(tmp_path: Path, cli: Cli) -> None:
     folder = tmp_path / "demo"
     asked = ["demo", "--rig", CART, "--seed", "1", "--jobs", "1", "--output", str(folder)]
-    assert frame.run([*asked, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = cli(*asked)
     assert found["network"] is None and found["hit"] in ("right", "among", "missed")
     assert (folder / "report.html").is_file() and "mass_kg" in found["parameters"]

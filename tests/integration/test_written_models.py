@@ -13,6 +13,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from conftest import Cli
 from model_runs import PERIOD_S, fitted_values, make_run
 from numpy.typing import NDArray
 from pamid_cli import frame
@@ -89,12 +90,6 @@ def written(folder: Path, text: str = ARM, name: str = "arm.xml") -> Path:
     file = folder / name
     file.write_text(text)
     return file
-
-
-def export(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    """The JSON that the command prints."""
-    assert frame.run(["export", *map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
 
 
 # ---- every effect as MuJoCo has it ---------------------------------------------------------------
@@ -220,7 +215,7 @@ TWO_FRICTIONS = ARM.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis').r
 
 
 def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     """One is dry, one a hysteresis; at 2 ms Euler is off, and the export states what is not."""
     file, new = written(tmp_path), tmp_path / "new.xml"
@@ -229,7 +224,7 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     model = fitted_values(file, labels, values)
     log = recorded(TWO_FRICTIONS)
     run = make_run(tmp_path / "run", file, log, READINGS, model, stated=1e-3)
-    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    said = cli("export", run, "--rig", file, "--to", "mjcf", "--output", new)
     plain = said["plain_mujoco"]
     assert (plain["timestep_s"], plain["integrator"]) == (0.002, "Euler")
     for channel in plain["channels"].values():
@@ -246,7 +241,7 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
 
 
 def test_readings_weigh_by_the_noise_that_the_run_states(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     file, weights = written(tmp_path), []
 
@@ -257,26 +252,22 @@ def test_readings_weigh_by_the_noise_that_the_run_states(
     monkeypatch.setattr(PlainModel, "errors", errors_of)
     model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 0.15})
     run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model, noise=0.02)
-    export(capsys, run, "--rig", file, "--to", "mjcf", "--output", tmp_path / "new.xml")
+    cli("export", run, "--rig", file, "--to", "mjcf", "--output", tmp_path / "new.xml")
     assert weights and all(noise == dict.fromkeys(READINGS, 0.02) for noise in weights)
 
 
-def test_a_file_that_got_worse_is_not_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_got_worse_is_not_written(tmp_path: Path, cli: Cli) -> None:
     file, new = written(tmp_path), tmp_path / "new.xml"
     model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 1.5})
     run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model)
     words = (run, "--rig", file, "--to", "mjcf", "--output", new)
-    refused = export(capsys, *words, code=3)
+    refused = cli("export", *words, code=3)
     assert refused["code"] == "worse" and "--anyway" in refused["hint"] and not new.exists()
-    channels = export(capsys, *words, "--anyway")["plain_mujoco"]["channels"]
+    channels = cli("export", *words, "--anyway")["plain_mujoco"]["channels"]
     assert channels["qa_rad"]["now"] > channels["qa_rad"]["before"] and new.exists()
 
 
-def test_the_most_probable_rival_is_written_or_the_chosen_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_most_probable_rival_is_written_or_the_chosen_one(tmp_path: Path, cli: Cli) -> None:
     file, new = written(tmp_path), tmp_path / "new.xml"
     dry, drag = "coulomb-friction@a", "viscous-friction@a"
     models = {
@@ -288,12 +279,12 @@ def test_the_most_probable_rival_is_written_or_the_chosen_one(
         rivals={drag: (0.3, models[drag]), dry: (0.6, models[dry])},
     )  # fmt: skip
     words = (run, "--rig", file, "--to", "mjcf", "--output", new)
-    said = export(capsys, *words)
+    said = cli("export", *words)
     assert said["effects"] == [dry] and 'frictionloss="0.15"' in new.read_text()
     assert said["notes"][0].endswith(f"--choose {drag} writes that effect")
-    assert export(capsys, *words, "--choose", drag, "--overwrite")["effects"] == [drag]
+    assert cli("export", *words, "--choose", drag, "--overwrite")["effects"] == [drag]
     assert 'damping="0.15"' in new.read_text() and "frictionloss" not in new.read_text()
-    refused = export(capsys, *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)
+    refused = cli("export", *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)
     assert dry in refused["hint"]
 
 
@@ -329,9 +320,7 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
     assert "rivals" not in diagnosis_run.models_json(d)
 
 
-def test_ranges_for_randomisation_hold_intervals_and_correlations(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path: Path, cli: Cli) -> None:
     file, dry = written(tmp_path), "coulomb-friction@a"
     model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
     posterior = Posterior(
@@ -348,7 +337,7 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(
     fit["parameters"] = {"upper_mass_kg": {"value": 1.1, **ends}}
     path.write_text(json.dumps(fit))
     words = ("--to", "mjcf", "--output", tmp_path / "new.xml", "--randomise", ranges)
-    said = export(capsys, run, "--rig", file, *words)
+    said = cli("export", run, "--rig", file, *words)
     assert said["files"] == [str(tmp_path / "new.xml"), str(ranges)]
     lines = ranges.read_text().splitlines()
     assert '  - name: "upper_mass"' in lines and '    attribute: "mass"' in lines
@@ -360,7 +349,7 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(
     assert table[0, 1] / np.prod(deviations) == pytest.approx(0.6)
 
 
-def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stepped_model_is_written_too(tmp_path: Path, cli: Cli) -> None:
     """Its spring is not linear, so MuJoCo steps it."""
     text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"')
     file, new = written(tmp_path, text), tmp_path / "new.xml"
@@ -369,7 +358,7 @@ def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFi
     values = {f"{labels[0]}:level": 0.15, f"{labels[1]}:hardening": 0.0}
     model = fitted_values(file, labels, values)
     run = make_run(tmp_path / "run", file, recorded(truth), READINGS, model, stated=2e-3)
-    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    said = cli("export", run, "--rig", file, "--to", "mjcf", "--output", new)
     channel = said["plain_mujoco"]["channels"]["qa_rad"]
     assert channel["now"] < 0.2 * channel["before"]
     assert 'stiffness="0.5 0 1"' in new.read_text()
@@ -475,9 +464,7 @@ def lever_log(model: Any) -> dict[str, Array]:
     return {"pivot_torque_nm": torques, LEVER_ANGLE: np.array(rows)}
 
 
-def test_urdf_gets_friction_damping_and_inertials(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_urdf_gets_friction_damping_and_inertials(tmp_path: Path, cli: Cli) -> None:
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.urdf"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_frictionloss[0], model.dof_solref[0, 0], model.dof_damping[0] = 0.2, 4e-4, 0.3
@@ -488,7 +475,7 @@ def test_urdf_gets_friction_damping_and_inertials(
     fitted = fitted_values(file, labels, values)
     run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
     words = (run, "--rig", file, "--output", new)
-    said = export(capsys, *words, "--to", "urdf")
+    said = cli("export", *words, "--to", "urdf")
     channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     text = new.read_text()
@@ -496,21 +483,19 @@ def test_urdf_gets_friction_damping_and_inertials(
     assert 'ixx="0.024"' in text
 
 
-def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(tmp_path: Path, cli: Cli) -> None:
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.xml"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_armature[0] = 0.05
     fitted = fitted_values(file, (), {"pivot_armature": 0.05})
     run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
-    said = export(capsys, run, "--rig", file, "--output", new, "--to", "mjcf")
+    said = cli("export", run, "--rig", file, "--output", new, "--to", "mjcf")
     channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     assert mujoco.MjModel.from_xml_path(str(new)).dof_armature[0] == pytest.approx(0.05)
     assert sorted(p.suffix for p in tmp_path.iterdir() if p.is_file()) == [".urdf", ".xml"]
-    refused = export(
-        capsys, run, "--rig", new, "--output", tmp_path / "new.urdf", "--to", "urdf", code=3
+    refused = cli(
+        "export", run, "--rig", new, "--output", tmp_path / "new.urdf", "--to", "urdf", code=3
     )
     assert refused["code"]
 

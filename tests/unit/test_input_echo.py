@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
-from pamid_cli.frame import run
 from small_cart import PERIOD_S, RIG
 
 from pamid.engine.symbolic.vocabulary import Number, tanh
@@ -179,13 +178,10 @@ def test_a_servo_on_a_pole_that_falls_in_the_model_is_genuine() -> None:
 
 
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
-def test_the_commands_refuse_an_echo(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_refuse_an_echo(command: str, tmp_path: Path, cli: Cli) -> None:
     u = levels()
     file = tmp_path / "rec.csv"
     write_recording(file, PERIOD_S * np.arange(u.size), {"force_n": u, "position_m": u})
     into = [] if command == "check" else ["--output", str(tmp_path / "run")]
-    assert run([command, str(file), "--rig", RIG, *into, "--json"]) == 3
-    assert "contain the same signal" in json.loads(capsys.readouterr().out)["message"]
+    assert "contain the same signal" in cli(command, file, "--rig", RIG, *into, code=3)["message"]
     assert not (tmp_path / "run").exists()

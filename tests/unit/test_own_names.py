@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 from pamid_cli import frame
 
 from pamid.intake.logs.channel_columns import channel_columns
@@ -62,7 +62,7 @@ def strangers_log(folder: Path) -> Path:
 
 
 def test_from_a_strangers_log_to_a_rig_of_ones_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     monkeypatch.chdir(tmp_path)
     log = strangers_log(tmp_path)
@@ -74,8 +74,7 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     recording = read_recording("rec.csv")
     assert recording.rig is None and set(recording.columns) == {"m_soll_n_m", "winkel_deg"}
     capsys.readouterr()
-    assert frame.run(["new-rig", "rec.csv", "--output", "belt.py", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli("new-rig", "rec.csv", "--output", "belt.py")
     assert said["like"] == "servo-axis" and said["unused"] == []
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
 

@@ -4,13 +4,13 @@ name and place."""
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli.frame import run
 from virtual_recordings import virtual_recording
@@ -257,11 +257,10 @@ def spoilt(joint: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_check_tells_the_issues_and_writes_nothing(
-    spoilt: Path, capsys: pytest.CaptureFixture[str]
+    spoilt: Path, capsys: pytest.CaptureFixture[str], cli: Cli
 ) -> None:
     before = sorted(spoilt.parent.iterdir())
-    assert run(["check", str(spoilt), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli("check", spoilt)
     assert said["schema"] == "pamid.check/1" and said["ok"]
     assert sorted(spoilt.parent.iterdir()) == before
     (issue,) = said["quality"]["issues"]
