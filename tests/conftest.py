@@ -1,7 +1,5 @@
 """Whatever any test makes pamid print or write as JSON is held against its shipped schema."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -25,10 +23,10 @@ Cli = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+def cli(capsys) -> Cli:
     """Run a command with --json to this exit status."""
 
-    def printed(*words: object, code: int = 0) -> dict[str, Any]:
+    def printed(*words, code=0):
         capsys.readouterr()
         status = frame.run([*map(str, words), "--json"])
         shown = capsys.readouterr()
@@ -65,8 +63,8 @@ def _every_object_is_as_described() -> Iterator[None]:
     """A test of damaged files takes `unchecked`: what pamid hands on of them is as wrong as it
     was."""
 
-    def watched(made: Callable[..., str]) -> Callable[..., str]:
-        def text(*arguments: Any) -> str:
+    def watched(made):
+        def text(*arguments):
             found = made(*arguments)
             if not _unchecked:
                 require_valid(found)

@@ -2,8 +2,6 @@
 with its exit status, its code and key words. The same holds without --json, and nothing is left
 behind."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -15,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Cli
 from identified_runs import fitted_run, joint_recording
 from pamid_cli.frame import run
 from synthetic_run import make_run, make_trial
@@ -352,7 +349,7 @@ def put(folder: Path, files: Files) -> None:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def joint(tmp_path_factory) -> Path:
     """A joint's recording and the run of a fit to it; the page's and the trial's run folder."""
     folder = tmp_path_factory.mktemp("joint")
     recording = joint_recording(folder)
@@ -364,7 +361,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(joint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(joint, tmp_path, monkeypatch) -> Path:
     """The working folder: what is said at WORDS."""
     for name in ("run", "page", "trial"):
         shutil.copytree(joint / name, tmp_path / name)
@@ -420,13 +417,7 @@ def refused(
 
 
 @pytest.mark.parametrize("kind", RECORDINGS)
-def test_recordings(
-    kind: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    cli: Cli,
-) -> None:
+def test_recordings(kind, tmp_path, monkeypatch, capsys, cli):
     content, status, code, needles = RECORDINGS[kind]
     monkeypatch.chdir(tmp_path)
     put(tmp_path, content)
@@ -437,14 +428,7 @@ def test_recordings(
 
 
 @pytest.mark.parametrize(("words", "status", "code", "needles"), WORDS, ids=[w[0] for w in WORDS])
-def test_words(
-    words: str,
-    status: int,
-    code: str,
-    needles: str,
-    here: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_words(words, status, code, needles, here, capsys):
     refused(shlex.split(words), status, code, needles, capsys)
     assert not (here / "ran").exists()
 
@@ -476,9 +460,7 @@ def damage(path: Path, change: Any) -> None:
 
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("row", DAMAGED, ids=lambda row: f"{row[0]}, {row[1]}, {row[4]}")
-def test_damaged_runs(
-    row: tuple[str, str, Any, int, str], here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_runs(row, here, capsys):
     words, file, change, status, needles = row
     folder = next(word for word in words.split() if word in ("run", "page", "trial"))
     damage(here / folder / file, change)

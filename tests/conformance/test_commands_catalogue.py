@@ -1,8 +1,6 @@
 """`pamid effects`, `pamid rigs`, `pamid check`: the catalogue is complete, and what is wrong is
 said in full."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -100,7 +98,7 @@ def effect_file(folder: Path, result: str) -> Path:
 # ---- effects --------------------
 
 
-def test_list_of_effects_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_of_effects_is_the_scanned_catalogue(capsys):
     code, said = call(capsys, "effects")
     assert code == 0 and said["schema"] == "pamid.effects/1"
     assert [row["name"] for row in said["effects"]] == sorted(library.effects())
@@ -110,7 +108,7 @@ def test_list_of_effects_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[
     assert all(f"  {name} " in shown for name in library.effects())
 
 
-def test_free_forms_are_listed_when_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+def test_free_forms_are_listed_when_asked_for(capsys):
     said = call(capsys, "effects", "--free-forms")[1]
     assert [row["name"] for row in said["effects"]] == sorted(library.all_effects())
     assert not set(library.free_form_effects()) & set(library.effects())
@@ -119,9 +117,7 @@ def test_free_forms_are_listed_when_asked_for(capsys: pytest.CaptureFixture[str]
         assert code == 0 and said["effect"]["name"] == name and said["effect"]["parameters"]
 
 
-def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(capsys):
     joint = {row["name"] for row in call(capsys, "effects", "--rig", "one-dof")[1]["effects"]}
     drive = {
         row["name"] for row in call(capsys, "effects", "--rig", RIGS / "emps.py")[1]["effects"]
@@ -131,7 +127,7 @@ def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
     assert "first-order-lag" in drive and "angle-sensor-lag" not in drive
 
 
-def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_effect_tells_its_story(capsys):
     servo = Path(__file__).parents[1] / "rigs" / "geared_servo.py"
     files = [library.rig_named(str(path)) for path in (RIGS / "emps.py", servo)]
     rigs = [library.rig_named("one-dof"), *files, EveryPortRig()]
@@ -145,7 +141,7 @@ def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> Non
         json.dumps(said.as_json(), allow_nan=False)
 
 
-def test_story_names_parameters_as_the_rig_does(capsys: pytest.CaptureFixture[str]) -> None:
+def test_story_names_parameters_as_the_rig_does(capsys):
     code, said = call(capsys, "effects", "viscous-friction", "--rig", RIGS / "emps.py")
     (place,) = said["effect"]["places"]
     assert (code, place["ports"]) == (0, ["force"])
@@ -153,9 +149,7 @@ def test_story_names_parameters_as_the_rig_does(capsys: pytest.CaptureFixture[st
     assert said["effect"]["absorbed_by"] == ["viscous", "damping"]
 
 
-def test_an_effect_of_ones_own_is_explained_from_its_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_effect_of_ones_own_is_explained_from_its_file(tmp_path, capsys):
     path = effect_file(tmp_path, "value + p.amount")
     code, said = call(capsys, "effects", path, "--rig", RIGS / "emps.py")
     assert (code, said["effect"]["name"], said["effect"]["places"][0]["effect"]) == (
@@ -168,13 +162,13 @@ def test_an_effect_of_ones_own_is_explained_from_its_file(
 # ---- rigs --------------------
 
 
-def test_list_of_rigs_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_of_rigs_is_the_scanned_catalogue(capsys):
     code, said = call(capsys, "rigs")
     assert code == 0 and said["schema"] == "pamid.rigs/1"
     assert {row["name"] for row in said["rigs"]} == set(library.rigs())
 
 
-def test_story_of_a_rig_writes_ports_into_its_equations(capsys: pytest.CaptureFixture[str]) -> None:
+def test_story_of_a_rig_writes_ports_into_its_equations(capsys):
     code, said = call(capsys, "rigs", "one-dof")
     rig = said["rig"]
     assert code == 0
@@ -188,9 +182,7 @@ def test_story_of_a_rig_writes_ports_into_its_equations(capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("name", ["emps.py", "cart.py"])
-def test_rig_files_of_the_data_folder_are_sound(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rig_files_of_the_data_folder_are_sound(name, capsys):
     code, said = call(capsys, "rigs", RIGS / name)
     assert code == 0 and said["rig"]["equations"]["rates"]["d position/dt"] == "velocity"
     code, said = call(capsys, "check", RIGS / name)
@@ -210,14 +202,7 @@ def test_rig_files_of_the_data_folder_are_sound(
         (', "brake": Port("motin", "N")', "p.mass", [], "'motion'"),
     ],
 )
-def test_check_catches_a_rig_that_misbehaves(
-    more: str,
-    mass: str,
-    checks: list[str],
-    told: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_check_catches_a_rig_that_misbehaves(more, mass, checks, told, tmp_path, capsys):
     path = tmp_path / "mass.py"
     path.write_text(RIG.format(more=more, mass=mass), encoding="utf-8")
     code, said = call(capsys, "check", path)
@@ -234,18 +219,14 @@ def test_check_catches_a_rig_that_misbehaves(
         ("value + p.amont", "equations"),
     ],
 )
-def test_check_catches_an_effect_that_misbehaves(
-    result: str, check: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_catches_an_effect_that_misbehaves(result, check, tmp_path, capsys):
     code, said = call(capsys, "check", effect_file(tmp_path, result))
     assert code == 3 and set(wrong(said)) == {check}
     if check == "equations":
         assert "amount" in said["message"]
 
 
-def test_check_passes_a_sound_effect_and_says_where_it_was_tried(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_passes_a_sound_effect_and_says_where_it_was_tried(tmp_path, capsys):
     path = effect_file(tmp_path, "value + p.amount")
     code, said = call(capsys, "check", path)
     assert (code, said["kind"], said["effects"], wrong(said)) == (0, "effect", ["push"], [])
@@ -256,9 +237,7 @@ def test_check_passes_a_sound_effect_and_says_where_it_was_tried(
     assert verdict == "nothing is wrong" and follow.startswith("Next: pamid diagnose")
 
 
-def test_check_lists_every_gap_of_a_data_sheet(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_lists_every_gap_of_a_data_sheet(tmp_path, capsys):
     path = effect_file(tmp_path, "value + p.amount")
     bare = path.read_text(encoding="utf-8").replace(
         "References\n    Nobody (2001), A Journal 1(1).\n", ""
@@ -272,9 +251,7 @@ def test_check_lists_every_gap_of_a_data_sheet(
     assert all(word in str(said["findings"]) for word in ("'References'", "no family", "no source"))
 
 
-def test_check_names_the_line_of_broken_python(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_names_the_line_of_broken_python(tmp_path, capsys):
     path = tmp_path / "broken.py"
     path.write_text("x = 1\nclass Rig(:\n", encoding="utf-8")
     code, said = call(capsys, "check", path)
@@ -296,9 +273,7 @@ def recording(folder: Path, **changes: Any) -> Path:
     return folder / "rec.csv"
 
 
-def test_check_says_what_is_in_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_says_what_is_in_a_recording(tmp_path, capsys):
     path = recording(tmp_path, spare_v=np.full(300, 2.5), drive_v=np.zeros(300))
     code, said = call(capsys, "check", path, "--rig", RIGS / "emps.py")
     assert (code, said["kind"], said["samples"], said["sampling_period_s"]) == (
@@ -314,9 +289,7 @@ def test_check_says_what_is_in_a_recording(
     assert any("'spare_v'" in f["detail"] for f in said["findings"] if f["check"] == "column")
 
 
-def test_check_lists_every_problem_of_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_lists_every_problem_of_a_recording(tmp_path, capsys):
     path = recording(tmp_path)
     lines = path.read_text(encoding="utf-8").splitlines()
     lines[5] = lines[5].rsplit(",", 1)[0] + ",nan"
@@ -328,9 +301,7 @@ def test_check_lists_every_problem_of_a_recording(
     assert any("line 6" in f["detail"] for f in said["findings"])
 
 
-def test_check_compares_a_recording_with_its_rig(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_compares_a_recording_with_its_rig(tmp_path, capsys):
     path = recording(tmp_path)
     path.write_text(
         path.read_text(encoding="utf-8").replace("force_n", "forze_n"), encoding="utf-8"
@@ -344,14 +315,14 @@ def test_check_compares_a_recording_with_its_rig(
 # ---- the checks themselves --------------------
 
 
-def test_the_bench_is_sound_and_offers_a_port_of_every_kind() -> None:
+def test_the_bench_is_sound_and_offers_a_port_of_every_kind():
     from pamid.model.effect import KINDS
 
     assert {port.kind for port in EveryPortRig.ports.values()} == set(KINDS)
     assert [f for f in rig_findings(EveryPortRig(), library.effects().values()) if f.wrong] == []
 
 
-def test_clock_skew_shifts_every_reading_by_the_same_time() -> None:
+def test_clock_skew_shifts_every_reading_by_the_same_time():
     rig = EveryPortRig()
     trial = ExcitedRig(rig, attach(rig, "clock-skew", library.effects()))
     assert set(trial.attachment.ports if trial.attachment else ()) == {
@@ -366,7 +337,7 @@ def test_clock_skew_shifts_every_reading_by_the_same_time() -> None:
     np.testing.assert_allclose(late[3:], plain[:-3], rtol=1e-9, atol=1e-12)
 
 
-def test_clock_skew_leads_an_early_reading_by_its_slope() -> None:
+def test_clock_skew_leads_an_early_reading_by_its_slope():
     rig = EveryPortRig()
     trial = ExcitedRig(rig, attach(rig, "clock-skew", library.effects()))
     p = trial.assembly.values({"clock-skew:start_s": -rig.period_s, "clock-skew:skew_ppm": 0.0})
@@ -388,7 +359,7 @@ def options_of(command: click.Command) -> dict[str, click.Option]:
     }
 
 
-def test_whoever_writes_may_be_told_where_and_need_not_be() -> None:
+def test_whoever_writes_may_be_told_where_and_need_not_be():
     """--output has a default everywhere, stands beside --overwrite, and so does --figure."""
     for command in every_command():
         options = options_of(command)
@@ -398,7 +369,7 @@ def test_whoever_writes_may_be_told_where_and_need_not_be() -> None:
         assert {"--json", "--debug"} <= set(options), command.name
 
 
-def test_what_can_be_interrupted_can_be_gone_on_with_or_replaced() -> None:
+def test_what_can_be_interrupted_can_be_gone_on_with_or_replaced():
     for command in every_command():
         options = options_of(command)
         if "--cluster" in options:

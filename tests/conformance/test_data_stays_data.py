@@ -1,8 +1,6 @@
 """What data cannot do either: be evaluated or unpickled anywhere, leave the folder of its run, or
 break out of the quotes and comments of the files that pamid writes from it."""
 
-from __future__ import annotations
-
 import ast
 import json
 import shutil
@@ -12,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Cli
 from identified_runs import SEEN, fitted_run, put_network, random_network
 from pamid_cli import frame
 from synthetic_run import diagnosis_json, fit_json, make_run
@@ -87,7 +84,7 @@ def dangerous(tree: ast.AST) -> set[str]:
     return found
 
 
-def test_nothing_evaluates_or_unpickles() -> None:
+def test_nothing_evaluates_or_unpickles():
     found, arrays = set(), []
     for path in (path for folder in ("pamid", "cli") for path in (ROOT / folder).rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -116,14 +113,14 @@ def test_nothing_evaluates_or_unpickles() -> None:
         "__import__('os')",
     ],
 )
-def test_the_test_above_sees(code: str) -> None:
+def test_the_test_above_sees(code):
     assert dangerous(ast.parse(code))
 
 
 # ---- a run stays in its folder --------------------
 
 
-def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, cli: Cli) -> None:
+def test_nothing_is_written_or_removed_through_a_link(tmp_path, cli):
     """A run folder is anybody's: its `figures` may be a link into the user's own pictures."""
     run, own = make_run(tmp_path / "run"), tmp_path / "pictures"
     own.mkdir()
@@ -139,9 +136,7 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, cli: Cli) 
     assert not (run / "report.html").exists()
 
 
-def test_a_page_vouches_for_nothing_outside_its_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_vouches_for_nothing_outside_its_run(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
     )
@@ -184,7 +179,7 @@ NASTY = (
 
 
 @pytest.mark.parametrize("nasty", NASTY)
-def test_names_cannot_leave_their_place_in_toml(nasty: str) -> None:
+def test_names_cannot_leave_their_place_in_toml(nasty):
     tables = {
         "recording": {"rig": nasty, "loop": "open"},
         "known": {nasty: 1.0, "inertia_kg_m2": 0.5},
@@ -193,7 +188,7 @@ def test_names_cannot_leave_their_place_in_toml(nasty: str) -> None:
 
 
 @pytest.mark.parametrize("nasty", NASTY[:7])
-def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_path: Path) -> None:
+def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty, tmp_path):
     quoted = nasty.replace('"', '""')
     rows = "".join(f"{0.003 * k:.3f},{np.sin(k / 20):.4f},{k % 3}\n" for k in range(300))
     (tmp_path / "log.csv").write_text(
@@ -211,7 +206,7 @@ def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_pa
 
 
 @pytest.mark.parametrize("form", ["st", "h"])
-def test_names_cannot_leave_the_comments_of_an_excitation(form: str) -> None:
+def test_names_cannot_leave_the_comments_of_an_excitation(form):
     about = "pamid */ int stolen; /* *) stolen : BOOL; (*\nstolen"
     content = FORMATS[form].content
     assert content is not None
@@ -225,7 +220,7 @@ def test_names_cannot_leave_the_comments_of_an_excitation(form: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fitted(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("fitted")
     fitted_run(place / "run", record(place / "rec.csv", 6.0).path)
     put_network(place / "run", random_network(Elman(len(SEEN), 2), SEEN, "angle_deg", 1.0))
@@ -277,13 +272,11 @@ def misnamed(node: Any) -> Any:
 
 
 @pytest.mark.parametrize("form", ["c", "matlab"])
-def test_no_text_of_a_run_becomes_source(
-    form: str, fitted: Path, tmp_path: Path, unchecked: None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_text_of_a_run_becomes_source(form, fitted, tmp_path, unchecked, capsys):
     """Names in exported source are those of the rig and its effects: what a run calls otherwise is
     refused. Its texts (why a fit ended, where a value is from) are not written at all."""
 
-    def exported(run: Path, which: str) -> list[str]:
+    def exported(run, which):
         out = run / ("out" if form == "c" else "out.m")
         frame.run(["export", str(run), "--to", form, "--which", which, "--output", str(out)])
         capsys.readouterr()

@@ -1,7 +1,5 @@
 """The recording in data/example is what the commands in data/README.md make."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess
@@ -9,7 +7,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pamid_cli.frame import run
 
 from pamid.base.files import sha256_of
@@ -25,14 +22,14 @@ def block(output: str) -> str:
     return next(b for b in found if b.rstrip().endswith(output))
 
 
-def test_sums_are_those_written_down() -> None:
+def test_sums_are_those_written_down():
     sums = re.findall(r"^([0-9a-f]{64})  (example/\S+)$", PAGE, re.MULTILINE)
     assert {name for _, name in sums} == {f"example/{p.name}" for p in (DATA / "example").iterdir()}
     for wanted, name in sums:
         assert sha256_of(DATA / name) == wanted, name
 
 
-def test_the_commands_make_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_make_it_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for line in block("joint.csv").splitlines():
         assert run(shlex.split(line)[1:]) == 0
@@ -54,7 +51,7 @@ def test_the_commands_make_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         )
 
 
-def test_the_commands_make_the_log_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_make_the_log_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     *commands, script = block("bench_log.csv").splitlines()
     for line in commands:
@@ -72,9 +69,7 @@ def test_the_commands_make_the_log_again(tmp_path: Path, monkeypatch: pytest.Mon
     np.testing.assert_allclose(rows[0], rows[1], atol=1.1e-3)
 
 
-def test_the_log_becomes_the_recording_it_was_made_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_log_becomes_the_recording_it_was_made_of(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = str(DATA / "example" / "bench_log.csv")
     guess = ["--rig", "one-dof", "--pressures", "absolute", "--output", "map.toml"]

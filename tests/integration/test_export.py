@@ -1,12 +1,7 @@
 """Every form of export over every kind of model: the program that the form is for gives what pamid
 gives, and the command writes it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
-from conftest import Cli
 from exported import CASES, JUDGES, case, missing
 from pamid_cli import frame
 
@@ -16,7 +11,7 @@ PACKAGES = {"fmu": ("fmpy",), "fmu3": ("fmpy",), "onnx": ("onnx", "onnxruntime")
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("form", JUDGES)
-def test_equal_to_pamid(form: str, name: str, tmp_path: Path) -> None:
+def test_equal_to_pamid(form, name, tmp_path):
     for package in PACKAGES.get(form, ()):
         pytest.importorskip(package, reason="pip install 'pamid[verify]'")
     if missing(form):
@@ -36,13 +31,7 @@ def test_equal_to_pamid(form: str, name: str, tmp_path: Path) -> None:
         ("onnx", "pamid_one_dof.onnx"),
     ],
 )
-def test_the_command(
-    form: str,
-    file: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    cli: Cli,
-) -> None:
+def test_the_command(form, file, tmp_path, monkeypatch, cli):
     for package in PACKAGES.get(form, ()):
         pytest.importorskip(package, reason="pip install 'pamid[verify]'")
     monkeypatch.setattr(

@@ -1,8 +1,6 @@
 """ONNX files against what they stand for: onnxruntime over long runs, the reference evaluator
 sample by sample."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -136,7 +134,7 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
 
 
 @pytest.mark.parametrize("network", NETWORKS, ids=repr)
-def test_a_network(network: Network, signals: np.ndarray) -> None:
+def test_a_network(network, signals):
     trained = random_network(network, LOOP, "angle_deg", 2.0)
     wanted = trained.predict(signals)[:, None]
     run, cell = network_onnx_bytes(trained)
@@ -192,7 +190,7 @@ def joint_inputs(samples: int) -> np.ndarray:
     ],
     ids=repr,
 )
-def test_every_kind_of_memory_and_step(effects: tuple[str, ...], stepping: Stepping) -> None:
+def test_every_kind_of_memory_and_step(effects, stepping):
     model, u = (
         model_of("one-dof", effects, stepping),
         joint_inputs(80 if stepping.implicit else 300),
@@ -207,7 +205,7 @@ def test_every_kind_of_memory_and_step(effects: tuple[str, ...], stepping: Stepp
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+def found(tmp_path_factory) -> tuple[Path, Recording]:
     folder = tmp_path_factory.mktemp("joint")
     recording = joint_recording(folder)
     fitted_run(folder / "run", recording.path, ("coulomb-friction",))
@@ -232,9 +230,7 @@ NETWORKS_OF_RUNS: list[tuple[Network, str, dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("network", "output", "about"), NETWORKS_OF_RUNS, ids=repr)
-def test_a_model_with_a_network(
-    found: tuple[Path, Recording], network: Network, output: str, about: dict[str, Any]
-) -> None:
+def test_a_model_with_a_network(found, network, output, about):
     folder, recording = found
     put_network(folder, random_network(network, SEEN, output, 2.0), **about)
     model, u = load_identified(folder), commands(recording)
@@ -245,7 +241,7 @@ def test_a_model_with_a_network(
     np.testing.assert_allclose(run_cell(cell, u[:8]), wanted[:8], rtol=1e-12, atol=1e-12)
 
 
-def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) -> None:
+def test_what_the_numbers_mean(found, tmp_path):
     folder, _ = found
     model = load_identified(folder, which="refitted")
     files = export_model(model, "onnx", tmp_path / "joint.onnx").files
@@ -280,9 +276,7 @@ def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) ->
     assert run_whole((tmp_path / "joint.onnx").read_bytes(), u)[0][0, 1] == pytest.approx(rest)
 
 
-def test_what_cannot_be_written_is_refused(
-    found: tuple[Path, Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_written_is_refused(found, tmp_path, monkeypatch):
     folder, _ = found
     put_network(folder, random_network(Elman(5, 3), LOOP, "angle_deg", 2.0), model="loop")
     with pytest.raises(UsageError, match="its control loop"):

@@ -1,8 +1,6 @@
 """Pipes, devices, files without end and packed bombs, where data is expected: refused at once, with
 exit code 3."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -31,7 +29,7 @@ from pamid.base.parallel.result_store import Store
 def _never_blocks() -> Iterator[None]:
     """What waits for a pipe ends as a failure; a busy machine is given its time."""
 
-    def hangs(*_: object) -> None:
+    def hangs(*_):
         raise AssertionError("it waits for a file that never ends")
 
     former = signal.signal(signal.SIGALRM, hangs)
@@ -56,7 +54,7 @@ NOT_FILES: dict[str, Callable[[Path], None]] = {
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory) -> Path:
     """A recording of a cart and a run fitted to it, with a checkpoint."""
     place = tmp_path_factory.mktemp("made")
     record_cart(place)
@@ -67,7 +65,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(made, tmp_path, monkeypatch) -> Path:
     """A copy of it, as working folder."""
     shutil.copytree(made, tmp_path / "copy")
     monkeypatch.chdir(tmp_path / "copy")
@@ -114,9 +112,7 @@ READ = {
         if (name, kind) != ("map.toml", "folder")
     ],
 )
-def test_what_is_no_plain_file_is_refused_at_once(
-    name: str, kind: str, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_plain_file_is_refused_at_once(name, kind, place, capsys):
     if name.startswith("before"):
         shutil.copytree("run", "before")
     path = Path(name)
@@ -130,7 +126,7 @@ def test_what_is_no_plain_file_is_refused_at_once(
     assert not Path("out.csv").exists() and not Path("sim.csv").exists()
 
 
-def test_a_line_without_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_without_end_is_refused(tmp_path, capsys):
     for name, head in (("rec.csv", b""), ("other.csv", b"time_s,angle_deg\n0,1\n")):
         (tmp_path / name).write_bytes(head + b"1" * (4 << 20))
         assert "line" in refused(capsys, ["check", str(tmp_path / name)])
@@ -205,7 +201,7 @@ BOMBS: dict[str, Callable[[Path], Any]] = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_a_packed_bomb_is_refused_before_it_is_unpacked(bomb: str, tmp_path: Path) -> None:
+def test_a_packed_bomb_is_refused_before_it_is_unpacked(bomb, tmp_path):
     path = tmp_path / "bomb.npz"
     BOMBS[bomb](path)
     data = path.read_bytes()
@@ -218,7 +214,7 @@ def test_a_packed_bomb_is_refused_before_it_is_unpacked(bomb: str, tmp_path: Pat
     assert not (tmp_path / "sprung").exists()
 
 
-def test_results_of_jobs_that_are_no_files_are_worked_out_again(tmp_path: Path) -> None:
+def test_results_of_jobs_that_are_no_files_are_worked_out_again(tmp_path):
     store, key = Store(tmp_path), "ab" * 32
     for kind in ("pipe", "device", "too large"):
         (tmp_path / f"{key}.npz").unlink(missing_ok=True)

@@ -1,8 +1,6 @@
 """Damaged and hostile inputs: always an answer, never a traceback, a hang, a half-written file, or
 code that runs. A sample of benchmarks/fuzz.py (`make fuzz`), with its inputs by kind and number."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -50,14 +48,12 @@ pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.usefixtures("unc
 
 
 @pytest.fixture(scope="module")
-def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def seeds(tmp_path_factory) -> Path:
     return make_seeds(tmp_path_factory.mktemp("seeds") / "whole")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_input(
-    kind: str, seeds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_input(kind, seeds, tmp_path, monkeypatch):
     # figures are drawn in benchmarks/fuzz.py; here their content is worked out
     monkeypatch.setattr(
         writing,
@@ -111,7 +107,7 @@ COMMANDS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("fault", COMMANDS)
-def test_fault_is_recognised(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fault_is_recognised(fault, tmp_path, monkeypatch):
     monkeypatch.setattr("pamid_cli.frame.main", COMMANDS[fault])
     limits = RunLimits(
         seconds=600.0 if fault == "deaf" else 1.0,
@@ -135,14 +131,14 @@ def test_fault_is_recognised(fault: str, tmp_path: Path, monkeypatch: pytest.Mon
     assert not list((tmp_path / "scratch").iterdir())
 
 
-def test_forked_reader_reads_a_whole_log(seeds: Path, tmp_path: Path) -> None:
+def test_forked_reader_reads_a_whole_log(seeds, tmp_path):
     """Readers run in processes that are forked instead of started; this changes no answer."""
     inputs = {"whole": lambda site: [("ingest", "--guess", site.copy("log.h5"))]}
     (outcome,) = run_inputs([("whole", 0)], inputs, seeds, tmp_path / "scratch", signals=False)
     assert outcome.codes == (0,), outcome.details
 
 
-def test_every_fault_is_counted() -> None:
+def test_every_fault_is_counted():
     outcome = Outcome("values", 1, (0, 3), ("deaf",), "", 0.5, 1, True)
     counts = count([outcome, outcome])
     assert counts["fault deaf"] == counts["exit 3"] == counts["SIGTERM sent"] == 2

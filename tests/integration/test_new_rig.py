@@ -1,8 +1,6 @@
 """Rigs to start from: each is excited, simulated and checked by name alone; `pamid new-rig` makes a
 file of one's own of them."""
 
-from __future__ import annotations
-
 import ast
 import json
 from dataclasses import replace
@@ -32,7 +30,7 @@ EXAMPLES = sorted(examples())
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -52,13 +50,13 @@ def record(rig: str, cli: Cli) -> Recording:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_each_tells_its_story(name: str, cli: Cli) -> None:
+def test_each_tells_its_story(name, cli):
     story = cli("rigs", name)["rig"]["story"]
     assert all(len(story[section]) > 30 for section in RIG_SECTIONS)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_a_file_like_the_rig_is_the_rig(name: str, here: Path, cli: Cli) -> None:
+def test_a_file_like_the_rig_is_the_rig(name, here, cli):
     recording = record(name, cli)
     assert recording.sampling_period_s == pytest.approx(rig_named(name).period_s)
     assert cli("check", "rec.csv", "--rig", name)["ok"]
@@ -89,7 +87,7 @@ def shown(name: str) -> list[tuple[str, tuple[str, ...]]]:
 @pytest.mark.parametrize(
     ("name", "part"), [case for name in EXAMPLES for case in shown(name)], ids=str
 )
-def test_what_no_recording_shows_is_left_out(name: str, part: tuple[str, ...], here: Path) -> None:
+def test_what_no_recording_shows_is_left_out(name, part, here):
     """No output, state, port or parameter on which no recorded column depends; what is left
     computes what the whole rig does."""
     whole, sent, read = rig_named(name), excitation(name), plain_run(name)
@@ -127,7 +125,7 @@ def wave(seed: int) -> np.ndarray:
     return np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 20), 20)
 
 
-def test_other_units_are_converted(here: Path) -> None:
+def test_other_units_are_converted(here):
     given = small({"position_m": wave(1), "pressure_kpa": 300.0 + wave(2), "force_kn": wave(3)})
     made = pamid.new_rig(given, output=here / "bench.py")
     assert made.like == "cylinder-bench" and made.name == "bench"
@@ -141,7 +139,7 @@ def test_other_units_are_converted(here: Path) -> None:
     assert sheet["preload"].spread == 60.0
 
 
-def test_a_raw_signal_gets_a_gain_that_is_fitted(here: Path, cli: Cli) -> None:
+def test_a_raw_signal_gets_a_gain_that_is_fitted(here, cli):
     recording = record("cascaded-tanks", cli)
     volts = {
         "pump_v": recording.columns["pump_v"],
@@ -165,7 +163,7 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(here: Path, cli: Cli) -> None:
 
 
 @pytest.mark.parametrize("name", ["x); import os #_n", "lambda", '"""_n', "a\nb_n"])
-def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
+def test_a_name_that_is_no_word_is_never_code(name, here):
     """As an input it is refused; where it is not used it stands in a comment, quoted. (Names that
     no file can hold are put into a recording by hand.)"""
     plain = small({"force_n": wave(3), "position_1_mm": wave(2)})
@@ -192,7 +190,7 @@ def like_of(folder: Path, **columns: np.ndarray) -> str:
     return pamid.new_rig(small(columns), output=folder / "mine.py", overwrite=True).like
 
 
-def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
+def test_torque_servos_belts_and_velocities_have_a_rig(here):
     servo = {"torque_nm": held(1), "angle_rad": moving(2), "velocity_rad_per_s": moving(3)}
     assert like_of(here, **servo) == "servo-axis"
     assert like_of(here, motor_torque_nm=held(1), speed_rpm=moving(2)) == "servo-axis"

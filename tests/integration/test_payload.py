@@ -1,8 +1,6 @@
 """A payload on an arm: mass, centre and inertia of the last link are found within their intervals,
 and the written file is the machine in plain MuJoCo."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path
@@ -10,7 +8,6 @@ from pathlib import Path
 import mechanisms
 import numpy as np
 import pytest
-from conftest import Cli
 from numpy.typing import NDArray
 from pamid_cli import frame
 from posed_arms import FOUR_HINGES, arm_text, record_about
@@ -72,7 +69,7 @@ def recorded(folder: Path, *free: str) -> Path:
     return log
 
 
-def test_a_payload_is_found_within_the_intervals_and_written(tmp_path: Path, cli: Cli) -> None:
+def test_a_payload_is_found_within_the_intervals_and_written(tmp_path, cli):
     log, model, new = recorded(tmp_path), tmp_path / "arm.xml", tmp_path / "new.xml"
     found = cli("fit", log, "--rig", model, "--output", tmp_path / "run")
     assert found["converged"]
@@ -113,9 +110,7 @@ def _last_body(path: Path) -> Body:
 
 
 @pytest.mark.slow
-def test_a_mass_of_known_shape_does_not_explain_the_payload(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mass_of_known_shape_does_not_explain_the_payload(tmp_path, capsys):
     log = recorded(tmp_path, f"{GROUP} = 1e-3")
     words = ("fit", log, "--rig", tmp_path / "arm.xml", "--output", tmp_path / "run")
     assert frame.run([*map(str, words), "--json"]) in (0, 5)

@@ -1,8 +1,6 @@
 """The report of synthetic runs: every verdict, missing parts, damaged and hostile files, same
 bytes, no network."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path
@@ -10,7 +8,6 @@ from typing import Any
 
 import matplotlib
 import pytest
-from conftest import Cli
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
 from report_pages import VERDICTS, Outline, flat, outline_of, scripts_of, text_of
@@ -39,15 +36,13 @@ def blank(drawing: Drawing) -> Picture:
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def undrawn(monkeypatch) -> None:
     """Pictures take the time; they are left blank for tests of what stands beside them."""
     monkeypatch.setattr("pamid.report.writing.render", blank)
 
 
 @pytest.fixture(scope="module", params=VERDICTS)
-def reported(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[str, Path, Outline]:
+def reported(request, tmp_path_factory) -> tuple[str, Path, Outline]:
     folder = make_run(tmp_path_factory.mktemp("run") / "RUN", request.param)
     with pytest.MonkeyPatch.context() as patch:
         # `test_text_of_files_never_becomes_markup` draws the figures of an unknown effect
@@ -92,7 +87,7 @@ SAID = {
 }
 
 
-def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outline]) -> None:
+def test_three_answers_come_before_the_evidence(reported):
     verdict, _, page = reported
     text = flat(page.text)
     places = [
@@ -105,7 +100,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
     assert ("with cause" in text or "with the cause" in text) == (verdict in CAUSED)
 
 
-def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, Outline]) -> None:
+def test_nothing_is_loaded_and_only_our_scripts_run(reported):
     _, folder, page = reported
     assert not {"link", "iframe", "object", "embed", "base", "form", "img"} & set(page.elements)
     for name, value in page.attributes:
@@ -118,7 +113,7 @@ def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, O
     assert "@import" not in source
 
 
-def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
+def test_every_axis_names_its_unit(reported):
     _, folder, _ = reported
     run = load_run(folder)
     for drawing in drawings_of(run, errors_of(run)):
@@ -147,9 +142,7 @@ def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
         ("residual.csv", "pamid fit"),
     ],
 )
-def test_a_missing_part_names_the_command_that_adds_it(
-    missing: str, command: str, tmp_path: Path
-) -> None:
+def test_a_missing_part_names_the_command_that_adds_it(missing, command, tmp_path):
     assert command in text_of(make_run(tmp_path / "RUN", without=(missing,)))
 
 
@@ -166,9 +159,7 @@ def poison(value: Any, kept: tuple[str, ...]) -> Any:
 
 
 @pytest.mark.parametrize("verdict", ["explained", "unknown-effect"])
-def test_text_of_files_never_becomes_markup(
-    verdict: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_text_of_files_never_becomes_markup(verdict, tmp_path, request):
     if verdict != "unknown-effect":  # its figures are those of the other, but for one
         request.getfixturevalue("undrawn")
     content = {
@@ -194,7 +185,7 @@ def test_text_of_files_never_becomes_markup(
     assert "\u202e" not in source
 
 
-def test_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
+def test_same_inputs_give_the_same_bytes(tmp_path):
     first = make_run(tmp_path / "first", without=("residual.csv", "trace.csv"))
     second = Path(shutil.copytree(first, tmp_path / "elsewhere" / "second"))
     write_report(first)
@@ -205,7 +196,7 @@ def test_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
+def test_output_elsewhere_never_replaces_a_stranger(tmp_path):
     folder = make_run(tmp_path / "RUN", without=("residual.csv",))
     page, notes = tmp_path / "pages" / "one.html", tmp_path / "notes.html"
     for _ in range(2):
@@ -221,9 +212,7 @@ def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_command_prints_one_object(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
-) -> None:
+def test_the_command_prints_one_object(tmp_path, capsys, cli):
     folder = make_run(tmp_path / "RUN")
     told = cli("report", folder)
     assert told["schema"] == "pamid.report/1"

@@ -1,8 +1,6 @@
 """Logs of robots against the model of the robot, end to end: MuJoCo moves an arm of two joints, its
 JointState bag and its LeRobot data set are ingested for the model file, checked and fitted."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -102,7 +100,7 @@ def data_set(root: Path, episodes: list[tuple[Array, Array]], fps: float, **info
 
 
 @pytest.fixture
-def arm(tmp_path: Path) -> Path:
+def arm(tmp_path) -> Path:
     path = tmp_path / "arm.xml"
     path.write_text(mechanisms.TWO)
     return path
@@ -124,11 +122,11 @@ def fitted(cli: Cli, arm: Path, *recordings: Path) -> dict[str, Any]:
     return dict(cli("fit", *recordings, "--rig", arm, "--output", run)["parameters"])
 
 
-def test_a_joint_state_bag_becomes_a_fit(tmp_path: Path, arm: Path, cli: Cli) -> None:
+def test_a_joint_state_bag_becomes_a_fit(tmp_path, arm, cli):
     u, q, v, torque = moved(0.005, 3000)
     q = q + np.random.default_rng(1).normal(0.0, 2e-4, q.shape)
 
-    def state(k: int) -> list[State]:
+    def state(k):
         order = [0, 1] if k % 3 else [1, 0]  # of the joints is the sender's business
         speed = v[k][order] if k % 2 else []
         return [(0.005 * k, [JOINTS[j] for j in order], q[k][order], speed, torque[k][order])]
@@ -145,7 +143,7 @@ def test_a_joint_state_bag_becomes_a_fit(tmp_path: Path, arm: Path, cli: Cli) ->
     assert abs(mass["value"] - 1.35) < 0.01 and mass["low"] <= 1.351 and mass["high"] >= 1.349
 
 
-def test_a_lerobot_data_set_becomes_a_fit(tmp_path: Path, arm: Path, cli: Cli) -> None:
+def test_a_lerobot_data_set_becomes_a_fit(tmp_path, arm, cli):
     runs = [moved(0.02, 400, seed)[:2] for seed in range(3)]
     log = data_set(tmp_path / "set", runs, 50.0)
     guessed, recordings = ingested(cli, log, arm, "--angles", "rad")
@@ -172,10 +170,8 @@ def test_a_lerobot_data_set_becomes_a_fit(tmp_path: Path, arm: Path, cli: Cli) -
         (["shoulder", "elbow"], [0.1, 0.2, 0.3], "different numbers of values and names"),
     ],
 )
-def test_damaged_joint_states_are_refused(
-    tmp_path: Path, names: list[str], positions: list[float], said: str
-) -> None:
-    def state(k: int) -> list[State]:
+def test_damaged_joint_states_are_refused(tmp_path, names, positions, said):
+    def state(k):
         return [(0.01 * k, names, positions, [], [])]
 
     with pytest.raises(FileError, match=said):

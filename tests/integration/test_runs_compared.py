@@ -1,14 +1,11 @@
 """`pamid runs` and `pamid report --compare`: runs at a glance and side by side."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil
 from pathlib import Path
 
 import pytest
-from conftest import Cli
 from pamid_cli.frame import run
 from report_pages import flat, outline_of
 from synthetic_run import make_run, make_trial
@@ -18,7 +15,7 @@ from pamid.report.pdf import installed_browser
 Capture = pytest.CaptureFixture[str]
 
 
-def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture, cli: Cli) -> None:
+def test_runs_are_listed_with_their_verdicts(tmp_path, capsys, cli):
     make_run(tmp_path / "a" / "first")
     make_run(tmp_path / "second", "no-structural-gap")
     make_run(tmp_path / "fitted", without=("diagnosis.json",))
@@ -45,7 +42,7 @@ def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture, cl
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> tuple[Path, Path]:
+def pair(tmp_path) -> tuple[Path, Path]:
     """Two runs of other recordings; one parameter moved beyond its intervals, one cause other."""
     first = make_run(tmp_path / "monday" / "RUN")
     second = tmp_path / "friday" / "RUN"
@@ -61,7 +58,7 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
     return first, second
 
 
-def test_runs_side_by_side(pair: tuple[Path, Path], tmp_path: Path, cli: Cli) -> None:
+def test_runs_side_by_side(pair, tmp_path, cli):
     page = tmp_path / "both.html"
     words = ("report", "--compare", *map(str, pair), "--output", str(page))
     found = cli(*words)

@@ -1,8 +1,6 @@
 """pamid.toml: what goes first, where a value comes from, what is wrong in it; and what shells
 complete."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -22,24 +20,20 @@ EXAMPLE_MAP, RECORDING = EXAMPLES / "muscle_map.csv", EXAMPLES / "joint.csv"
 
 
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def project(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     return tmp_path / "pamid.toml"
 
 
-def test_the_file_of_a_folder_above_holds(
-    project: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
-) -> None:
+def test_the_file_of_a_folder_above_holds(project, monkeypatch, cli):
     project.write_text("[fit]\nseed = 3\n")
     (below := project.parent / "a" / "b").mkdir(parents=True)
     monkeypatch.chdir(below)
     assert cli("config", "fit")["commands"]["fit"]["seed"]["value"] == 3
 
 
-def test_a_command_takes_them_and_notes_them(
-    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_takes_them_and_notes_them(project, capsys, monkeypatch):
     project.write_text("[generate-aprbs]\nduration = 4.0\namplitude = 5\nseed = 11\n")
     monkeypatch.setattr(sys, "argv", ["pamid", "generate-aprbs"])
     assert frame.run(["generate-aprbs", "--seed", "2", "--output", "a.csv"]) == 0
@@ -67,9 +61,7 @@ def test_a_command_takes_them_and_notes_them(
         ("[diagnose]\njson = true\n", "no such option"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(
-    project: Path, cli: Cli, text: str, said: str
-) -> None:
+def test_what_is_wrong_is_said_with_its_place(project, cli, text, said):
     project.write_text(text)
     message = cli("diagnose", "rec.csv", "--output", "run", code=3)["message"]
     assert str(project) in message and said in message
@@ -94,9 +86,7 @@ def values(cli: Cli, command: str = "fit") -> dict[str, Any]:
     }
 
 
-def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(
-    project: Path, cli: Cli
-) -> None:
+def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(project, cli):
     project.write_text(RISKY)
     found = values(cli)
     assert (found["rig"], found["cluster"], found["overwrite"]) == (
@@ -108,8 +98,8 @@ def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(
 
 
 def test_outside_my_home_the_working_folder_gives_harmless_options_only(
-    project: Path, capsys: pytest.CaptureFixture[str], cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    project, capsys, cli, monkeypatch
+):
     monkeypatch.setenv("HOME", str(project.parent / "home"))
     project.write_text(RISKY)
     (project.parent / "rig.py").write_text(RIG)
@@ -133,9 +123,7 @@ def test_outside_my_home_the_working_folder_gives_harmless_options_only(
     assert values(cli)["rig"] == "two-link" and not capsys.readouterr().err
 
 
-def test_of_the_folders_above_only_those_of_my_home_count(
-    project: Path, capsys: pytest.CaptureFixture[str], cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_the_folders_above_only_those_of_my_home_count(project, capsys, cli, monkeypatch):
     """A pamid.toml in a folder above the working folder once ran a rig file that nobody had
     named."""
     project.write_text(RISKY)
@@ -161,14 +149,7 @@ def test_of_the_folders_above_only_those_of_my_home_count(
     ("place", "mode"),
     [("pamid.toml", 0o666), ("", 0o777), ("", 0o1777), ("..", 0o777), ("pamid.toml", 0o622)],
 )
-def test_what_others_may_write_is_ignored(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    cli: Cli,
-    place: str,
-    mode: int,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_others_may_write_is_ignored(tmp_path, capsys, cli, place, mode, monkeypatch):
     (folder := tmp_path / "shared" / "project").mkdir(parents=True)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(folder)
@@ -183,7 +164,7 @@ def test_what_others_may_write_is_ignored(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whose_file_it_is(tmp_path, monkeypatch):
     """Ownership by what the file system says; another user is played, as tests may not be root."""
     file = tmp_path / "pamid.toml"
     file.write_text("")
@@ -198,7 +179,7 @@ def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert trust.why_shared(file) == ""
 
 
-def test_every_option_that_runs_a_file_is_known_as_one() -> None:
+def test_every_option_that_runs_a_file_is_known_as_one():
     """A new command's --rig or --effect would otherwise be taken from anybody's settings."""
     running = [
         (c.name, o)

@@ -1,8 +1,6 @@
 """A finding written into a model file, judged by plain MuJoCo: the written file does what pamid's
 own model of the finding does, and the export states how far off it is."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +11,6 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from conftest import Cli
 from model_runs import PERIOD_S, fitted_values, make_run
 from numpy.typing import NDArray
 from pamid_cli import frame
@@ -159,9 +156,7 @@ def errors(
     ],
     ids=["polynomials", "bristles", "commands"],
 )  # fmt: skip
-def test_effects_of_mujoco_are_written_as_mujoco_has_them(
-    effects: Mapping[str, Mapping[str, float]], tmp_path: Path
-) -> None:
+def test_effects_of_mujoco_are_written_as_mujoco_has_them(effects, tmp_path):
     before, now, made = errors(tmp_path, effects)
     assert now.sum() < 0.02 * before.sum()
     assert not made.notes
@@ -184,9 +179,7 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(
     ],
     ids=["friction", "stribeck", "hysteresis", "end-stop", "last-body", "inner-body", "backlash"],
 )  # fmt: skip
-def test_other_effects_are_written_in_their_nearest_form(
-    effects: Mapping[str, Mapping[str, float]], share: float, tmp_path: Path
-) -> None:
+def test_other_effects_are_written_in_their_nearest_form(effects, share, tmp_path):
     before, now, _ = errors(tmp_path, effects)
     assert now.sum() < share * before.sum()
 
@@ -194,9 +187,7 @@ def test_other_effects_are_written_in_their_nearest_form(
 @pytest.mark.parametrize(
     ("integrator", "dynamics"), [("RK4", "filter"), ("implicitfast", "filterexact")]
 )
-def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(
-    integrator: str, dynamics: str, tmp_path: Path
-) -> None:
+def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(integrator, dynamics, tmp_path):
     """A step of RK4 follows a filter by itself; the other integrators need an exact one."""
     step = '<option timestep="0.004"'
     text = ARM.replace('<option timestep="0.002"', f'{step} integrator="{integrator}"')
@@ -214,9 +205,7 @@ TWO_FRICTIONS = ARM.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis').r
 )
 
 
-def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Cli
-) -> None:
+def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(tmp_path, capsys, cli):
     """One is dry, one a hysteresis; at 2 ms Euler is off, and the export states what is not."""
     file, new = written(tmp_path), tmp_path / "new.xml"
     labels = ("coulomb-friction@a", "maxwell-slip-hysteresis@b")
@@ -240,12 +229,10 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     assert '<option timestep="0.001" integrator="RK4"/>' in printed
 
 
-def test_readings_weigh_by_the_noise_that_the_run_states(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
-) -> None:
+def test_readings_weigh_by_the_noise_that_the_run_states(tmp_path, monkeypatch, cli):
     file, weights = written(tmp_path), []
 
-    def errors_of(_: PlainModel, __: Any, noise: dict[str, float]) -> dict[str, float]:
+    def errors_of(_, __, noise):
         weights.append(noise)
         return dict.fromkeys(noise, 0.0)
 
@@ -256,7 +243,7 @@ def test_readings_weigh_by_the_noise_that_the_run_states(
     assert weights and all(noise == dict.fromkeys(READINGS, 0.02) for noise in weights)
 
 
-def test_a_file_that_got_worse_is_not_written(tmp_path: Path, cli: Cli) -> None:
+def test_a_file_that_got_worse_is_not_written(tmp_path, cli):
     file, new = written(tmp_path), tmp_path / "new.xml"
     model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 1.5})
     run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model)
@@ -267,7 +254,7 @@ def test_a_file_that_got_worse_is_not_written(tmp_path: Path, cli: Cli) -> None:
     assert channels["qa_rad"]["now"] > channels["qa_rad"]["before"] and new.exists()
 
 
-def test_the_most_probable_rival_is_written_or_the_chosen_one(tmp_path: Path, cli: Cli) -> None:
+def test_the_most_probable_rival_is_written_or_the_chosen_one(tmp_path, cli):
     file, new = written(tmp_path), tmp_path / "new.xml"
     dry, drag = "coulomb-friction@a", "viscous-friction@a"
     models = {
@@ -288,13 +275,11 @@ def test_the_most_probable_rival_is_written_or_the_chosen_one(tmp_path: Path, cl
     assert dry in refused["hint"]
 
 
-def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def model(label: str) -> Any:
+def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(monkeypatch):
+    def model(label):
         return SimpleNamespace(assembly=label, fit=label, replays=())
 
-    def named(label: str) -> Any:
+    def named(label):
         figures = {"removed": 0.9 if label == "one" else 0.2}
         return SimpleNamespace(
             effect=SimpleNamespace(label=label), model=model(label), figures=figures
@@ -320,7 +305,7 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
     assert "rivals" not in diagnosis_run.models_json(d)
 
 
-def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path: Path, cli: Cli) -> None:
+def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path, cli):
     file, dry = written(tmp_path), "coulomb-friction@a"
     model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
     posterior = Posterior(
@@ -349,7 +334,7 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path: Path
     assert table[0, 1] / np.prod(deviations) == pytest.approx(0.6)
 
 
-def test_a_stepped_model_is_written_too(tmp_path: Path, cli: Cli) -> None:
+def test_a_stepped_model_is_written_too(tmp_path, cli):
     """Its spring is not linear, so MuJoCo steps it."""
     text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"')
     file, new = written(tmp_path, text), tmp_path / "new.xml"
@@ -367,7 +352,7 @@ def test_a_stepped_model_is_written_too(tmp_path: Path, cli: Cli) -> None:
 # ---- what is in the text -------------------------------------------------------------------------
 
 
-def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path) -> None:
+def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path):
     text = (
         ARM.replace('<compiler angle="radian"/>', "")
         .replace("</sensor>", '</sensor>\n  <keyframe><key qpos="0.1 0.2" qvel="1 2"/></keyframe>')
@@ -389,7 +374,7 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path
     assert model.qpos_spring[2] == pytest.approx(0.3) and model.jnt_stiffness[2] == 2.0
 
 
-def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
+def test_unnamed_joints_and_polynomials_are_kept(tmp_path):
     """Two motors at a joint that the file does not name, and a damper with a cubic term."""
     text = (
         ARM.replace('<joint name="b" ', "<joint ")
@@ -412,7 +397,7 @@ def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
     assert model.actuator_trnid[1:, 0].tolist() == [1, 1] and not done.left
 
 
-def test_a_written_file_with_bristles_is_a_rig_again(tmp_path: Path) -> None:
+def test_a_written_file_with_bristles_is_a_rig_again(tmp_path):
     text = ARM.replace(
         "</actuator>",
         '<dcmotor joint="a" name="dry" input="none" motorconst="0" resistance="1" '
@@ -464,7 +449,7 @@ def lever_log(model: Any) -> dict[str, Array]:
     return {"pivot_torque_nm": torques, LEVER_ANGLE: np.array(rows)}
 
 
-def test_urdf_gets_friction_damping_and_inertials(tmp_path: Path, cli: Cli) -> None:
+def test_urdf_gets_friction_damping_and_inertials(tmp_path, cli):
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.urdf"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_frictionloss[0], model.dof_solref[0, 0], model.dof_damping[0] = 0.2, 4e-4, 0.3
@@ -483,7 +468,7 @@ def test_urdf_gets_friction_damping_and_inertials(tmp_path: Path, cli: Cli) -> N
     assert 'ixx="0.024"' in text
 
 
-def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(tmp_path: Path, cli: Cli) -> None:
+def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(tmp_path, cli):
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.xml"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_armature[0] = 0.05
@@ -500,7 +485,7 @@ def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(tmp_path: Path, cli
     assert refused["code"]
 
 
-def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:
+def test_a_rig_of_equations_has_no_model_file(tmp_path):
     rig = rig_named("one-dof")
     assembly = Assembly(rig, (), True)
     model: Any = SimpleNamespace(assembly=assembly, name="one-dof")

@@ -1,8 +1,6 @@
 """Models made by hand for the tests of exports, what they are driven with, what pamid itself says
 they do, and the programs that judge every form."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -60,14 +58,14 @@ class Kettle(Rig):
         Parameter("k1", 1.0, 0.0, 5.0),
     )
 
-    def start(self, p: Any) -> dict[str, float]:
+    def start(self, p):
         return {"double": p.cold, "i": 0.5 * p.k1}
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         heat = port("heat", u.power_w / p.E - p.e * (x.double - u.ambient_degc))
         return {"double": heat, "i": -x.i}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"water_degc": port("sensor", x.double) + x.i, "int_w": u.power_w * p.k1}
 
 

@@ -1,7 +1,5 @@
 """The child process of a fuzz input: it writes the input, runs its commands and reports."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

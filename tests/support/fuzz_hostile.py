@@ -1,7 +1,5 @@
 """Kinds of inputs that are well formed and hostile: values, declared sizes, model files, counts."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

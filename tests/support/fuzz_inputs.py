@@ -5,8 +5,6 @@ benchmarks/fuzz.py.
 and returns the command lines to run there. Kind and number determine the input.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -5,8 +5,6 @@ charged for its processor time and for the time that it sleeps. It is not charge
 it waits for a processor, so that a busy machine changes no outcome.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The folder in which a fuzz input is written."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 """Run folders of a model file without the fit: what a diagnosis would have left for an arm whose
 causes are known, with a recording that MuJoCo made."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A page of a report as a browser would take it: outline, words, scripts."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -1,12 +1,8 @@
 """A log that no rig has names for becomes a recording with all of its channels."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
-import pytest
-from conftest import Cli
 from pamid_cli import frame
 
 from pamid.intake.logs.channel_columns import channel_columns
@@ -22,7 +18,7 @@ def channel(name: str, unit: str = "") -> Channel:
     return Channel(name, np.zeros(3), unit=unit)
 
 
-def test_names_and_units_are_spelt_as_a_recording_spells_them() -> None:
+def test_names_and_units_are_spelt_as_a_recording_spells_them():
     found = channel_columns(
         [
             channel("M_soll", "Nm"),
@@ -61,9 +57,7 @@ def strangers_log(folder: Path) -> Path:
     return path
 
 
-def test_from_a_strangers_log_to_a_rig_of_ones_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cli: Cli
-) -> None:
+def test_from_a_strangers_log_to_a_rig_of_ones_own(tmp_path, monkeypatch, capsys, cli):
     monkeypatch.chdir(tmp_path)
     log = strangers_log(tmp_path)
     assert frame.run(["check", str(log)]) == 3
@@ -79,7 +73,7 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
 
 
-def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
+def test_what_moves_in_steps_is_held(tmp_path):
     """A duty that somebody set, not the reading of few bits that follows it slowly."""
     random = np.random.default_rng(4)
     duty = np.repeat(random.uniform(0.0, 100.0, 30), 30)
@@ -96,7 +90,7 @@ def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
     assert 'unit = "?"' in heater
 
 
-def test_an_undecided_clock_is_a_question(tmp_path: Path) -> None:
+def test_an_undecided_clock_is_a_question(tmp_path):
     """Irregular stamps, and no signal that moves enough to tell why."""
     random = np.random.default_rng(6)
     stamps = np.cumsum(2.0 + random.exponential(0.4, COUNT))

@@ -1,7 +1,5 @@
 """Numbers, percentages, names and markup of the report."""
 
-from __future__ import annotations
-
 import pytest
 
 from pamid.report import formatting
@@ -24,7 +22,7 @@ from pamid.report.page import Page, Section, html_of, strong, table, text
         (None, "\u2013"),
     ],
 )
-def test_numbers(value: float | None, told: str) -> None:
+def test_numbers(value, told):
     assert formatting.number(value).replace(formatting.SPACE, " ") == told
 
 
@@ -42,17 +40,17 @@ def test_numbers(value: float | None, told: str) -> None:
         (None, "\u2013"),
     ],
 )
-def test_percentages(share: float | None, told: str) -> None:
+def test_percentages(share, told):
     assert formatting.percent(share).replace(formatting.SPACE, " ") == told
 
 
-def test_markup_escapes_everything_but_markup() -> None:
+def test_markup_escapes_everything_but_markup():
     assert tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&#34;">&lt;b&gt;<i>&amp;</i></p>'
     assert prose("run `a<b`") == "run <code>a&lt;b</code>"
     assert escape("\x00\ud800") == "\ufffd\ufffd"
 
 
-def test_a_page_lists_its_headings_down_to_the_third_level() -> None:
+def test_a_page_lists_its_headings_down_to_the_third_level():
     inner = Section("Known <b>", (Section("Deep", (), 4), text("one", "")), 3)
     page = Page("Head", "sub", (Section("", (Section("Lead.", (), question="Where"),)), inner))
     html = html_of(page)
@@ -64,7 +62,7 @@ def test_a_page_lists_its_headings_down_to_the_third_level() -> None:
     assert html.count("<section>") == 4 and "<title>Head</title>" in html
 
 
-def test_a_table_marks_cells_that_repeat_the_row_above() -> None:
+def test_a_table_marks_cells_that_repeat_the_row_above():
     html = table(["a", "b", "n"], [["x", "<y>", "1"], ["x", strong("z"), "1"]], (2,))
     assert html.count(' class="again"') == 1 and html.count('<td class="n">1</td>') == 2
     assert "&lt;y&gt;" in html and "<strong>z</strong>" in html
