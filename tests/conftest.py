@@ -37,6 +37,14 @@ def cli(capsys) -> Cli:
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the pictures of reports blank, for tests of what stands beside them."""
+    from report_pages import blank
+
+    monkeypatch.setattr("pamid.report.writing.render", blank)
+
+
+@pytest.fixture
 def unchecked() -> Iterator[None]:
     """Leave JSON that this test makes pamid write unchecked."""
     _unchecked.append(True)

@@ -19,7 +19,6 @@ from virtual_joint import record
 from pamid.base.errors import DataError
 from pamid.model import registry as library
 from pamid.networks.elman import Elman
-from pamid.report.style import Picture
 
 EVIL = """from pathlib import Path
 Path({marker!r}).touch()
@@ -91,14 +90,11 @@ def trap(tmp_path, monkeypatch) -> Trap:
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch) -> None:
+def quick(undrawn, monkeypatch) -> None:
     """What takes long and reads nothing more ends at once: fits, trainings, drawings."""
 
     def end(*arguments, **more):
         raise DataError(END)
-
-    def blank(drawing):
-        return Picture(drawing.name, drawing.title, "", "", b"")
 
     # the importing modules first: one that is imported while its source is patched keeps the patch
     for place in (
@@ -116,7 +112,6 @@ def quick(monkeypatch) -> None:
         "pamid.api.run_score.split_recordings",
     ):
         monkeypatch.setattr(place, end)
-    monkeypatch.setattr("pamid.report.writing.render", blank)
     monkeypatch.setattr("pamid.report.animation.gif_of", end)
 
 

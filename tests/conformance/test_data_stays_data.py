@@ -20,7 +20,6 @@ from pamid.intake.logs.guessed_mapping import guess_of
 from pamid.intake.logs.log_reader import read_log
 from pamid.networks.elman import Elman
 from pamid.recording.recording import toml_text
-from pamid.report.style import Picture
 from pamid.report.writing import write_report
 from pamid.simulation.excitation.writers import FORMATS, SentSignals
 
@@ -120,7 +119,7 @@ def test_the_test_above_sees(code):
 # ---- a run stays in its folder --------------------
 
 
-def test_nothing_is_written_or_removed_through_a_link(tmp_path, cli):
+def test_nothing_is_written_or_removed_through_a_link(tmp_path, undrawn, cli):
     """A run folder is anybody's: its `figures` may be a link into the user's own pictures."""
     run, own = make_run(tmp_path / "run"), tmp_path / "pictures"
     own.mkdir()
@@ -136,10 +135,7 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path, cli):
     assert not (run / "report.html").exists()
 
 
-def test_a_page_vouches_for_nothing_outside_its_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
-    )
+def test_a_page_vouches_for_nothing_outside_its_run(tmp_path, undrawn):
     diagnosis = diagnosis_json("explained")
     assert (
         "next-experiment.csv"

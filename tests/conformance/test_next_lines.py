@@ -330,7 +330,7 @@ def test_after_a_diagnosis(cart, here, run, undecided):
     run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
 
 
-def test_after_a_fit(cart, here, run, taken):
+def test_after_a_fit(cart, here, run, taken, undrawn):
     train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
     fitted = load_run(here / "run")
     page = answers_of(fitted, errors_of(fitted))[-1].details[0]
@@ -341,7 +341,7 @@ def test_after_a_fit(cart, here, run, taken):
     run(*report)
 
 
-def test_after_scoring_and_listing_runs(cart, here, run):
+def test_after_scoring_and_listing_runs(cart, here, run, undrawn):
     run("fit", str(cart), "--rig", "cart.py", "--output", "run")
     (one,) = lines_of(run("runs"))
     run(*one)

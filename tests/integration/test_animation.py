@@ -215,7 +215,7 @@ def test_no_player_without_rig_residual_or_channel(break_it, tmp_path):
     assert player_script() not in scripts_of(page) and 'class="motion"' not in page
 
 
-def test_a_rig_file_is_run_only_when_it_is_named(tmp_path, capsys):
+def test_a_rig_file_is_run_only_when_it_is_named(tmp_path, capsys, undrawn):
     folder, file = cart_run(tmp_path / "RUN"), tmp_path / "cart.py"
     file.write_text(CART, encoding="utf-8")
     fit = json.loads((folder / "fit.json").read_text(encoding="utf-8"))

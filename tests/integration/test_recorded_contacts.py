@@ -202,7 +202,7 @@ def test_a_model_without_pairs_has_one_form(tmp_path):
     assert rig_named(str(written(tmp_path, alone))).forms is None
 
 
-def test_a_run_keeps_the_form_and_says_so(place, run, capsys):
+def test_a_run_keeps_the_form_and_says_so(place, run, capsys, undrawn):
     found = read_json(run / "fit.json")
     assert found["model"]["form"] == "equations"
     assert found["notes"][0].startswith("Written as equations: no geoms touch")

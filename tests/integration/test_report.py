@@ -10,7 +10,7 @@ import matplotlib
 import pytest
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
-from report_pages import VERDICTS, Outline, flat, outline_of, scripts_of, text_of
+from report_pages import VERDICTS, Outline, blank, flat, outline_of, scripts_of, text_of
 from synthetic_run import (
     CHANNELS,
     diagnosis_json,
@@ -26,19 +26,8 @@ from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
 from pamid.report.page import page_script
 from pamid.report.player import player_script
-from pamid.report.style import Drawing, Picture
 from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
-
-
-def blank(drawing: Drawing) -> Picture:
-    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", b"\x89PNG")
-
-
-@pytest.fixture
-def undrawn(monkeypatch) -> None:
-    """Pictures take the time; they are left blank for tests of what stands beside them."""
-    monkeypatch.setattr("pamid.report.writing.render", blank)
 
 
 @pytest.fixture(scope="module", params=VERDICTS)

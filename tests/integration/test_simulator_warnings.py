@@ -141,7 +141,7 @@ def test_nobody_counts_outside():
     assert first.sentences("in a run") == ("Sim warned in a run (10 steps): a creak in 3. Oil it.",)
 
 
-def test_check_fit_and_page_report_them(place, capsys, cli):
+def test_check_fit_and_page_report_them(place, capsys, cli, undrawn):
     rig, rec = place / f"comb-{SMALL}.xml", place / "rec.csv"
     for words in (("check", rig), ("check", rec, "--rig", rig)):
         found = [f for f in cli(*words)["findings"] if f["check"] == "simulator"]
