@@ -130,33 +130,8 @@ RECORDINGS: dict[str, tuple[Files, int, str, str]] = {
     "TOML: no such parameter": (toml("[known]\ninertia_kg = 1.0"), 3, "file", "inertia_kg_m2"),
 }  # fmt: skip
 
-RIG = '''"""A mass."""
-
-from pamid.model.effect import State
-from pamid.model.parameter import Parameter
-from pamid.model.rig import Port, Rig
-
-
-class Mass(Rig):
-    """A mass that is pushed."""
-
-    inputs = {"force_n": "N"}
-    outputs = {"position_m": "m"}
-    ports = {
-        "push": Port("motion", "N", ("velocity",)),
-        "gauge": Port("reading", "m"),
-        "spare": Port("reading", "m"),
-    }
-    states = (State("position", "m"), State("velocity", "m/s"))
-    parameters = (Parameter("mass", 1.0, 0.1, 10.0, "kg", source="test"),)
-
-    def rates(self, x, u, p, port):
-        push = port("push", u.force_n, velocity=x.velocity)
-        return {"position": x.velocity, "velocity": push / p.mass}
-
-    def measure(self, x, u, p, port):
-        return {"position_m": port("gauge", x.position)}
-'''
+CART = (Path(__file__).parents[2] / "data" / "rigs" / "cart.py").read_text(encoding="utf-8")
+UNUSED_PORT = CART.replace("ports = {", 'ports = {"spare": Port("reading", "m"), ')
 #: words, exit status, code, key words. Beside a good rec.csv lie bad.csv, mass.py with a port that
 #: passes nothing, evil.csv whose TOML names evil.py, a folder taken/, and a file called file
 WORDS: tuple[tuple[str, int, str, str], ...] = (
@@ -367,7 +342,7 @@ def here(joint, tmp_path, monkeypatch) -> Path:
         shutil.copytree(joint / name, tmp_path / name)
     for name in ("csv", "toml"):
         shutil.copy(joint / f"rec.{name}", tmp_path / f"joint.{name}")
-    put(tmp_path, {**table(HEAD, *ROWS), "bad.csv": cell("inf")["rec.csv"], "mass.py": RIG})
+    put(tmp_path, {**table(HEAD, *ROWS), "bad.csv": cell("inf")["rec.csv"], "mass.py": UNUSED_PORT})
     put(
         tmp_path,
         {

@@ -29,13 +29,12 @@ def test_sums_are_those_written_down():
         assert sha256_of(DATA / name) == wanted, name
 
 
-def test_the_commands_make_it_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands_make_it_again(here):
     for line in block("joint.csv").splitlines():
         assert run(shlex.split(line)[1:]) == 0
     kept, made = (
         read_recording(DATA / "example" / "joint.csv"),
-        read_recording(tmp_path / "joint.csv"),
+        read_recording(here / "joint.csv"),
     )
     assert list(made.columns) == list(kept.columns)
     assert (made.loop, made.rig, made.known, made.controller) == (
@@ -51,14 +50,13 @@ def test_the_commands_make_it_again(tmp_path, monkeypatch):
         )
 
 
-def test_the_commands_make_the_log_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands_make_the_log_again(here):
     *commands, script = block("bench_log.csv").splitlines()
     for line in commands:
         assert run(shlex.split(line)[1:]) == 0
     words = shlex.split(script)
     subprocess.run([sys.executable, str(DATA.parent / words[1]), *words[2:]], check=True)
-    logs = (tmp_path / "bench_log.csv", DATA / "example" / "bench_log.csv")
+    logs = (here / "bench_log.csv", DATA / "example" / "bench_log.csv")
     made, kept = (log.read_text("cp1252").splitlines() for log in logs)
     assert made[:5] == kept[:5] and len(made) == len(kept)
     rows = [
@@ -69,15 +67,14 @@ def test_the_commands_make_the_log_again(tmp_path, monkeypatch):
     np.testing.assert_allclose(rows[0], rows[1], atol=1.1e-3)
 
 
-def test_the_log_becomes_the_recording_it_was_made_of(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_log_becomes_the_recording_it_was_made_of(here):
     log = str(DATA / "example" / "bench_log.csv")
     guess = ["--rig", "one-dof", "--pressures", "absolute", "--output", "map.toml"]
     assert run(["ingest", "--guess", log, *guess]) == 0
     assert run(["ingest", log, "--mapping", "map.toml", "--output", "rec.csv"]) == 0
     for line in block("bench_log.csv").splitlines()[:2]:
         assert run(shlex.split(line)[1:]) == 0
-    made, kept = read_recording(tmp_path / "rec.csv"), read_recording(tmp_path / "bench.csv")
+    made, kept = read_recording(here / "rec.csv"), read_recording(here / "bench.csv")
     assert made.loop == "closed" and made.rig == "one-dof" and len(made) == len(kept)
     for name, values in made.columns.items():
         digit = {"angle_deg": 1e-3, "reference_deg": 1e-3, "command": 1e-4}.get(name, 1e-2)

@@ -20,15 +20,14 @@ CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 @pytest.mark.parametrize(
     "word", ["one-dof:{evil}", "{evil}", "./evil.py", "evil", "", "one-dof:", "../one-dof"]
 )
-def test_the_look_up_for_data_never_loads(word, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_look_up_for_data_never_loads(word, here):
     for name in ("evil.py", "one-dof:evil.py"):
-        (tmp_path / name).write_text("raise SystemExit('run')")
+        (here / name).write_text("raise SystemExit('run')")
     if word == "one-dof:":
         assert library.catalogue_rig(word).name == "one-dof"
         return
     with pytest.raises(FileError):
-        library.catalogue_rig(word.format(evil=tmp_path / "evil.py"))
+        library.catalogue_rig(word.format(evil=here / "evil.py"))
 
 
 #: who may look up a word that the user said, and nobody else: what came from data goes to

@@ -330,21 +330,15 @@ def test_after_a_diagnosis(cart, here, run, undecided):
     run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
 
 
-def test_after_a_fit(cart, here, run, taken, undrawn):
+def test_after_a_fit_scoring_and_listing_runs(cart, here, run, taken, undrawn):
     train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
     fitted = load_run(here / "run")
     page = answers_of(fitted, errors_of(fitted))[-1].details[0]
     (again,) = re.findall("`pamid (.*)`", page)
     run(*free(shlex.split(again)), code=TAKEN)
     text = run(*train, "--iterations", "2")
-    assert lines_of(text) == [report]
+    assert lines_of(text) == [report] == lines_of(run("runs"))
     run(*report)
-
-
-def test_after_scoring_and_listing_runs(cart, here, run, undrawn):
-    run("fit", str(cart), "--rig", "cart.py", "--output", "run")
-    (one,) = lines_of(run("runs"))
-    run(*one)
     other = record_cart(here, seconds=6.0)
     (report,) = lines_of(run("score", "run", str(other), "--rig", "cart.py"))
     run(*report)

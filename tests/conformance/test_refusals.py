@@ -82,9 +82,8 @@ def test_whole_numbers_of_toml_have_64_bits(tmp_path):
     ],
 )
 @pytest.mark.parametrize("command", [["config"], ["fit", "x.csv"]], ids=["config", "fit"])
-def test_settings_of_another_kind(line, command, tmp_path, monkeypatch, cli):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pamid.toml").write_text(f"[fit]\n{line}\n")
+def test_settings_of_another_kind(line, command, here, cli):
+    (here / "pamid.toml").write_text(f"[fit]\n{line}\n")
     assert "pamid.toml" in cli(*command, code=3)["message"]
 
 

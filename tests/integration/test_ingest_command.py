@@ -39,12 +39,6 @@ def plant(t: FloatArray) -> dict[str, FloatArray]:
     }
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def ran(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
     code = frame.run(["ingest", *words, "--json"])
     return code, json.loads(capsys.readouterr().out)

@@ -29,12 +29,6 @@ from pamid.recording.recording import Recording, read_recording, recording_of, w
 EXAMPLES = sorted(examples())
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def record(rig: str, cli: Cli) -> Recording:
     """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs
     is simulated over the length of a recording."""

@@ -79,8 +79,7 @@ def test_rate_of_is_the_difference_of_samples(substeps):
 @pytest.mark.parametrize(
     ("rig", "effect"), [(StaticMap, "offset@cell"), (Follower, "saturation")], ids=["map", "lag"]
 )
-def test_without_parameters(rig, effect, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_without_parameters(rig, effect, here):
     assert pamid.check(rig).ok
     u = pamid.aprbs(20.0, 0.01, 2.0, seed=1)
     pamid.write_recording("u.csv", 0.01 * np.arange(len(u)), {"drive_v": u})
@@ -94,8 +93,7 @@ def test_without_parameters(rig, effect, tmp_path, monkeypatch):
     pamid.report(found)
 
 
-def test_a_force_bench_is_diagnosed_and_exported(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_force_bench_is_diagnosed_and_exported(here, capsys):
     for words in (
         ("generate-aprbs", "--rig", "cylinder-bench", "--duration", "60", "--output", "u.csv"),
         (

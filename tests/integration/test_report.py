@@ -2,7 +2,6 @@
 bytes, no network."""
 
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,22 @@ from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
 
 
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory) -> Path:
+    """A run with its report, pictures included."""
+    folder = make_run(tmp_path_factory.mktemp("run") / "RUN")
+    write_report(folder)
+    return folder
+
+
 @pytest.fixture(scope="module", params=VERDICTS)
-def reported(request, tmp_path_factory) -> tuple[str, Path, Outline]:
+def reported(request, drawn, tmp_path_factory) -> tuple[str, Path, Outline]:
+    """`test_text_of_files_never_becomes_markup` draws the figures of an unknown effect."""
+    if request.param == "explained":
+        return request.param, drawn, outline_of(drawn / "report.html")
     folder = make_run(tmp_path_factory.mktemp("run") / "RUN", request.param)
     with pytest.MonkeyPatch.context() as patch:
-        # `test_text_of_files_never_becomes_markup` draws the figures of an unknown effect
-        if request.param != "explained":
-            patch.setattr("pamid.report.writing.render", blank)
+        patch.setattr("pamid.report.writing.render", blank)
         return request.param, folder, outline_of(write_report(folder).page)
 
 
@@ -174,14 +182,12 @@ def test_text_of_files_never_becomes_markup(verdict, tmp_path, request):
     assert "\u202e" not in source
 
 
-def test_same_inputs_give_the_same_bytes(tmp_path):
-    first = make_run(tmp_path / "first", without=("residual.csv", "trace.csv"))
-    second = Path(shutil.copytree(first, tmp_path / "elsewhere" / "second"))
-    write_report(first)
+def test_same_inputs_give_the_same_bytes(drawn, tmp_path):
+    again = make_run(tmp_path / "elsewhere" / "again")
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "svg.hashsalt": None}):
-        write_report(second)
-    for path in [first / "report.html", *(first / "figures").iterdir()]:
-        assert path.read_bytes() == (second / path.relative_to(first)).read_bytes(), path.name
+        write_report(again)
+    for path in [drawn / "report.html", *(drawn / "figures").iterdir()]:
+        assert path.read_bytes() == (again / path.relative_to(drawn)).read_bytes(), path.name
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -291,9 +291,8 @@ def test_impacts_inside_ask_for_no_finer_exchange():
     assert choose_stepping(a, u, p, period, a.start(p)) == Stepping(1)
 
 
-def test_what_becomes_unstable_is_seen_and_not_begun_anew(tmp_path, capfd, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
-    a = Assembly(rig_named(str(_written(tmp_path))))
+def test_what_becomes_unstable_is_seen_and_not_begun_anew(here, capfd):
+    a = Assembly(rig_named(str(_written(here))))
     p = a.values()
     p[a.keys["knee_damping"]] = -50.0
     memory = a.program.memory(a.start(p), period_s=PERIOD)
@@ -301,7 +300,7 @@ def test_what_becomes_unstable_is_seen_and_not_begun_anew(tmp_path, capfd, monke
     assert 0 <= bad < SAMPLES - 1
     assert np.isnan(y[bad + 1 :]).all()
     assert "unstable" not in "".join(capfd.readouterr())
-    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    assert not (here / "MUJOCO_LOG.TXT").exists()
 
 
 def test_a_quaternion_joint_is_refused_by_name(tmp_path):

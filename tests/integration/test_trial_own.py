@@ -124,9 +124,8 @@ def test_nothing_of_the_truth_is_in_a_recording(machine, tmp_path):
     assert header == (tmp_path / "two.csv").read_text().splitlines()[0]
 
 
-def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(tmp_path, monkeypatch, cli):
-    monkeypatch.chdir(tmp_path)
-    truth = tmp_path / "cart_with_secret_friction.py"
+def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(here, cli):
+    truth = here / "cart_with_secret_friction.py"
     truth.write_text(Path(CART).read_text())
     sent = short(CART, 200)
     write_recording("sent.csv", sent.time, dict(sent.columns))
@@ -210,8 +209,7 @@ def test_a_demo_of_any_rig_withholds_what_it_says(machine, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_trial_of_a_rig_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_trial_of_a_rig_file(here, capsys):
     sent = short(CART)
     write_recording("sent.csv", sent.time, dict(sent.columns))
     Path("mine.py").write_text(Path(CART).read_text())

@@ -66,8 +66,7 @@ def test_a_rig_that_was_forgotten_is_one_error(tmp_path, capsys):
         ("pendulum.py", 0.0, "repair it, then pamid check"),
     ],
 )
-def test_a_check_ends_with_what_is_next(rig, spoil, follow, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_check_ends_with_what_is_next(rig, spoil, follow, here, capsys):
     Path("pendulum.py").write_text(PENDULUM)
     made = table()
     if not spoil:

@@ -81,8 +81,7 @@ def test_rates_are_the_paper_s_equations():
         assert moved == pytest.approx(0.05 * step + 0.5 * acceleration * step**2, abs=1e-15)
 
 
-def test_a_virtual_recording_tells_its_damper_and_its_scale(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_virtual_recording_tells_its_damper_and_its_scale(here, capsys):
     for words in (
         "generate-aprbs --rig muscle-mass --duration 9 --seed 1 --output u.csv",
         "simulate --rig muscle-mass --excitation u.csv --set damping_m2_s=0.001 --set scale=1.1 "

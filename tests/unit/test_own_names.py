@@ -57,9 +57,8 @@ def strangers_log(folder: Path) -> Path:
     return path
 
 
-def test_from_a_strangers_log_to_a_rig_of_ones_own(tmp_path, monkeypatch, capsys, cli):
-    monkeypatch.chdir(tmp_path)
-    log = strangers_log(tmp_path)
+def test_from_a_strangers_log_to_a_rig_of_ones_own(here, capsys, cli):
+    log = strangers_log(here)
     assert frame.run(["check", str(log)]) == 3
     assert f"pamid ingest --guess {log}" in capsys.readouterr().out
     assert frame.run(["ingest", "--guess", str(log), "--output", "map.toml"]) == 0

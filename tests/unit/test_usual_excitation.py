@@ -34,12 +34,6 @@ HEATER = 'excited = {"heater_percent": 30.0}'
 ROOM = 'centre = {"heater_percent": 30.0, "room_degf": 72.0}'
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def excite(
     capsys: pytest.CaptureFixture[str], stated: str, *words: str, code: int = 0
 ) -> tuple[str, Recording | None]:
