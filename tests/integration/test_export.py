@@ -36,7 +36,7 @@ def test_the_command(form, file, tmp_path, monkeypatch, cli):
         pytest.importorskip(package, reason="pip install 'pamid[verify]'")
     monkeypatch.setattr(
         "pamid.api.exporting.load_identified",
-        lambda *_, **__: case("two effects", 1).model,
+        lambda *_, **__: case("five effects", 1).model,
     )
     monkeypatch.chdir(tmp_path)
     words = ["export", "run", "--to", form]

@@ -2,7 +2,7 @@
 own model of the finding does, and the export states how far off it is."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,17 +11,19 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from model_runs import PERIOD_S, fitted_values, make_run
 from numpy.typing import NDArray
 from pamid_cli import frame
 
+from pamid.base.csv_table import table_bytes
 from pamid.base.errors import FileError
-from pamid.base.schemas.fit_file import Posterior
+from pamid.base.run_folder import Run
+from pamid.base.schemas import fit_file as result
 from pamid.diagnosis.verdict import diagnosis_run
 from pamid.engine.program import Stepping
 from pamid.exports.exporting import export_model
 from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
 from pamid.networks.correction.identified_model import load_identified, simulate_identified
 from pamid.rigs.simulators.mujoco_file import open_mujoco
 from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
@@ -60,6 +62,8 @@ ARM = """<mujoco model="arm">
 """
 INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
 SAMPLES, SHORT = 1000, 500
+PERIOD_S = 0.004
+WINDOW = 250  # samples
 FINE = SimulatorSettings(0.001, "RK4")
 DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
 
@@ -87,6 +91,65 @@ def written(folder: Path, text: str = ARM, name: str = "arm.xml") -> Path:
     file = folder / name
     file.write_text(text)
     return file
+
+
+# ---- run folders without the fit: what a diagnosis would have left of known causes ----
+
+
+def fitted_values(
+    rig: Path, labels: Sequence[str], values: Mapping[str, float]
+) -> result.FittedModel:
+    """The model of a rig with effects at these values, SI by key ("label:name"), the others as the
+    file and the data sheets have them."""
+    made = rig_named(str(rig))
+    assembly = Assembly(made, tuple(attach(made, label, effects()) for label in labels), True)
+    p = dict(zip(assembly.keys, assembly.values().tolist(), strict=True))
+    assert set(values) <= set(p), sorted(p)
+    return result.FittedModel(
+        effects=tuple(labels), stepping=result.Steps(substeps=1), values={**p, **values}
+    )
+
+
+def make_run(
+    folder: Path,
+    rig: Path,
+    columns: Mapping[str, Array],
+    readings: Sequence[str],
+    model: result.FittedModel,
+    *,
+    rivals: Mapping[str, tuple[float, result.FittedModel]] | None = None,
+    noise: float = 1e-4,
+    stated: float = 1e-3,
+) -> Path:
+    """A run whose second half is held out. columns: inputs and readings by column, SI; stated: the
+    error of every reading that the run states."""
+    run = Run.create(folder, command="diagnose", seed=0, inputs=[rig], options={"rig": str(rig)})
+    count = len(next(iter(columns.values())))
+    fit: dict[str, Any] = result.FitFile(
+        rig=rig_named(str(rig)).name,
+        recordings=(result.RecordingUsed(name="log", period_s=PERIOD_S, samples=count),),
+        channels=tuple(readings),
+        inputs=tuple(c for c in columns if c not in readings),
+        noise=dict.fromkeys(readings, noise),
+        mae={c: {"refitted": stated} for c in readings},
+        model=model,
+    ).as_json()
+    if model.effects:
+        fit["cause"] = fit["model"]
+    if rivals:
+        fit["rivals"] = {
+            k: {"probability": p, "model": m.as_json()} for k, (p, m) in rivals.items()
+        }
+    # the parts that only a fit could fill are left out
+    run.path("fit.json").write_text(json.dumps(fit), encoding="utf-8")
+    time, part = PERIOD_S * np.arange(count), (np.arange(count) >= count // 2).astype(float)
+    place = np.arange(count) % WINDOW
+    window = np.where(place < WINDOW // 10, -1.0, np.arange(count) // WINDOW)
+    header = ["time_s", "recording", "part", "window", *columns]
+    table = np.column_stack([time, np.zeros(count), part, window, *columns.values()])
+    run.path("residual.csv").write_bytes(table_bytes(header, table, ["%.12g"] * len(header)))
+    run.finish()
+    return folder
 
 
 # ---- every effect as MuJoCo has it ---------------------------------------------------------------
@@ -308,7 +371,7 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(monkeypatch):
 def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path, cli):
     file, dry = written(tmp_path), "coulomb-friction@a"
     model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
-    posterior = Posterior(
+    posterior = result.Posterior(
         keys=("upper_mass", f"{dry}:level"), log=(True, False), centre=(0.0, 0.1),
         spread=(0.2, 0.1), value=(0.5, 0.5), held=(0.0, 0.0), others={},
         covariance=((0.01,), (0.012, 0.04)),

@@ -9,7 +9,7 @@ from typing import Any
 
 import fuzz_archives
 import fuzz_models
-from fuzz_site import Site, Words
+from fuzz_child import Site, Words
 from fuzz_values import hostile_recording, wide_recording
 from small_cart import RIG, others
 

@@ -10,9 +10,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from fuzz_child import Site, Words
 from fuzz_hostile import HOSTILE_KINDS
 from fuzz_seeds import SIDECAR
-from fuzz_site import Site, Words
 from fuzzing import EXTREMES, WORDS, broken_bytes, broken_json, broken_table, broken_toml
 
 MAPPING = """rig = "one-dof"
