@@ -34,7 +34,7 @@ def made(tmp_path_factory) -> Path:
 @pytest.mark.parametrize(
     "command", [*QUICK, "generate-aprbs", pytest.param("fit", marks=pytest.mark.slow)]
 )
-def test_every_write_may_fail(command, made, tmp_path, monkeypatch):
+def test_every_write_may_fail(command, made, tmp_path, monkeypatch, undrawn):
     place = Path(shutil.copytree(made, tmp_path / "place"))
     monkeypatch.chdir(place)
     words, together = COMMANDS[command]
