@@ -2,9 +2,7 @@
 
 import os
 import struct
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli import frame
@@ -82,8 +80,6 @@ def no_packages(monkeypatch) -> None:
 
 
 # ---- where a mesh is looked for ------------------------------------------------------------------
-
-Place = Callable[[Path, pytest.MonkeyPatch], Any]
 
 
 def _package_xml(folder: Path, name: str) -> None:

@@ -12,8 +12,6 @@ from synthetic_run import make_run, make_trial
 
 from pamid.report.pdf import installed_browser
 
-Capture = pytest.CaptureFixture[str]
-
 
 def test_runs_are_listed_with_their_verdicts(tmp_path, capsys, cli):
     make_run(tmp_path / "a" / "first")
