@@ -98,7 +98,7 @@ def test_help_states_default_and_range():
 
 def test_a_function_takes_the_fields_of_its_record():
     @verb(Arguments)
-    def weigh(arguments):
+    def weigh(arguments: Arguments) -> float:
         """Weigh.
 
         Returns
