@@ -1,8 +1,6 @@
 """The ANFIS network against finite differences and plain sums; its use as a muscle's force law
 inside a rig."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -5,16 +5,14 @@ benchmarks/fuzz.py.
 and returns the command lines to run there. Kind and number determine the input.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from fuzz_child import Site, Words
 from fuzz_hostile import HOSTILE_KINDS
 from fuzz_seeds import SIDECAR
-from fuzz_site import Site, Words
 from fuzzing import EXTREMES, WORDS, broken_bytes, broken_json, broken_table, broken_toml
 
 MAPPING = """rig = "one-dof"

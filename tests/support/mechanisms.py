@@ -1,8 +1,6 @@
 """MuJoCo models for the tests, from one joint to seven, and MuJoCo itself at given states as the
 judge of what pamid makes of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
