@@ -10,9 +10,8 @@ from collections.abc import Iterable
 
 from pamid.base.schemas.rig_map import MappedPort, RigMap
 from pamid.engine.symbolic.vocabulary import Expr
-from pamid.model.isolability import Cut, unknowns_of
+from pamid.model.isolability import cut_rig, unknowns_of
 from pamid.model.rig import Rig
-from pamid.model.trace import trace
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
@@ -21,7 +20,7 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
     out, as that of a sensor that was not recorded.
 
     FileError where the rig's equations cannot be traced."""
-    traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
+    traced = cut_rig(rig)
     port_of = {passage.where: passage.port for passage in traced.passages}
     # ports whose cuts the rate of a state holds, directly or through the rates of other states
     unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
