@@ -99,7 +99,8 @@ def _stepped(
         if node.op == SIMULATED and node.value[0] == "read"
     }
     held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(equation_states, ZERO)
-    simulator = rig.carrier() if rig.carries else RigSimulator(rig, into)
+    far = rig.far_runner()
+    simulator: Any = far if rig.carries else RigSimulator(rig, into)
     rates = {name: e for name, e in traced.rates.items() if name not in equation_states}
     around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
     expressions = iter(substitute([*rates.values(), *around.values()], read))
@@ -117,5 +118,5 @@ def _stepped(
         len(rig.states),
         len(into),
         len(rig.parameters),
-        rig.far_runner(),
+        far,
     )

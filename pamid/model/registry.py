@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -26,7 +26,6 @@ from pamid.base.trust import is_code
 from pamid.engine.symbolic.vocabulary import FUNCTIONS
 from pamid.model.effect import Effect, require_sound
 from pamid.model.free_form import FreeFormEffect
-from pamid.model.model_file import model_kinds
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
@@ -63,6 +62,17 @@ def all_effects() -> dict[str, type[Effect]]:
 def rigs() -> dict[str, type[Rig]]:
     """Every rig of the catalogue by name."""
     return dict(_scanned("pamid.rigs", Rig))
+
+
+@lru_cache
+def model_readers() -> dict[str, Callable[[Path], Rig]]:
+    """Function that makes a rig of a model file, by the ending of the file. The file does not run.
+
+    They are the functions `rig` of the files in `pamid.rigs.simulators.kinds`, whose SUFFIXES
+    `pamid.base.trust.MODEL_ENDINGS` has to know, too.
+    """
+    modules = modules_of("pamid.rigs.simulators.kinds").values()
+    return {suffix: module.rig for module in modules for suffix in module.SUFFIXES}
 
 
 def load_file(path: Path, sha256: str = "") -> ModuleType:
@@ -208,10 +218,10 @@ def catalogue_rig(name: str) -> Rig:
 
 
 def _rig_in(path: Path, sha256: str = "") -> Rig:
-    if kind := model_kinds().get(path.suffix):
+    if read := model_readers().get(path.suffix):
         if sha256:
             _source_of(path, sha256)
-        model = kind.rig(path)
+        model = read(path)
         check_rig(model, str(path))
         return model
     kinds = classes_of(load_file(path, sha256), Rig)

@@ -15,8 +15,7 @@ from pamid_cli import frame
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.trust import MODEL_ENDINGS
-from pamid.model.model_file import model_kinds
-from pamid.model.registry import rig_named, rig_of
+from pamid.model.registry import model_readers, rig_named, rig_of
 from pamid.recording.recording import read_recording
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 from pamid.rigs.simulators.write_back import write_back
@@ -63,7 +62,7 @@ def body(inside: str, beside: str = "", head: str = "") -> str:
 
 
 def test_every_ending_of_a_model_file_is_known_to_be_one() -> None:
-    assert set(model_kinds()) == set(MODEL_ENDINGS)
+    assert set(model_readers()) == set(MODEL_ENDINGS)
 
 
 def test_check_says_how_it_goes_and_what_is_left_out(

@@ -6,7 +6,7 @@
 The couplings are those of `soft_constraints.py`, as is the friction at joints whose
 file states a loss. If a fit frees the loss of another joint, its friction grows with the velocity
 up to the loss, with the slope of a creeping joint. Joint, tendon and actuator laws are those of
-MuJoCo (documentation, Computation). The motion is computed in `forward_dynamics.py`.
+MuJoCo (documentation, Computation). The motion is computed there, too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from pamid.engine.symbolic.vocabulary import (
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.rigs.simulators.body_inertia import BodyShape, shapes_of, tool_body
-from pamid.rigs.simulators.forward_dynamics import MODELS_ALIKE, accelerations
 from pamid.rigs.simulators.mechanism import (
     Actuator,
     Coupling,
@@ -48,8 +47,10 @@ from pamid.rigs.simulators.mechanism_pose import mechanism_pose
 from pamid.rigs.simulators.motor_equations import motor_equations
 from pamid.rigs.simulators.soft_constraints import (
     LEAST_SOFTNESS,
+    MODELS_ALIKE,
     SoftCoupling,
     SoftFriction,
+    accelerations,
     impedance,
 )
 from pamid.rigs.simulators.tree_dynamics import Tree

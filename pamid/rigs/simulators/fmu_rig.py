@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
-from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.stepped import FarRunner
 from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
@@ -147,9 +146,6 @@ class FmuRig(StepRig):
         return {name: port(f"read_{name}", getattr(x, name)) for name in self.outputs}
 
     # ---- the simulation --------------------------------------------------------------------------
-
-    def carrier(self) -> Carrier:
-        return self._process
 
     @cached_property
     def _process(self) -> FmuProcess:

@@ -303,7 +303,6 @@ class ModelParameter:
     element, of   kind and name of its element ("joint", "shoulder")
     attribute     name of the number in the file
     number        index of the element among those of its kind
-    assumed       the file states zero, and the prior is absolute, given in the source
     """
 
     parameter: Parameter
@@ -312,7 +311,6 @@ class ModelParameter:
     number: int
     attribute: str
     writes: tuple[Write, ...]
-    assumed: bool = False
 
     @property
     def stated(self) -> float:

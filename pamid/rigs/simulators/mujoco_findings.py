@@ -74,7 +74,7 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
     Also the first two geoms that do, "" if none.
     """
     m, mujoco = file.model, file.mujoco
-    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
+    if file.disables("CONTACT") or not m.nq:
         return 0.0, ""
     data, random = mujoco.MjData(m), np.random.default_rng(0)
     touching, first = 0, ""
@@ -95,18 +95,13 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
 
 def can_collide(file: MujocoFile) -> bool:
     """True if MuJoCo looks for contacts between any two geoms, at any distance."""
-    m, mujoco = mujoco_copy(file), file.mujoco
-    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
+    m, mujoco = file.copy(), file.mujoco
+    if file.disables("CONTACT") or not m.nq:
         return False
     widen_margins(m, EVERY_PAIR * float(m.stat.extent))
     data = mujoco.MjData(m)
     mujoco.mj_fwdPosition(m, data)
     return bool((data.contact.exclude <= 1).any())
-
-
-def mujoco_copy(file: MujocoFile) -> Any:
-    """Independent copy of a model."""
-    return file.mujoco.MjModel.__copy__(file.model)
 
 
 def widen_margins(model: Any, by: float) -> None:

@@ -139,8 +139,8 @@ def reference_law(file: MujocoFile, solref: Any, impedance_at_width: Any) -> tup
     first, second = map(float, solref)
     if first <= 0.0:
         return -second / high, -first / high**2
-    safe = not m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
-    first = max(first, 2.0 * float(m.opt.timestep)) if safe else first
+    if not file.disables("REFSAFE"):
+        first = max(first, 2.0 * float(m.opt.timestep))
     stiffness = 1.0 / (high * first * second) ** 2 if second > 0.0 else 0.0
     return 2.0 / (high * first), stiffness
 
@@ -232,7 +232,7 @@ def _tendons(
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
     """Equalities between joints or fixed tendons."""
     m, couplings = file.model, []
-    if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+    if file.disables("EQUALITY"):
         return ()
     for i in range(m.neq):
         kind = file.word("mjtEq", m.eq_type[i])

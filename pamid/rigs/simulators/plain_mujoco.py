@@ -85,7 +85,7 @@ class PlainModel:
         from mujoco import rollout
 
         self.mujoco, self.mechanism, self.linear = file.mujoco, mechanism, frozenset(linear)
-        self.model = m = self.mujoco.MjModel.__copy__(file.model)
+        self.model = m = file.copy()
         if settings is not None:
             m.opt.timestep = settings.timestep_s
             m.opt.integrator = next(
