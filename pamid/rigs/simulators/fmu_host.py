@@ -106,7 +106,6 @@ class FmuHost:
             raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
     def answer(self, request: Parcel) -> Parcel:
-        """Answer a request."""
         what = request.about["what"]
         if what == "run":
             return self.run(request)
@@ -120,7 +119,6 @@ class FmuHost:
         return packed({}, list(answer))
 
     def run(self, request: Parcel) -> Parcel:
-        """Run a program."""
         about = request.about
         memory, course = run_of(request)
         if about["saved"]:
