@@ -11,6 +11,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import written
 from pamid_cli import frame
 
 from pamid.base.errors import FileError, PamidError
@@ -45,12 +46,6 @@ def pamid(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0)
     """The JSON that a command prints."""
     assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
     return json.loads(capsys.readouterr().out)
-
-
-def written(folder: Path, text: str, name: str = "model.xml") -> Path:
-    file = folder / name
-    file.write_text(text)
-    return file
 
 
 def body(inside: str, beside: str = "", head: str = "") -> str:
