@@ -398,16 +398,16 @@ def advance_copies(
 
 # ---- as a compiled function of two addresses -----------------------------------------------------
 
-_TABLE_HEAD, _STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
+_TABLE_HEAD, STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
 _FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
     """Memory of an exchange, views of an array of words.
 
-    The words are version, states, inputs, outputs, indicators; the status of the first failure; as
-    floats the next event, whether the steps within are chosen (LEADS), the length of an exchange
-    (s); then the arrays below.
+    The words are version, states, inputs, outputs, indicators; the status of the first failure, 0
+    for none (STATUS); as floats the next event, whether the steps within are chosen (LEADS), the
+    length of an exchange (s); then the arrays below.
 
     x, f, y        states, inputs and outputs (SI)
     own_x, own_f   the same in the FMU's units; each scale and offset converts its units to SI
@@ -514,7 +514,7 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
     status = exchange(t.model, c, 0.0, numbers[_STEP_S], t.own_f, t.own_x, due, t.grid)
     status = status or get_outputs(t.model, c, t.y)
     if status != 0:
-        words[_STATUS] = words[_STATUS] or status
+        words[STATUS] = words[STATUS] or status
         t.x[:] = np.nan
         t.y[:] = np.nan
         return
@@ -522,8 +522,3 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
         t.x[k] = t.own_x[k] * t.x_scale[k] + t.x_offset[k]
     for k in range(len(t.y)):
         t.y[k] = t.y[k] * t.y_scale[k] + t.y_offset[k]
-
-
-def first_failure(words: NDArray[np.int64]) -> int:
-    """Status of the first exchange over a table that failed, 0 if none did."""
-    return int(words[_STATUS])

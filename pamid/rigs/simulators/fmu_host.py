@@ -26,13 +26,13 @@ from pamid.engine.stepped import SteppedProgram
 from pamid.rigs.simulators.fmi_kernels import (
     LEADS,
     MOST_STEPS,
+    STATUS,
     FmuUnits,
     UnitScale,
     advance_copies,
     exchange,
     exchange_of,
     exchange_words,
-    first_failure,
     get_outputs,
     rates_at,
     table_in,
@@ -344,7 +344,7 @@ class SeenFmu(FmuHost):
             of(table.y)[self.places],
             words.ctypes.data + 8 * LEADS,
         )
-        status = first_failure(words)
+        status = int(words[STATUS])
         if status and (not self.went or status == FATAL):
             raise RuntimeError(why(table.model, status, h))
         self.went = self.went or not status
