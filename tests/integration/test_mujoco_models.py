@@ -2,17 +2,16 @@
 way from a recording to a model file that plain MuJoCo runs."""
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import written
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.trust import MODEL_ENDINGS
-from pamid.model.model_file import model_kinds
-from pamid.model.registry import rig_named, rig_of
+from pamid.model.registry import model_readers, rig_named, rig_of
 from pamid.recording.recording import read_recording
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 from pamid.rigs.simulators.write_back import write_back
@@ -38,12 +37,6 @@ URDF = """<robot name="lever">
 PERIOD_S, STEPS, SAMPLES = 0.004, 4, 3000
 
 
-def written(folder: Path, text: str, name: str = "model.xml") -> Path:
-    file = folder / name
-    file.write_text(text)
-    return file
-
-
 def body(inside: str, beside: str = "", head: str = "") -> str:
     """A model of one body with a ball's mass."""
     return (
@@ -53,7 +46,7 @@ def body(inside: str, beside: str = "", head: str = "") -> str:
 
 
 def test_every_ending_of_a_model_file_is_known_to_be_one():
-    assert set(model_kinds()) == set(MODEL_ENDINGS)
+    assert set(model_readers()) == set(MODEL_ENDINGS)
 
 
 def test_check_says_how_it_goes_and_what_is_left_out(tmp_path, cli):

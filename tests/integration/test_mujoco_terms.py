@@ -8,6 +8,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import written
 from numpy.typing import NDArray
 
 from pamid.engine.sampled_inputs import SampledInputs
@@ -40,12 +41,6 @@ MIMIC = """<robot name="gripper">
     <mimic joint="driver" multiplier="-2" offset="0.1"/></joint>
 </robot>
 """
-
-
-def written(folder: Path, text: str, name: str = "model.xml") -> Path:
-    file = folder / name
-    file.write_text(text)
-    return file
 
 
 def run(file: Path, u: Array, substeps: int = 1) -> tuple[Assembly, Array]:

@@ -31,7 +31,7 @@ def log(**tables: dict[str, float]) -> Recording:
 
 def test_armature_and_damping_of_zero_are_fitted_and_friction_is_an_effect(tmp_path):
     found = parameters(BARE, tmp_path)
-    fitted = {name for name, p in found.items() if p.assumed and p.parameter.fitted}
+    fitted = {name for name, p in found.items() if not p.stated and p.parameter.fitted}
     assert fitted == {"shoulder_armature", "shoulder_damping"}
     assert not found["shoulder_frictionloss"].parameter.fitted
     assert not found["shoulder_stiffness"].parameter.fitted
