@@ -38,7 +38,7 @@ def command(arguments: Arguments) -> frame.Result:
 
     completion = get_completion_class(arguments.shell)
     assert completion is not None
-    script = completion(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
+    script = completion(frame.GROUP, {}, "pamid", "_PAMID_COMPLETE").source()
     line, place = _STARTUP[arguments.shell]
     return frame.Result(
         {

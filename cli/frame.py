@@ -190,7 +190,7 @@ def run(arguments: Sequence[str]) -> int:
     stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
     try:
         with contextlib.redirect_stdout(stray) if as_json else contextlib.nullcontext():
-            result = _GROUP.main(
+            result = GROUP.main(
                 list(arguments),
                 prog_name="pamid",
                 standalone_mode=False,
@@ -279,8 +279,8 @@ def require_command(name: str) -> None:
 
 def blank_context(name: str) -> click.Context:
     """Context of a command without arguments: its options at their settings."""
-    parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings_files.ENVIRONMENT)
-    subcommand = _GROUP.get_command(parent, name)
+    parent = click.Context(GROUP, info_name="pamid", auto_envvar_prefix=settings_files.ENVIRONMENT)
+    subcommand = GROUP.get_command(parent, name)
     assert subcommand is not None
     return subcommand.make_context(
         name,
@@ -289,11 +289,6 @@ def blank_context(name: str) -> click.Context:
         resilient_parsing=True,
         default_map=settings_files.defaults_for(subcommand),
     )
-
-
-def group() -> click.Group:
-    """All of pamid as a single click command."""
-    return _GROUP
 
 
 class _LazyGroup(click.Group):
@@ -319,7 +314,8 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-_GROUP = _LazyGroup(
+#: all of pamid as a single click command
+GROUP = _LazyGroup(
     help=_HELP,
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -327,8 +323,8 @@ _GROUP = _LazyGroup(
 )
 click.version_option(
     package_name="pamid", message="%(prog)s %(version)s", help="Print the version."
-)(_GROUP)
-_GROUP.params += _standard_flags()
+)(GROUP)
+GROUP.params += _standard_flags()
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:

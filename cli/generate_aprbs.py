@@ -83,7 +83,7 @@ def _write(
 
         pictures[figure] = richness_picture(
             [ExcitedColumn(period_s=period, **column) for column in planned.shown]
-        ).png
+        )
         make_folder(figure.parent)
     about = write_excitation(
         output,

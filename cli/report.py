@@ -124,7 +124,7 @@ def _page(run: Path, arguments: Arguments) -> frame.Result:
 
 def _comparison(runs: list[Path], arguments: Arguments) -> frame.Result:
     """Page that compares several runs."""
-    from pamid.base.schemas.runs_file import WrittenComparison
+    from pamid.base.schemas.command_files import WrittenComparison
     from pamid.report.comparison_page import changes_of, compared_runs, comparison_sentence
     from pamid.report.run_summaries import summary_of
     from pamid.report.writing import write_comparison

@@ -12,7 +12,7 @@ from pamid.base.errors import quoted
 from . import frame
 
 if TYPE_CHECKING:
-    from pamid.base.schemas.runs_file import RunSummary
+    from pamid.base.schemas.command_files import RunSummary
 
 HELP_ORDER = 115
 EXAMPLE = """
@@ -33,7 +33,7 @@ class Arguments:
 
 @frame.command("runs", Arguments, example=EXAMPLE)
 def command(arguments: Arguments) -> frame.Result:
-    from pamid.base.schemas.runs_file import RunList
+    from pamid.base.schemas.command_files import RunList
     from pamid.report.run_summaries import runs_below
 
     folder = Path(arguments.folder)

@@ -23,6 +23,7 @@ count.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -53,25 +54,21 @@ class SettingsError(click.ClickException):
         super().__init__(f"{message} {hint}".rstrip())
 
 
-def settings_file(folder: Path | None = None) -> Path | None:
-    """The pamid.toml that applies to a folder (default: the working folder), or None."""
-    return next((path for path, why in _candidate_files(folder) if not why), None)
+def settings_file() -> Path | None:
+    """The pamid.toml that applies in the working folder, or None."""
+    return next((path for path, why in _candidate_files() if not why), None)
 
 
-def ignored_files(folder: Path | None = None) -> dict[Path, str]:
+def ignored_files() -> dict[Path, str]:
     """Files nearer than the file that applies, which are not trusted, with the reason."""
-    reasons = {}
-    for path, why in _candidate_files(folder):
-        if not why:
-            break
-        reasons[path] = why
-    return reasons
+    return dict(itertools.takewhile(lambda candidate: candidate[1], _candidate_files()))
 
 
-def _candidate_files(folder: Path | None) -> Iterator[tuple[Path, str]]:
-    """Every pamid.toml in the folder and above, nearest first, and why it is ignored, or ""."""
+def _candidate_files() -> Iterator[tuple[Path, str]]:
+    """Every pamid.toml in the working folder and above, nearest first, and why it is ignored, or
+    ""."""
     try:
-        start = (folder or Path.cwd()).resolve()
+        start = Path.cwd().resolve()
     except FileNotFoundError:  # somebody removed the working folder
         return
     for place in (start, *start.parents):

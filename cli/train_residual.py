@@ -64,19 +64,11 @@ def training_text(about: dict[str, Any], run: Path) -> str:
 def errors_table(about: dict[str, Any]) -> list[str]:
     """Held-out errors of the model and of the corrected ones, channel by channel."""
     at = about["enters"]["port"] if isinstance(about["enters"], dict) else "output"
-    columns = {
-        "refitted": "refitted",
-        "with_cause": "with causes",
-        "with_output_network": "at output",
-        "with_network": f"at {at}",
-    }
     before = "with_cause" if about["on"] == "causes" else "refitted"
-    for name, absent in (
-        ("with_cause", before == "refitted"),
-        ("with_output_network", at == "output"),
-    ):
-        if absent:
-            del columns[name]
+    columns = {"refitted": "refitted"}
+    columns |= {"with_cause": "with causes"} if before == "with_cause" else {}
+    columns |= {"with_output_network": "at output"} if at != "output" else {}
+    columns["with_network"] = f"at {at}"
     lines = []
     for ending, title in (
         ("", "held-out mean absolute error"),

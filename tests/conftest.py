@@ -1,9 +1,8 @@
 """Whatever any test makes pamid print or write as JSON is held against its shipped schema."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pamid_cli.frame as frame
@@ -18,6 +17,39 @@ VALIDATORS = {schema["$id"]: Draft202012Validator(schema) for schema in schemas(
 UNDESCRIBED = ("pamid.test/1", "pamid.schemas/1", "pamid.calibration/2")
 
 _unchecked: list[bool] = []
+
+
+#: words, exit status -> the object that `pamid ... --json` prints
+Cli = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def cli(capsys) -> Cli:
+    """Run a command with --json to this exit status."""
+
+    def printed(*words, code=0):
+        capsys.readouterr()
+        status = frame.run([*map(str, words), "--json"])
+        shown = capsys.readouterr()
+        assert status == code, (words, shown)
+        return dict(json.loads(shown.out))
+
+    return printed
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the pictures of reports blank, for tests of what stands beside them."""
+    from report_pages import blank
+
+    monkeypatch.setattr("pamid.report.writing.render", blank)
 
 
 @pytest.fixture
@@ -47,8 +79,8 @@ def _every_object_is_as_described() -> Iterator[None]:
     """A test of damaged files takes `unchecked`: what pamid hands on of them is as wrong as it
     was."""
 
-    def watched(made: Callable[..., str]) -> Callable[..., str]:
-        def text(*arguments: Any) -> str:
+    def watched(made):
+        def text(*arguments):
             found = made(*arguments)
             if not _unchecked:
                 require_valid(found)

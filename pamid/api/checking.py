@@ -13,7 +13,7 @@ from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
 from pamid.base.schemas.rig_map import RigMap
-from pamid.intake.checks.findings import CheckOutcome, QualityIssue
+from pamid.intake.checks.findings import CheckOutcome
 from pamid.intake.checks.inspection import Inspection, checked_ports, inspect
 from pamid.intake.checks.inspection_words import inspection_text
 from pamid.model.registry import resolved_rig
@@ -83,23 +83,20 @@ class CheckResult:
         from pamid.report.quality_figure import quality_drawing
         from pamid.report.rig_figure import bare_rig_drawing
 
-        ports = self._ports()
-        return bare_rig_drawing(ports) if ports is not None else quality_drawing(*self._drawn())
-
-    def _ports(self) -> RigMap | None:
-        """The ports of a checked rig; None of anything else, or where it does not build."""
-        return None if self.kind != "rig" or self._rig is None else checked_ports(self._rig)
-
-    def _drawn(
-        self,
-    ) -> tuple[Recording, tuple[QualityIssue, ...], dict[str, dict[str, float]], list[str]]:
+        if (ports := self._ports()) is not None:
+            return bare_rig_drawing(ports)
         if self.recording is None:
             what = "could not be read" if self.kind == "recording" else f"is a {self.kind} file"
             raise UsageError(f"{self.subject} {what}: only recordings and sound rigs are drawn.")
         issues = self._inspection.issues
         drawn = {issue.text for issue in issues}
         others = [f.detail for f in self.problems if f.detail not in drawn]
-        return self.recording, issues, self._inspection.summary["quality"]["channels"], others
+        channels = self._inspection.summary["quality"]["channels"]
+        return quality_drawing(self.recording, issues, channels, others)
+
+    def _ports(self) -> RigMap | None:
+        """The ports of a checked rig; None of anything else, or where it does not build."""
+        return None if self.kind != "rig" or self._rig is None else checked_ports(self._rig)
 
     def __repr__(self) -> str:
         return f"<CheckResult {self._headline()}>"

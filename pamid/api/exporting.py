@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from pamid.api.given import effects_given, warn_in_python
 from pamid.api.options.exporting import ExportArguments
@@ -25,9 +24,7 @@ class ExportResult(WrittenExport):
     data, by channel, before and now.
     """
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = WrittenExport.as_json
 
     def summary(self) -> str:
         """Files, effects, columns and, for a model file, its errors, as lines of text."""
@@ -94,7 +91,8 @@ def export(arguments: ExportArguments) -> ExportResult:
     warn = a.warn or warn_in_python
     for note in written.notes:
         warn(f"{files[0]}: {note}.")
-    result = ExportResult(
+    checked = {} if written.check is None else {"plain_mujoco": written.check.errors}
+    return ExportResult(
         to=a.form,
         files=files,
         binary=written.binary,
@@ -105,7 +103,5 @@ def export(arguments: ExportArguments) -> ExportResult:
         inputs=model.inputs,
         outputs=model.outputs,
         notes=written.notes,
+        **checked,
     )
-    if written.check is None:
-        return result
-    return result.model_copy(update={"plain_mujoco": written.check.errors})

@@ -273,4 +273,4 @@ def _picture(validated: ValidatedMap) -> bytes:
         levels,
         sides,
         validated.finding,
-    ).png
+    )

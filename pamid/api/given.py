@@ -219,10 +219,8 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
         "sampling_period_s": recording.sampling_period_s,
     }
     meta: dict[str, Any] = {"recording": {k: v for k, v in about.items() if v is not None}}
-    meta |= {"known": recording.known} if recording.known else {}
-    meta |= {"controller": recording.controller} if recording.controller else {}
-    meta |= {"between": recording.between} if recording.between else {}
-    meta |= {"free": recording.free} if recording.free else {}
+    tables = ("known", "controller", "between", "free")
+    meta |= {name: table for name in tables if (table := getattr(recording, name))}
     name = f"{number + 1}-{Path(recording.path).stem}"
     path = Path(RECORDINGS_FOLDER, f"{name}.csv")
     files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)

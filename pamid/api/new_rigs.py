@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from pamid.api.authoring.column_match import best_match
 from pamid.api.authoring.rig_source import RigSource, class_name
@@ -12,8 +11,8 @@ from pamid.api.options.preparing import NewRigArguments
 from pamid.api.options.record import verb
 from pamid.base.card import card, html_table
 from pamid.base.errors import FileError
-from pamid.base.files import make_folder, write_atomically
-from pamid.base.schemas.new_rig_file import NewRigFile, OtherMatch, TakenColumn
+from pamid.base.files import make_folder, require_new, write_atomically
+from pamid.base.schemas.command_files import NewRigFile, OtherMatch, TakenColumn
 from pamid.base.units import split_column, unit_label
 from pamid.model.no_place import no_place_words, no_places
 from pamid.model.registry import catalogue_rig, effects, rigs
@@ -45,9 +44,7 @@ class NewRig(NewRigFile):
         """Content of the file."""
         return self.path.read_text(encoding="utf-8")
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = NewRigFile.as_json
 
     def summary(self) -> str:
         """Role of every column, as lines of text."""
@@ -108,12 +105,7 @@ def new_rig(arguments: NewRigArguments) -> NewRig:
         raise FileError(
             f"{path}: a rig file is Python.", f"Write --output {path.with_suffix('.py')}."
         )
-    if path.exists() and not arguments.overwrite:
-        raise FileError(
-            f"{path} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new([path], arguments.overwrite)
     name = class_name(path.stem)
     given = recording_given(arguments.recording)
     held = [name for name, values in given.columns.items() if held_by_jumps(values)]

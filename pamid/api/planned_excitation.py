@@ -17,12 +17,7 @@ from pamid.base.units import NONE, split_column
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.rigs.muscle_experiments import (
-    PULSES_S,
-    RELEASE_DEG,
-    RELEASE_S,
-    held_pressure,
-)
+from pamid.rigs.muscle_experiments import PULSES_S, RELEASE_DEG, RELEASE_S, held_pressure
 from pamid.rigs.simulators.safe_excitation import SafeExcitation
 from pamid.simulation.excitation.aprbs import coverage
 from pamid.simulation.excitation.experiments import (

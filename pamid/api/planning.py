@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pamid.api.given import effects_given, recording_given
 from pamid.api.options.record import verb
@@ -12,7 +12,7 @@ from pamid.api.simulating import recorded
 from pamid.api.workers import worker_pool
 from pamid.base.card import card, html_table
 from pamid.base.progress import progress_steps
-from pamid.base.schemas.power_file import PowerFile, ShownEffect
+from pamid.base.schemas.command_files import PowerFile, ShownEffect
 from pamid.diagnosis.planning.detectable_effects import SEEN, SIZES, USUAL, experiment_power
 from pamid.model.registry import effects_with, resolved_rig, rig_named, rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS
@@ -51,9 +51,7 @@ class PowerResult(PowerFile):
             "separated from another family"
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = PowerFile.as_json
 
     def summary(self) -> str:
         """The finding and a table, as lines of text."""

@@ -3,11 +3,11 @@ today and the same result opened years later are equal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pamid.api.given import RecordingLike
 from pamid.api.simulating import simulate
@@ -15,7 +15,6 @@ from pamid.api.workers import OpenedRun, RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
-from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.run_files import read_diagnosis
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
@@ -67,26 +66,15 @@ class ParameterEstimate(Estimate):
         return f"<{self.name} = {number(self.value)}{unit} ({interval(self.low, self.high)}){word}>"
 
 
-class ParameterTable(Mapping[str, ParameterEstimate]):
+class ParameterTable(dict[str, ParameterEstimate]):
     """Fitted parameters by name, in the order of the rig."""
 
-    def __init__(self, estimates: tuple[ParameterEstimate, ...]) -> None:
-        self._by_name = {estimate.name: estimate for estimate in estimates}
-
-    def __getitem__(self, name: str) -> ParameterEstimate:
-        if name not in self._by_name:
-            hint = nearest(name, self._by_name) or f"There are {', '.join(self._by_name)}."
-            raise KeyError(f"{name!r}. {hint}")
-        return self._by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        return len(self._by_name)
+    def __missing__(self, name: str) -> ParameterEstimate:
+        hint = nearest(name, self) or f"There are {', '.join(self)}."
+        raise KeyError(f"{name!r}. {hint}")
 
     def __repr__(self) -> str:
-        return text_table(self.rows()) if self._by_name else "no parameters"
+        return text_table(self.rows()) if self else "no parameters"
 
     def _repr_html_(self) -> str:
         return card(f"{len(self)} parameters", html_table(self.rows()))
@@ -102,7 +90,7 @@ class ParameterTable(Mapping[str, ParameterEstimate]):
                 "" if p.unit == "-" else p.unit or "",
                 p.word + (f", at its {p.at_bound} bound" if p.at_bound else ""),
             )
-            for p in self._by_name.values()
+            for p in self.values()
         ]
         return ("parameter", "value", "95 %", "data sheet", "unit", "known"), cells
 
@@ -158,11 +146,6 @@ class FitResult(OpenedRun):
     def errors(self) -> dict[str, ChannelErrors]:
         """Mean absolute errors on what was held out, by channel, in the channel's unit."""
         return {row.channel: row for row in errors_of(self.data)}
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / FIT_FILE)
-        return content
 
     def simulate(
         self,
@@ -253,6 +236,8 @@ class DiagnosisResult(FitResult):
     next_experiment: what to measure next.
     """
 
+    result_file: ClassVar[str] = DIAGNOSIS_FILE
+
     verdict: str = ""
     sentence: str = ""
     remark: str = ""
@@ -262,14 +247,9 @@ class DiagnosisResult(FitResult):
     ranking: tuple[Candidate, ...] = ()
     regimes: tuple[Regime, ...] = ()
     tied: tuple[str, ...] = ()
-    refitted: ParameterTable = field(default_factory=lambda: ParameterTable(()))
+    refitted: ParameterTable = field(default_factory=ParameterTable)
     unknown: Unknown | None = None
     next_experiment: NextExperiment | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        content: dict[str, Any] = read_json(self.folder / DIAGNOSIS_FILE)
-        return content
 
     def plot_rig(self) -> NotebookFigure:
         """The rig as a block diagram, tinted by the share of the gap; DataError for a run of an
@@ -376,11 +356,10 @@ def result_of(
 
 
 def _parameters(estimates: Mapping[str, Estimate]) -> ParameterTable:
-    table = []
+    table = ParameterTable()
     for name, estimate in estimates.items():
         stated = {field: getattr(estimate, field) for field in Estimate.model_fields}
         stated["unit"] = estimate.unit or ("-" if "/" in name else split_column(name)[1])
-        table.append(
-            ParameterEstimate(name=name, **{**stated, "at_bound": estimate.at_bound or ""})
-        )
-    return ParameterTable(tuple(table))
+        stated["at_bound"] = estimate.at_bound or ""
+        table[name] = ParameterEstimate(name=name, **stated)
+    return table

@@ -15,8 +15,8 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, PamidError
 from pamid.base.files import sha256_of
 from pamid.base.network_folders import channel_networks
@@ -45,8 +45,6 @@ from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 from pamid.simulation.tracks import track_of
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class _Models:
@@ -61,12 +59,8 @@ class _Models:
 
     def of(self, channel: str) -> dict[str, Identified]:
         """By name, with the channel's network where it has any."""
-        of_channel = (
-            {"with_network": self.channel_networks[channel]}
-            if channel in self.channel_networks
-            else {}
-        )
-        return {**self.named, **of_channel}
+        network = self.channel_networks.get(channel)
+        return self.named if network is None else {**self.named, "with_network": network}
 
     @property
     def every(self) -> list[tuple[str, Identified]]:
@@ -162,9 +156,6 @@ def _models_of(
             if network is not None and channel != network.channel
         }
     return _Models(refitted, named, tuple(fit.channels), others)
-
-
-# ---- what may be judged ------------------------------------------------------------------------
 
 
 # ---- rows --------------------------------------------------------------------------------------

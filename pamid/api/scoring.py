@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pamid.api.given import (
     effects_given,
     recording_given,
@@ -29,9 +27,7 @@ class ScoreResult(ScoreFile):
     and `rms` by model in the channel's unit, and what the recording states as `known`.
     """
 
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command."""
-        return self.as_json()
+    to_dict = ScoreFile.as_json
 
     def summary(self) -> str:
         """The table, as lines of text."""

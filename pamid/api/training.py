@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pamid.api.options.record import verb
 from pamid.api.options.training import TrainingArguments
 from pamid.api.workers import OpenedRun
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
 from pamid.base.errors import DataError, PamidError, UsageError
-from pamid.base.json_file import read_json
 from pamid.base.progress import Progress, progress_steps
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE, RESIDUAL_FILE, Run
 from pamid.model.registry import resolved_rig
@@ -64,6 +63,8 @@ class NetworkResult(OpenedRun):
     ... -> mean absolute error in the channel's unit.
     """
 
+    result_file: ClassVar[str] = NETWORK_FILE
+
     kind: str
     on: str
     target: str
@@ -75,11 +76,6 @@ class NetworkResult(OpenedRun):
     interrupted: bool
     stuck: bool
     errors: dict[str, dict[str, float]]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON object of the command: network.json."""
-        content: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
-        return content
 
     def plot_training(self) -> NotebookFigure:
         """Error, effective number of parameters and damping over the iterations."""
@@ -181,7 +177,6 @@ def train_residual(arguments: TrainingArguments) -> NetworkResult:
 
 
 def most_iterations(arguments: TrainingArguments) -> int:
-    """Iterations at most, for every start."""
     default = PAPER_ITERATIONS if arguments.plain else USUAL_ITERATIONS
     return default if arguments.iterations is None else arguments.iterations
 

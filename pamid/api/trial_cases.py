@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.diagnosing import diagnose
 from pamid.api.results import DiagnosisResult
 from pamid.api.scoring import score
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.base.schemas.error_file import ErrorFile
+from pamid.base.schemas.command_files import ErrorFile
 from pamid.base.schemas.model import read
 from pamid.base.schemas.trial_case_files import (
     CaseLabel,
@@ -41,7 +41,6 @@ from pamid.trial.machine import ONE_DOF
 from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
-Array = NDArray[np.float64]
 # of a diagnosis, against a case with a single fault, about
 COSTS = {"no-gap": 0.2, "double": 2.0}
 Done = Callable[[int, int], None]
@@ -89,17 +88,16 @@ def run_trial(
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
+    unusual: dict[str, Any] = {"bare": True} if selection.bare else {}
+    unusual |= {"world": selection.world} if selection.world != CLOSED else {}
     about = TrialLabelsFile(
         rig=selection.rig_name,
         part=selection.part,
         seed=selection.seed,
         cases_sha256=digest,
         cases=tuple(CaseLabel(**label) for label in labels),
+        **unusual,
     )
-    if selection.bare:
-        about = about.model_copy(update={"bare": True})
-    if selection.world != CLOSED:
-        about = about.model_copy(update={"world": selection.world})
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
     scores = score_cases(

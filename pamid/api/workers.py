@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, PathLike, is_inside, read_data, write_atomically
-from pamid.base.json_file import write_json
+from pamid.base.json_file import read_json, write_json
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.parallel.result_store import Store
-from pamid.base.run_folder import JOBS, RUN_FILE, Run
+from pamid.base.run_folder import FIT_FILE, JOBS, RUN_FILE, Run
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.report.load import RunData, load_run
@@ -46,6 +46,8 @@ RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
 class OpenedRun:
     """A run folder, with the rig and effects of the run where they are files or Python objects."""
 
+    result_file: ClassVar[str] = FIT_FILE
+
     folder: Path
     code: RunCode = (None, ())
     _home: RunHome = field(repr=False)
@@ -61,6 +63,11 @@ class OpenedRun:
     def data(self) -> RunData:
         """All that the files of the run hold."""
         return load_run(self.folder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON object of the command."""
+        content: dict[str, Any] = read_json(self.folder / self.result_file)
+        return content
 
     def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
         """Measured and modelled over the held-out window in which the refitted model errs most;

@@ -24,7 +24,6 @@ def card(title: str, *parts: str) -> str:
 
 
 def paragraph(text: str) -> str:
-    """A paragraph of text."""
     return f'<div style="margin:.3em 0">{escaped(text)}</div>' if text else ""
 
 

@@ -27,17 +27,16 @@ def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
     return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
 
 
-def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
-    """Mean over what is there: NaN stands for what was not recorded, and for the mean of
+def seen_mean(table: ArrayLike) -> FloatArray:
+    """Mean over the rows that are there: NaN stands for what was not recorded, and for the mean of
     nothing."""
     values = np.asarray(table, dtype=float)
     here = ~np.isnan(values)
     if here.all():
-        return np.asarray(values.mean(axis=axis))
-    count = here.sum(axis=axis)
-    return np.where(
-        count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan
-    )
+        return np.asarray(values.mean(axis=0))
+    count = here.sum(axis=0)
+    total = np.where(here, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 #: of the largest value: digits of a file and the rounding of a conversion, no motion
@@ -112,11 +111,12 @@ def calibration_error(stated: ArrayLike, right: ArrayLike) -> float:
     return float(np.abs(gaps).sum() / len(p))
 
 
+LEVEL = 0.95  # of all intervals
 #: from so many entries on a bootstrap spread is taken as it is
 ENOUGH_ENTRIES = 6
 
 
-def few_entries_factor(count: int, level: float = 0.95) -> float:
+def few_entries_factor(count: int) -> float:
     """By how much the bootstrap spread of a mean over so few entries (2 and more) is widened; 1
     from 6 on, as many as probabilities were learnt from and intervals were checked with.
 
@@ -130,7 +130,7 @@ def few_entries_factor(count: int, level: float = 0.95) -> float:
     from scipy.stats import t
 
     def reach(n: int) -> float:
-        return float(t.ppf(0.5 + level / 2.0, n - 1)) * math.sqrt(n / (n - 1))
+        return float(t.ppf(0.5 + LEVEL / 2.0, n - 1)) * math.sqrt(n / (n - 1))
 
     return reach(max(count, 2)) / reach(ENOUGH_ENTRIES)
 
@@ -140,7 +140,6 @@ def moving_block_interval(
     denominator: ArrayLike,
     *,
     block_length: int | None = None,
-    level: float = 0.95,
     resamples: int = 2000,
     seed: int = 0,
     widened: bool = True,
@@ -171,15 +170,15 @@ def moving_block_interval(
     totals = below[rows].sum(axis=1)
     if not (totals > 0).all():
         raise DataError("There is no error to compare with in some of the blocks.", code="no-error")
-    tail = 50.0 * (1.0 - level)
+    tail = 50.0 * (1.0 - LEVEL)
     low, high = np.percentile(above[rows].sum(axis=1) / totals, [tail, 100.0 - tail])
-    if widened and (wider := few_entries_factor(count, level)) > 1.0:
+    if widened and (wider := few_entries_factor(count)) > 1.0:
         middle = float(above.sum() / below.sum())
         low, high = middle - wider * (middle - low), middle + wider * (high - middle)
     return float(low), float(high)
 
 
-def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
+def wilson_interval(hits: int, of: int) -> tuple[float, float]:
     """Interval (low, high) of a share of which `hits` in `of` were seen; (0, 1) where nothing was.
 
     Source: Wilson (1927), J. Am. Stat. Assoc. 22, score interval without continuity correction.
@@ -188,7 +187,7 @@ def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, flo
         raise DataError(f"{hits} of {of} is no share.", code="share")
     if of == 0:
         return 0.0, 1.0
-    z2 = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2
+    z2 = NormalDist().inv_cdf(0.5 + LEVEL / 2.0) ** 2
     centre = (hits + z2 / 2.0) / (of + z2)
     reach = math.sqrt(z2 * (hits * (of - hits) / of + z2 / 4.0)) / (of + z2)
     return max(0.0, centre - reach), min(1.0, centre + reach)

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from types import TracebackType
 from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
 from pamid.base.work_stages import WORK_STAGES, WorkStage
@@ -126,12 +125,7 @@ class ProgressLine:
     def __enter__(self) -> ProgressLine:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live and self._length:
             self._write("\r" + " " * self._length + "\r")
 

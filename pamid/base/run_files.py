@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,33 +28,27 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     becomes nan."""
     if not path.exists():
         return None
+    fault = partial(FileError, hint=REMEDY, code="damaged")
     try:
         text = read_data(path, TABLE).decode("utf-8").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(
-            f"{path} cannot be read as text: {error}.", REMEDY, code="damaged"
-        ) from None
+        raise fault(f"{path} cannot be read as text: {error}.") from None
     header, _, body = text.partition("\n")
     names = header.split(",")
     if not body.strip():
-        raise FileError(f"{path} has no rows.", REMEDY, code="damaged")
+        raise fault(f"{path} has no rows.")
     if len(set(names)) != len(names) or not all(names):
-        raise FileError(f"{path}: the names of the columns must differ.", REMEDY, code="damaged")
+        raise fault(f"{path}: the names of the columns must differ.")
     try:
         table = np.loadtxt(
             _BLANK_CELL.sub("nan", body).splitlines(), delimiter=",", ndmin=2, comments=None
         )
     except ValueError as error:
-        raise FileError(f"{path}, below the header: {error}.", REMEDY, code="damaged") from None
+        raise fault(f"{path}, below the header: {error}.") from None
     if table.shape[1] != len(names):
-        message = f"{path} has {len(names)} names for {table.shape[1]} columns."
-        raise FileError(message, REMEDY, code="damaged")
+        raise fault(f"{path} has {len(names)} names for {table.shape[1]} columns.")
     if (np.abs(table) > SQUARED).any():
-        raise FileError(
-            f"{path} has a number beyond {SQUARED:g}, too large to draw.",
-            REMEDY,
-            code="damaged",
-        )
+        raise fault(f"{path} has a number beyond {SQUARED:g}, too large to draw.")
     return dict(zip(names, table.T.copy(), strict=True))
 
 

@@ -197,12 +197,6 @@ class Run:
             )
         return record
 
-    @property
-    def finished(self) -> bool:
-        """True if the run and every later step of it came to their end."""
-        record = self.record
-        return all(part.get("ended") is not None for part in [record, *record.get("steps", [])])
-
     def path(self, name: str) -> Path:
         """The path of a file that this run writes; see `claim`."""
         return self.claim(name)[0]

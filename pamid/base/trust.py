@@ -12,8 +12,8 @@ import os
 import stat
 from pathlib import Path
 
-#: endings of model files that a rig can be made of (`pamid.model.model_file`). The binary of an FMU
-#: is run; like code all of them are opened only where the user names them
+#: endings of model files that a rig can be made of (`pamid.model.registry.model_readers`). The
+#: binary of an FMU is run; like code all of them are opened only where the user names them
 MODEL_ENDINGS = (".xml", ".mjcf", ".urdf", ".xacro", ".fmu")
 
 

@@ -153,14 +153,15 @@ def _functions(step: SampleStep) -> list[str]:
         return C.assign.format(word, f"delayed({at}, begin, {value}, {seconds})")
 
     at = "const double x[], const double u[], double time"
-    bodies = {
+    # None: a function that this model does not need
+    bodies: dict[str, list[str] | None] = {
         "static void update(model *m, const double u[], double time, int begin, int fresh)":
-            work.updated(delayed) if step.updates else [],
+            work.updated(delayed) if step.updates else None,
         "static void readings(const model *m, const double u[], double time, double y[])":
             work.stored("y", step.readings),
         f"static void rates(const model *m, {at}, double f[])": work.stored("f", step.rates),
         f"static void slopes(const model *m, {at}, double f[], double J[NX][NX])":
-            ["memset(J, 0, NX * sizeof J[0]);", *work.slopes()] if step.implicit else [],
+            ["memset(J, 0, NX * sizeof J[0]);", *work.slopes()] if step.implicit else None,
         "": [asset("sdirk2.c" if step.implicit else "rk4.c").rstrip()],
         f"void {name}_prepare(model *m)": work.stored("m->derived", step.derived),
         f"void {name}_start(model *m)": [
@@ -169,12 +170,10 @@ def _functions(step: SampleStep) -> list[str]:
             *work.stored("m->x", step.start),
         ],
     }  # fmt: skip
-    needless = {head for head in bodies if "void update" in head and not step.updates}
-    needless |= {head for head in bodies if "void slopes" in head and not step.implicit}
     return [
         _function(head, lines) if head else lines[0]
         for head, lines in bodies.items()
-        if head not in needless
+        if lines is not None
     ]
 
 

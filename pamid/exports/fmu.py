@@ -49,7 +49,6 @@ class Fmu:
 def write_fmu(
     model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
 ) -> Written:
-    """Build the content of an FMU, for the common interface of export forms."""
     fmu = make_fmu(step, version)
     notes = (f"{fmu.why}; {_HOW_TO_BUILD}",) if fmu.why else ()
     return Written({files[0]: fmu.data}, fmu.binary, notes)

@@ -91,10 +91,7 @@ class Implicit:
         )
         there = b.add("Add", x, b.add("Mul", reach, change))
         next_change = _quotient(b, matrix, self._residual(b, base, gh, there), self.nx)
-        scale = b.add("Add", b.add("Abs", x), b.number(1e-6))
-        left = b.add(
-            "ReduceMax", b.add("Div", b.add("Abs", next_change), scale), b.index(0), keepdims=1
-        )
+        left = _largest(b, next_change, x)
         allowed = b.add(
             "Mul", b.add("Sub", b.number(1.0), b.add("Mul", b.number(0.25), reach)), worst
         )

@@ -31,15 +31,8 @@ Array = NDArray[np.float64]
 REACHED = 1.2
 #: integrators and divisors of the file's step that are tried if the file's settings miss that,
 #: cheapest first
-TRIED_SETTINGS = (
-    ("implicitfast", 1),
-    ("RK4", 1),
-    ("implicitfast", 2),
-    ("RK4", 2),
-    ("implicitfast", 4),
-    ("RK4", 4),
-    ("implicitfast", 8),
-    ("RK4", 8),
+TRIED_SETTINGS = tuple(
+    (integrator, part) for part in (1, 2, 4, 8) for integrator in ("implicitfast", "RK4")
 )
 NEARLY = 1.1  # ratio to the smallest error up to which settings tie with the best
 MOST_PAST_S = 2.0  # of the inputs before a stretch, for delays

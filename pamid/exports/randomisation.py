@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,9 @@ def randomisation_yaml(model: Identified) -> bytes:
     nominal values. FileError for a model that was not read from a run, or whose run has no
     posterior.
     """
-    fit = _fit(model)
+    if model.folder is None:
+        raise FileError("The model was not read from a run, so it has no intervals.")
+    fit = need_result(model.folder / FIT_FILE, FitFile, also=("posterior", "cause", "rivals"))
     saved = fit.cause if model.effects else None
     if model.rivals and fit.rivals:
         saved = fit.rivals[model.chosen].model
@@ -53,7 +56,7 @@ def randomisation_yaml(model: Identified) -> bytes:
     ]
     covariance = (rows + np.tril(rows, -1).T) * np.outer(scale, scale)
     deviation = np.sqrt(np.diag(covariance))
-    stated = dict(_stated_deviations(model))
+    stated = dict(_stated_deviations(model, fit, model.folder))
     # correlations from the posterior, standard deviations from the intervals
     wanted = np.array([stated.get(k, s) for k, s in zip(posterior.keys, deviation, strict=True)])
     ratio = wanted / np.maximum(deviation, 1e-300)
@@ -110,17 +113,12 @@ def _number(value: float) -> str:
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
 
 
-def _fit(model: Identified) -> FitFile:
-    if model.folder is None:
-        raise FileError("The model was not read from a run, so it has no intervals.")
-    return need_result(model.folder / FIT_FILE, FitFile, also=("posterior", "cause", "rivals"))
-
-
-def _stated_deviations(model: Identified) -> Iterator[tuple[str, float]]:
+def _stated_deviations(
+    model: Identified, fit: FitFile, folder: Path
+) -> Iterator[tuple[str, float]]:
     """(key, standard deviation, SI) of the parameters with an interval."""
-    assert model.folder is not None
-    path = model.folder / DIAGNOSIS_FILE
-    intervals: dict[str, Interval] = dict(_fit(model).parameters)
+    path = folder / DIAGNOSIS_FILE
+    intervals: dict[str, Interval] = dict(fit.parameters)
     if path.exists():
         diagnosis = need_result(path, DiagnosisFile)
         named = {a.label for a in model.effects}

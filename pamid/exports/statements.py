@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 
 from pamid.engine.symbolic.expression import Expr, symbols, walk
@@ -72,7 +72,7 @@ _RESERVED = frozenset(
 
 
 def identifier(name: str, occupied: Iterable[str] = ()) -> str:
-    """`name` as a word of C and MATLAB that is not among `taken`: "dead-time:delay_s" ->
+    """`name` as a word of C and MATLAB that is not occupied: "dead-time:delay_s" ->
     "dead_time_delay_s"."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "v"
     word = f"v{word}" if word[0].isdigit() else word
@@ -175,48 +175,9 @@ class Statements:
         return text if precedence >= level else f"({text})"
 
 
-class Writer:
-    """Bodies of functions in which every used symbol is a local.
-
-    places: source of each symbol's value; a tick, or a quantity derived from the parameters, is
-    used from there.
-    """
-
-    def __init__(self, dialect: Dialect, places: dict[Symbol, str]) -> None:
-        self.dialect, self.places = dialect, places
-        named = [s for s in places if s[0] not in ("tick", "derived")]
-        past_words = identifiers(
-            f"past_{name}" if space == "past" else name for space, name in named
-        )
-        self.words = {**places, **dict(zip(named, past_words, strict=True))}
-
-    def lines(
-        self, roots: list[Expr], write: Callable[[Statements], None], written: Iterable[Symbol] = ()
-    ) -> list[str]:
-        """The locals, and the lines of `write`; made: symbols that these lines define."""
-        used = symbols(roots) - set(written)
-        assignments = [
-            self.dialect.assign.format(self.words[s], place)
-            for s, place in self.places.items()
-            if s in used and self.words[s] != place
-        ]
-        work = Statements(self.dialect, roots, self.words, assignments)
-        write(work)
-        return work.lines
-
-    def values(self, *targets: tuple[str, Expr]) -> list[str]:
-        """Lines that store values at their places."""
-
-        def write(work: Statements) -> None:
-            for target, value in targets:
-                text = work.value(value)
-                work.lines.append(f"{target} = {text};")
-
-        return self.lines([value for _, value in targets], write)
-
-
 class ModelFunctions:
-    """Bodies of functions with the equations of a sample step.
+    """Bodies of functions with the equations of a sample step, in which every used symbol is a
+    local.
 
     parameters: the place of each; derived, cells: names of their arrays.
     """
@@ -233,37 +194,56 @@ class ModelFunctions:
         places |= {("derived", str(i)): element(derived, i) for i in range(len(step.derived))}
         for space in ("cell", "past"):
             places |= {(space, c.name): element(cells, i) for i, c in enumerate(step.updates)}
-        self.writer = Writer(dialect, places)
+        # a tick, or a quantity derived from the parameters, is used from its place
+        named = [s for s in places if s[0] not in ("tick", "derived")]
+        words = identifiers(f"past_{name}" if space == "past" else name for space, name in named)
+        self.places, self.words = places, {**places, **dict(zip(named, words, strict=True))}
 
     def updated(self, delayed: Callable[[str, int, str, str], str]) -> list[str]:
         """Cells, in sequence. delayed: line with the value of a delay line, from the
         cell's name, the line's number, the value and the seconds."""
-        cells, words, element = self.step.updates, self.writer.words, self.dialect.element
-
-        def write(work: Statements) -> None:
-            for c in cells:
-                word = words["cell", c.name]
-                if c.line < 0:
-                    work.name(c.value, word)
-                    continue
-                value, seconds = work.value(c.value), work.value(c.seconds)
-                work.lines.append(delayed(word, c.line, value, seconds))
-            work.lines += [
-                f"{element(self.cells, i)} = {words['cell', c.name]};" for i, c in enumerate(cells)
-            ]
-
-        roots = [e for c in cells for e in (c.value, c.seconds)]
-        return self.writer.lines(roots, write, [("cell", c.name) for c in cells])
+        cells, element = self.step.updates, self.dialect.element
+        work = self._begun(
+            [e for c in cells for e in (c.value, c.seconds)], {("cell", c.name) for c in cells}
+        )
+        for c in cells:
+            word = self.words["cell", c.name]
+            if c.line < 0:
+                work.name(c.value, word)
+                continue
+            value, seconds = work.value(c.value), work.value(c.seconds)
+            work.lines.append(delayed(word, c.line, value, seconds))
+        for i, c in enumerate(cells):
+            work.lines.append(f"{element(self.cells, i)} = {self.words['cell', c.name]};")
+        return work.lines
 
     def stored(self, array: str, values: Iterable[Expr]) -> list[str]:
         """Lines that store values in an array."""
-        return self.writer.values(*self._numbered(array, values))
+        return self._assigned(self._numbered(array, values))
 
     def slopes(self) -> list[str]:
         """Rates, and their derivatives by the states."""
         element = self.dialect.element
-        partials = ((element("J", row, column), v) for row, column, v in self.step.slopes)
-        return self.writer.values(*self._numbered("f", self.step.rates), *partials)
+        partials = {element("J", row, column): v for row, column, v in self.step.slopes}
+        return self._assigned(self._numbered("f", self.step.rates) | partials)
 
-    def _numbered(self, array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
-        return [(self.dialect.element(array, i), value) for i, value in enumerate(values)]
+    def _numbered(self, array: str, values: Iterable[Expr]) -> dict[str, Expr]:
+        return {self.dialect.element(array, i): value for i, value in enumerate(values)}
+
+    def _assigned(self, targets: dict[str, Expr]) -> list[str]:
+        """Lines that store values at their places."""
+        work = self._begun(list(targets.values()))
+        for target, value in targets.items():
+            text = work.value(value)
+            work.lines.append(f"{target} = {text};")
+        return work.lines
+
+    def _begun(self, roots: list[Expr], written: Collection[Symbol] = ()) -> Statements:
+        """Statements with the locals that the roots use, without those that they define."""
+        used = symbols(roots) - set(written)
+        locals_ = [
+            self.dialect.assign.format(self.words[s], place)
+            for s, place in self.places.items()
+            if s in used and self.words[s] != place
+        ]
+        return Statements(self.dialect, roots, self.words, locals_)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
+from pamid.engine.lane_program import LaneProgram
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import walk
 from pamid.engine.symbolic.vocabulary import Expr, held
@@ -27,7 +28,7 @@ from pamid.model.bound_parameter import (
     within,
 )
 from pamid.model.effect import Effect
-from pamid.model.executable import Executable, Lanes, lane_program_of, program_of
+from pamid.model.executable import Executable, lane_program_of, program_of
 from pamid.model.known_bounds import CURE, KnownObjection, objection
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -273,11 +274,11 @@ class Assembly:
         )
 
     @cached_property
-    def lane_program(self) -> Lanes:
+    def lane_program(self) -> LaneProgram:
         """The equations for several hypotheses side by side."""
         return self.lane_program_with({})
 
-    def lane_program_with(self, extra: dict[str, Expr]) -> Lanes:
+    def lane_program_with(self, extra: dict[str, Expr]) -> LaneProgram:
         """`lane_program` with further outputs, as of `program_with`."""
         outputs = self._outputs_with(extra)
         return lane_program_of(self.rig, self.traced, outputs, tuple(self.keys))

@@ -103,13 +103,29 @@ def additions_of(rig: Rig, attached: Iterable[Attachment]) -> list[Addition]:
     return [Addition(tuple(members)) for members in groups.values()]
 
 
-def fits(effect: type[Effect], port: Port) -> bool:
-    """Whether the effect can act at this port."""
-    home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
+def is_home(effect: type[Effect], port: Port) -> bool:
+    """Whether the effect acts at ports of this kind."""
+    return port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
+
+
+def lacking_signals(effect: type[Effect], port: Port) -> set[tuple[str, ...]]:
+    """Further signals that the port would have to offer, by part of the effect; only () where a
+    part has all of them."""
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     offered |= {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
-    needed = [{*effect.signals, *role} for role in effect.roles or ((),)]
-    return home and effect.suits_unit(port.unit) and any(n <= offered for n in needed)
+    every = set()
+    for role in effect.roles or ((),):
+        lacking = {*effect.signals, *role} - offered
+        if "velocity" in lacking:  # a position follows from it
+            lacking.discard("position")
+        every.add(tuple(sorted(lacking)))
+    return {()} if () in every else every
+
+
+def fits(effect: type[Effect], port: Port) -> bool:
+    """Whether the effect can act at this port."""
+    home = is_home(effect, port) and effect.suits_unit(port.unit)
+    return home and () in lacking_signals(effect, port)
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:

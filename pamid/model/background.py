@@ -87,13 +87,8 @@ class SmoothGain(Background):
         drift: bool = False,
         warming_s: float | None = None,
     ) -> None:
-        self.over, self.along, self.degree, self.level, self.drift = (
-            over,
-            along,
-            degree,
-            level,
-            drift,
-        )
+        self.over, self.along, self.degree = over, along, degree
+        self.level, self.drift = level, drift
         terms = {"level": LEVEL * tolerance} if level else {}
         terms |= {
             f"bend_{i}": tolerance * min(1.0, FULL_TOLERANCE_DEGREE / i)

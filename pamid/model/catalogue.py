@@ -10,15 +10,16 @@ from typing import Any
 from pamid.base.schemas import catalogue_files as result
 from pamid.base.units import unit_label
 from pamid.engine.symbolic.expression import plain, rebuild, symbol, text, walk
-from pamid.engine.symbolic.vocabulary import Expr, Number
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment, attachments
-from pamid.model.effect import KINDS, SECTIONS, Effect
+from pamid.model.attachment import attachments
+from pamid.model.effect import SECTIONS, Effect
+from pamid.model.isolability import cut_rig
 from pamid.model.no_place import no_places
 from pamid.model.parameter import Parameter
+from pamid.model.port_guide import WIDTH, wrapped
 from pamid.model.rig import Rig
 
-WIDTH = 110
 SIGN = (
     "a value is positive along the position of its port: pass the force on the moving part; an "
     "effect subtracts friction along the velocity. If a bench imposes the motion and measures "
@@ -191,24 +192,10 @@ def _parameter(p: Parameter) -> result.ParameterRow:
 # ---- equations ---------------------------------------------------------------------------------
 
 
-class _Mark(Effect):
-    """Stands in for whatever passes through a port, so that equations name the port instead of its
-    contents."""
-
-    family, kinds = "mark", tuple(KINDS)
-
-    def __init__(self, port: str) -> None:
-        self.port = port
-
-    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return symbol("port", f"{self.port}[{at.place}]" if at.place else self.port)
-
-
 def equations(rig: Rig) -> result.RigEquations:
     """The rig's equations as text: rates, what passes through each port, outputs, and shorthands
     used in them."""
-    marks = tuple(Attachment(_Mark(name), (name,), f"mark@{name}") for name in rig.ports)
-    traced = Assembly(rig, marks).traced
+    traced = cut_rig(rig, "port", "{0}[{1}]")
     parts = {
         "rates": {f"d {name}/dt": e for name, e in traced.rates.items()},
         "ports": {f"{q.port}[{q.place}]" if q.place else q.port: q.value for q in traced.passages},
@@ -340,22 +327,22 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
     for names, port in alike.values():
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
         places = f" at places {', '.join(port.places)}" if port.places else ""
-        lines += _wrapped(
+        lines += wrapped(
             f"{', '.join(names)}: {port.kind}{_in(port.unit)}{places}"
             + (f"; offers {signals}" if signals else ""),
             4,
         )
-        lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
+        lines += wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
     if story.no_place:
         lines += ["", "Effects without a port in this rig, and rigs with such a port"]
     for none in story.no_place:
         effects = ", ".join(f"{name} ({title})" for name, title in none.effects.items())
-        lines += _wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)
-    lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
+        lines += wrapped(f"{effects}: {', '.join(none.rigs)}, with {none.needs}", 4)
+    lines += ["", *wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(story.parameters)]
-    lines += ["", *_wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
+    lines += ["", *wrapped(f"Hold or release: {HOLD_OR_RELEASE}", 0)]
     if story.on_request:
-        lines += _wrapped(f"{ON_REQUEST}: {', '.join(story.on_request)}.", 0)
+        lines += wrapped(f"{ON_REQUEST}: {', '.join(story.on_request)}.", 0)
     if story.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
     for b in story.background:
@@ -372,7 +359,7 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
         if formulas := getattr(story.equations, part):
             equations += ["", title]
             for name, value in formulas.items():
-                equations += _wrapped(f"{name} = {value}", 4)
+                equations += wrapped(f"{name} = {value}", 4)
     if not everything and len(equations) > MOST_EQUATION_LINES:
         equations = ["", f"Equations (SI): {len(equations)} lines, printed with --all"]
     return "\n".join([*lines, *equations])
@@ -380,17 +367,6 @@ def rig_text(story: result.RigStory, *, everything: bool = True) -> str:
 
 def _in(unit: str) -> str:
     return f" [{unit}]" if unit else ""
-
-
-def _wrapped(line: str, indent: int) -> list[str]:
-    return textwrap.wrap(
-        line,
-        WIDTH,
-        initial_indent=" " * indent,
-        subsequent_indent=" " * (indent + 4),
-        break_on_hyphens=False,
-        break_long_words=False,
-    )
 
 
 def _parameter_lines(parameters: Sequence[result.ParameterRow]) -> list[str]:
@@ -401,5 +377,5 @@ def _parameter_lines(parameters: Sequence[result.ParameterRow]) -> list[str]:
         null = "" if p.null is None else f"; null {p.null:g}"
         held = "" if p.fitted else "; held"
         source = f" - {p.source}" if p.source else ""
-        lines += _wrapped(f"{p.name}: {p.value:g} ({low} .. {high}){unit}{null}{held}{source}", 4)
+        lines += wrapped(f"{p.name}: {p.value:g} ({low} .. {high}){unit}{null}{held}{source}", 4)
     return lines

@@ -6,15 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Protocol, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, TypeAlias
 
 from pamid.base.errors import UsageError
-from pamid.engine.lane_program import build_lane_program
-from pamid.engine.program import Program, Stepping, build_program
-from pamid.engine.sampled_inputs import SampledInputs
+from pamid.engine.lane_program import LaneProgram, build_lane_program
+from pamid.engine.program import Program, build_program
 from pamid.engine.serial_lanes import SerialLanes
 from pamid.engine.stepped import SteppedProgram
 from pamid.engine.symbolic.expression import ZERO, substitute, symbol, walk
@@ -24,46 +20,7 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import SIMULATED, RigSimulator, StepRig
 from pamid.model.trace import Traced
 
-Array = NDArray[np.float64]
-
 Executable: TypeAlias = Program | SteppedProgram
-
-
-class Lanes(Protocol):
-    """Several hypotheses run together; see `LaneProgram`, whose methods these are."""
-
-    @property
-    def states(self) -> tuple[str, ...]: ...
-    @property
-    def outputs(self) -> tuple[str, ...]: ...
-
-    def least_substeps(self, period_s: float) -> int: ...
-    def careful(self, substeps: int) -> Stepping: ...
-    def exchange_matrices(
-        self, memory: Any, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
-    ) -> Array: ...
-    def memory(
-        self, x: Array, *, stepping: Stepping | None = None, period_s: float = 1.0
-    ) -> Any: ...
-    def run(
-        self,
-        memory: Any,
-        inputs: SampledInputs,
-        p: Array,
-        *,
-        stepping: Stepping | None = None,
-    ) -> tuple[Array, NDArray[np.int64]]: ...
-    def run_windows(
-        self,
-        memory: Any,
-        inputs: SampledInputs,
-        p: Array,
-        edges: NDArray[np.int64],
-        entered: Array,
-        *,
-        stepping: Stepping | None = None,
-        dependent: int | None = None,
-    ) -> tuple[Array, Array, NDArray[np.int64]]: ...
 
 
 def program_of(
@@ -77,28 +34,37 @@ def program_of(
     `pamid.engine.program.build_program`."""
     if isinstance(rig, StepRig):
         return _stepped(rig, traced, outputs, parameters, sensitive)
-    key = tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
-    lowered = _lowered(*key)
     return build_program(
-        lowered, traced.inputs, parameters, tuple(outputs), sensitive, traced.linear
+        _lowered(traced, outputs),
+        traced.inputs,
+        parameters,
+        tuple(outputs),
+        sensitive,
+        traced.linear,
     )
 
 
 def lane_program_of(
     rig: Rig, traced: Traced, outputs: Mapping[str, Expr], parameters: tuple[str, ...]
-) -> Lanes:
+) -> LaneProgram:
     """The same for several hypotheses side by side, or in sequence where a simulator steps
     the rig."""
     if isinstance(rig, StepRig):
-        return SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
-    lowered = _lowered(
-        tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
-    )
+        serial: Any = SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
+        as_lanes: LaneProgram = serial  # it has the same methods
+        return as_lanes
+    lowered = _lowered(traced, outputs)
     return build_lane_program(lowered, traced.inputs, parameters, tuple(outputs), traced.linear)
 
 
+def _lowered(traced: Traced, outputs: Mapping[str, Expr]) -> StateEquations:
+    return _expanded(
+        tuple(traced.rates.items()), tuple(outputs.items()), traced.cells, traced.linear
+    )
+
+
 @lru_cache(maxsize=32)
-def _lowered(
+def _expanded(
     rates: tuple[tuple[str, Expr], ...],
     outputs: tuple[tuple[str, Expr], ...],
     cells: tuple[Cell, ...],
@@ -133,7 +99,8 @@ def _stepped(
         if node.op == SIMULATED and node.value[0] == "read"
     }
     held = {f"read.{name}": ZERO for name in rig.readings} | dict.fromkeys(equation_states, ZERO)
-    simulator = rig.carrier() if rig.carries else RigSimulator(rig, into)
+    far = rig.far_runner()
+    simulator: Any = far if rig.carries else RigSimulator(rig, into)
     rates = {name: e for name, e in traced.rates.items() if name not in equation_states}
     around = {**outputs, **{f"into.{name}": goes_in[name] for name in into}}
     expressions = iter(substitute([*rates.values(), *around.values()], read))
@@ -151,5 +118,5 @@ def _stepped(
         len(rig.states),
         len(into),
         len(rig.parameters),
-        rig.far_runner(),
+        far,
     )

@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
@@ -80,15 +81,14 @@ def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
                 f"rig {rig.name!r} has no output {name!r}",
                 nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}",
             )
-    traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
-    view = _View(rig, traced, outputs)
+    view, where = _View(rig, cut_rig(rig), outputs), attrgetter("where")
     return Isolability(
         view.groups,
         view.unseen,
         tuple(_splits(view)),
         view.structure.redundancy,
-        view.classes(_where),
-        view.unseen_by(_where),
+        view.classes(where),
+        view.unseen_by(where),
     )
 
 
@@ -147,14 +147,23 @@ class Structure:
         return len(self.part) - len({v for i in self.part for v in self.equations[i]})
 
 
-class Cut(Effect):
-    """Puts an unknown in the place of whatever passes through a port."""
+class _Cut(Effect):
+    """Puts a symbol in the place of whatever passes through a port."""
 
-    def __init__(self, port: str, place: str) -> None:
-        self.unknown = symbol("cut", f"{port}_{place}" if place else port)
+    def __init__(self, unknown: Expr) -> None:
+        self.unknown = unknown
 
     def act(self, value: Expr, at: object, p: object, z: object) -> Expr:
         return self.unknown
+
+
+def cut_rig(rig: Rig, space: str = "cut", name: str = "{0}_{1}") -> Traced:
+    """The equations with a symbol for what leaves each port; name: of a port and a place."""
+
+    def cut(port: str, place: str) -> list[tuple[str, Effect]]:
+        return [(space, _Cut(symbol(space, name.format(port, place) if place else port)))]
+
+    return trace(rig, cut, {})
 
 
 @lru_cache(maxsize=1024)  # of an arm of seven joints an equation has thousands of nodes
@@ -165,10 +174,6 @@ def unknowns_of(root: Expr) -> frozenset[Unknown]:
 
 def _cuts(root: Expr) -> set[str]:
     return {name for space, name in unknowns_of(root) if space == "cut"}
-
-
-def _where(passage: Passage) -> str:
-    return passage.where
 
 
 # ---- ports -------------------------------------------------------------------------------------

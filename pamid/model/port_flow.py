@@ -10,9 +10,8 @@ from collections.abc import Iterable
 
 from pamid.base.schemas.rig_map import MappedPort, RigMap
 from pamid.engine.symbolic.vocabulary import Expr
-from pamid.model.isolability import Cut, unknowns_of
+from pamid.model.isolability import cut_rig, unknowns_of
 from pamid.model.rig import Rig
-from pamid.model.trace import trace
 
 
 def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
@@ -21,28 +20,20 @@ def rig_map(rig: Rig, outputs: Iterable[str]) -> RigMap:
     out, as that of a sensor that was not recorded.
 
     FileError where the rig's equations cannot be traced."""
-    traced = trace(rig, lambda port, place: [("cut", Cut(port, place))], {})
+    traced = cut_rig(rig)
     port_of = {passage.where: passage.port for passage in traced.passages}
-    # ports whose cuts the rate of a state holds, directly or through the rates of other states
-    unknowns = {name: unknowns_of(rate) for name, rate in traced.rates.items()}
-    behind = {}
-    for state in unknowns:
-        held, passed, waiting = set(), {state}, [state]
-        while waiting:
-            for space, other in unknowns.get(waiting.pop(), frozenset()):
-                if space == "cut":
-                    held.add(port_of[other])
-                elif other not in passed:
-                    passed.add(other)
-                    waiting.append(other)
-        behind[state] = held
     before: dict[str, set[str]] = {name: set() for name in rig.ports}
 
     def sources(value: Expr) -> set[str]:
-        """Ports that a value holds, at once or through states."""
-        ports: set[str] = set()
-        for space, name in unknowns_of(value):
-            ports |= {port_of[name]} if space == "cut" else behind.get(name, set())
+        """Ports that a value holds, at once or through the rates of states."""
+        ports, passed, waiting = set[str](), set[str](), [*unknowns_of(value)]
+        while waiting:
+            space, name = waiting.pop()
+            if space == "cut":
+                ports.add(port_of[name])
+            elif name in traced.rates and name not in passed:
+                passed.add(name)
+                waiting += unknowns_of(traced.rates[name])
         return ports
 
     for passage in traced.passages:

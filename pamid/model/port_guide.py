@@ -13,7 +13,7 @@ from typing import Any
 from pamid.engine.symbolic.expression import const, substitute, symbol, symbols
 from pamid.engine.symbolic.vocabulary import EquationError, Expr
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import attachments
+from pamid.model.attachment import attachments, is_home, lacking_signals
 from pamid.model.background import ORDINARY_ROUGHNESS, RoughMap
 from pamid.model.effect import Effect
 from pamid.model.rig import Port, Rig
@@ -179,19 +179,10 @@ def reachable(
 ) -> dict[tuple[str, ...], list[str]]:
     """Effects that could act at the port, by the further signals that it would have to offer: ()
     those that act there now. any_unit: whatever the port's unit."""
-    offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
     by_signals: dict[tuple[str, ...], list[str]] = {(): []}
     for effect in effects:
-        home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
-        if home and (any_unit or effect.suits_unit(port.unit)):
-            stood_in = {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
-            every = set()
-            for role in effect.roles or ((),):
-                lacking = {*effect.signals, *role} - offered - stood_in
-                if "velocity" in lacking:
-                    lacking.discard("position")
-                every.add(tuple(sorted(lacking)))
-            for signals in {()} if () in every else every:
+        if is_home(effect, port) and (any_unit or effect.suits_unit(port.unit)):
+            for signals in lacking_signals(effect, port):
                 by_signals.setdefault(signals, []).append(effect.name)
     order = sorted(by_signals, key=lambda signals: (len(signals), signals))
     return {signals: sorted(by_signals[signals]) for signals in order}
@@ -336,12 +327,16 @@ def _folded(title: str, words: str) -> list[str]:
 def folded(words: str, indent: int = 0) -> str:
     """The words on lines of a terminal's width, those after the first indented by four more (by 7
     where the first is not: behind the word that leads a finding)."""
-    further = indent + 4 if indent else 7
-    return textwrap.fill(
+    return "\n".join(wrapped(words, indent, further=4 if indent else 7))
+
+
+def wrapped(words: str, indent: int, *, further: int = 4) -> list[str]:
+    """The words on lines of a terminal's width, indented; those after the first further."""
+    return textwrap.wrap(
         words,
         WIDTH,
         initial_indent=" " * indent,
-        subsequent_indent=" " * further,
+        subsequent_indent=" " * (indent + further),
         break_on_hyphens=False,
         break_long_words=False,
     )

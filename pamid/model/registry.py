@@ -13,7 +13,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -26,7 +26,6 @@ from pamid.base.trust import is_code
 from pamid.engine.symbolic.vocabulary import FUNCTIONS
 from pamid.model.effect import Effect, require_sound
 from pamid.model.free_form import FreeFormEffect
-from pamid.model.model_file import model_kinds
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
@@ -65,6 +64,17 @@ def rigs() -> dict[str, type[Rig]]:
     return dict(_scanned("pamid.rigs", Rig))
 
 
+@lru_cache
+def model_readers() -> dict[str, Callable[[Path], Rig]]:
+    """Function that makes a rig of a model file, by the ending of the file. The file does not run.
+
+    They are the functions `rig` of the files in `pamid.rigs.simulators.kinds`, whose SUFFIXES
+    `pamid.base.trust.MODEL_ENDINGS` has to know, too.
+    """
+    modules = modules_of("pamid.rigs.simulators.kinds").values()
+    return {suffix: module.rig for module in modules for suffix in module.SUFFIXES}
+
+
 def load_file(path: Path, sha256: str = "") -> ModuleType:
     """Run a user's Python file and return it as a module; errors name the file and the line.
 
@@ -78,25 +88,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
     if path.suffix != ".py":
         raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
-    return _run(path, _source_of(path, sha256))
-
-
-def _source_of(path: Path, sha256: str) -> bytes:
-    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
-    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
-        raise FileError(
-            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
-            "Restore the old file, or make the run again.",
-            code="changed",
-        )
-    return source
-
-
-def _run(path: Path, source: bytes) -> ModuleType:
+    source = _source_of(path, sha256)
     name = f"pamid_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     loader = importlib.machinery.SourceFileLoader(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
@@ -123,6 +115,21 @@ def _run(path: Path, source: bytes) -> ModuleType:
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
+
+
+def _source_of(path: Path, sha256: str) -> bytes:
+    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
+    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
+        raise FileError(
+            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
+            "Restore the old file, or make the run again.",
+            code="changed",
+        )
+    return source
 
 
 def resolved_rig(rig: RigLike | None) -> str | Rig | None:
@@ -208,10 +215,10 @@ def catalogue_rig(name: str) -> Rig:
 
 
 def _rig_in(path: Path, sha256: str = "") -> Rig:
-    if kind := model_kinds().get(path.suffix):
+    if read := model_readers().get(path.suffix):
         if sha256:
             _source_of(path, sha256)
-        model = kind.rig(path)
+        model = read(path)
         check_rig(model, str(path))
         return model
     kinds = classes_of(load_file(path, sha256), Rig)

@@ -52,7 +52,6 @@ from pamid.base.units import (
 )
 from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
-from pamid.model.log_names import LogName
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BEFORE, BETWEEN
 from pamid.recording.recording import Recording
@@ -144,6 +143,25 @@ class Loop:
     command: str
     reference: str
     reading: str
+
+
+@dataclass(frozen=True)
+class LogName:
+    """How the logs of a robot call a column: by joint or motor, and what of it.
+
+    names       of what the column belongs to: sensor or motor first, then its joint
+    quantity    position, velocity or effort, "" where it can be any
+    sent        a command
+    places      in the vectors of a simulator: its name -> from 0
+    per_effort  what is sent (column's unit) per N m or N at the joint, where in the model a
+                measured effort is nothing else; None: it does not
+    """
+
+    names: tuple[str, ...]
+    quantity: str
+    sent: bool = False
+    places: dict[str, int] = field(default_factory=dict)
+    per_effort: float | None = None
 
 
 class RigForms(Protocol):

@@ -43,7 +43,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import DIFFERENCE, LibraryStep
 from pamid.engine.stepped import FarRunner, slopes_of
 from pamid.engine.symbolic.expression import Expr, expression, symbol
@@ -67,7 +66,7 @@ class StepRig(Rig):
     """
 
     written_as = {"rates": "drive"}
-    # the simulation keeps its states to itself, and there are readings alone: `carrier`
+    # the simulation keeps its states to itself, and there are readings alone
     carries: ClassVar[bool] = False
     # values of `read`: name -> SI unit
     readings: ClassVar[dict[str, str]] = {}
@@ -188,12 +187,9 @@ class StepRig(Rig):
 
     # ---- signals of the equations --------------------------------------------------------
 
-    def carrier(self) -> Carrier:
-        """Simulator that steps where the rig `carries`."""
-        raise FileError("there is none", "a rig that carries has carrier()")
-
     def far_runner(self) -> FarRunner | None:
-        """Runner of whole runs for a simulation in another process."""
+        """Runner of whole runs for a simulation in another process; a `Carrier` where the rig
+        `carries`."""
         return None
 
     def differential_states(self) -> list[str]:

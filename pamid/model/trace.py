@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,11 +35,24 @@ def _with_functions(hint: str) -> str:
     return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
 
 
-def _cure(error: Exception) -> str:
-    """Hint for an error that a user's equations raised."""
-    if isinstance(error, ZeroDivisionError):
-        return "Correct that line: it divides by a number that is 0."
-    return f"Correct that line. {FUNCTIONS_HINT}"
+@contextmanager
+def _named_errors(where_: str, method: str = "") -> Iterator[None]:
+    """FileError that names the place in a user's equations for any error in the block."""
+    try:
+        yield
+    except PamidError as error:
+        if error.code == "simulation":  # its message has the place already
+            raise
+        raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
+    except Exception as error:
+        line = traceback.extract_tb(error.__traceback__)[-1].lineno
+        divided = isinstance(error, ZeroDivisionError)
+        raise FileError(
+            f"{where_}{method}, line {line}: {type(error).__name__}: {error}",
+            "Correct that line: it divides by a number that is 0."
+            if divided
+            else f"Correct that line. {FUNCTIONS_HINT}",
+        ) from error
 
 
 class Names:
@@ -148,18 +162,8 @@ class _Tracer:
         self, method: str, x: Names, u: Names, p: Names, wanted: list[str]
     ) -> dict[str, Expr]:
         where_ = f"rig {self.rig.name!r}, {self.rig.written_as.get(method, method)}()"
-        try:
+        with _named_errors(where_):
             values = getattr(self.rig, method)(x, u, p, self.port)
-        except PamidError as error:
-            if error.code == "simulation":  # its message has the place already
-                raise
-            raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
-        except Exception as error:
-            line = traceback.extract_tb(error.__traceback__)[-1].lineno
-            raise FileError(
-                f"{where_}, line {line}: {type(error).__name__}: {error}",
-                _cure(error),
-            ) from error
         if not isinstance(values, dict):
             raise FileError(
                 f"{where_} returned {type(values).__name__}, not a dict of name: expression"
@@ -247,16 +251,8 @@ class _Tracer:
         )
         prefix = f"{owner}.{name}{place}."
         z = Names({s.name: symbol("state", prefix + s.name) for s in effect.states}, "state")
-        try:
+        with _named_errors(where_, ", act()"):
             result = effect.act(value, at, p, z)
-        except PamidError as error:
-            raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
-        except Exception as error:
-            line = traceback.extract_tb(error.__traceback__)[-1].lineno
-            raise FileError(
-                f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
-                _cure(error),
-            ) from error
         after, rates = result if isinstance(result, tuple) else (result, {})
         if set(rates) != {s.name for s in effect.states}:
             raise FileError(

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_expit
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.engine.symbolic.memory_cells import Cell
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, clip, exp
@@ -43,8 +44,6 @@ from pamid.networks.bayes import Evidence
 from pamid.networks.network import CHUNK, Network, Records, Rows
 from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.networks.training_problem import TrainingOptions, TrainingProblem
-
-Array = NDArray[np.float64]
 
 SHAPES = ("gaussian", "bell")
 LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slope

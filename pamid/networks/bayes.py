@@ -13,12 +13,11 @@ much from that (root_sums.py), so it serves any network. No eigenvalue is droppe
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, eigh, lapack
 
+from pamid.base.arrays import Array
 from pamid.networks.root_sums import Spectrum
-
-Array = NDArray[np.float64]
 
 _TINY = 1e-300
 # eps times the condition of the scaled matrix, up to which J'J is believed. At the first paper's

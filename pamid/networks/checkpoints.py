@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.files import write_atomically
 from pamid.base.npz import load_arrays
 from pamid.networks.bayes import Evidence
-
-Array = NDArray[np.float64]
 
 
 class TrainingStep(NamedTuple):

@@ -26,8 +26,9 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.engine.recurrence_kernels import (
     LANES,
     run_adjoint,
@@ -42,8 +43,6 @@ from pamid.engine.symbolic.vocabulary import Expr, tanh
 from pamid.networks.modal_start import find_modes
 from pamid.networks.network import CHUNK, Network, Records, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
-
-Array = NDArray[np.float64]
 
 TIME_CONSTANTS = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
 BEND = 0.3  # largest state of a start from a linear model: tanh(x) is x to 3 %

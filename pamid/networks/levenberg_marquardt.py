@@ -28,8 +28,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.networks.bayes import (
     Evidence,
     effective_weights,
@@ -41,8 +41,6 @@ from pamid.networks.bayes import (
 from pamid.networks.checkpoints import Attempt, TrainingStep
 from pamid.networks.root_sums import Spectrum
 from pamid.networks.training_problem import Errors, TrainingProblem
-
-Array = NDArray[np.float64]
 
 USED_UP = "iterations used up"
 # an acceleration longer than this share of the step is not trusted (Transtrum and Sethna)

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
+
 Complex = NDArray[np.complex128]
 
 POOL = 80  # poles drawn, of which a few are chosen
@@ -31,12 +32,11 @@ RESIDUE_RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Modes:
-    """poles (n,), residues (n, inputs), bias; error: mean square that they leave."""
+    """poles (n,), residues (n, inputs), bias."""
 
     poles: Complex
     residues: Complex
     bias: float
-    error: float
 
     def states(self, inputs: Array) -> Complex:
         """z(k+1) of every mode (N, n) from rest."""
@@ -84,14 +84,12 @@ def find_modes(
         chosen.append(int(np.argmax(gains)))
         basis = np.column_stack([basis, parts[chosen[-1]]])
     weights = _least_squares(basis, target)
-    error = float(np.mean((target - basis @ weights) ** 2))
     pairs = weights[1:].reshape(count, 2, -1)
     chosen_poles = poles[chosen]
     return Modes(
         chosen_poles,
         (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - chosen_poles)[:, None],
         float(weights[0]),
-        error,
     )
 
 

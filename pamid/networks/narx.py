@@ -24,16 +24,15 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
 from pamid.engine.symbolic.expression import symbol
 from pamid.engine.symbolic.memory_cells import Cell
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, tanh
 from pamid.networks.network import CHUNK, Network, Rows, weighted
 from pamid.networks.onnx_nodes import OnnxNodes, affine
-
-Array = NDArray[np.float64]
 
 LONGEST_TIME_CONSTANT = 100.0  # samples: longest time constant of a random start
 TAP_S = 0.03  # between the taps: 10 samples at 3 ms, where this was measured

@@ -13,15 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.engine.symbolic.memory_cells import Cell
 from pamid.engine.symbolic.vocabulary import Expr, expression
 from pamid.networks.onnx_nodes import OnnxNodes
 from pamid.networks.root_sums import RootSums
-
-Array = NDArray[np.float64]
 
 ASIDE = 0.1  # of a step: where its second derivative is probed
 HIDDEN = 10  # default number of units: the first paper's

@@ -17,15 +17,15 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import effective_samples, effective_weights, resolved
 from pamid.networks.checkpoints import Attempt, TrainingStep, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.torch_passes import TorchPasses, engine_on
+from pamid.networks.torch_passes import BatchQueue, TorchPasses, engine_on
 from pamid.networks.training_problem import (
     TrainingOptions,
     TrainingProblem,
@@ -33,8 +33,6 @@ from pamid.networks.training_problem import (
     fingerprint,
     recordings,
 )
-
-Array = NDArray[np.float64]
 
 GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
 _CHECKPOINT_SECONDS = 5.0

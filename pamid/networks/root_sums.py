@@ -24,10 +24,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, qr, solve_triangular
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 # share of `finest` that may be lost: its possible influence on gamma, per weight
 LOST = 1e-4

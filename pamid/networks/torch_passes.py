@@ -18,14 +18,16 @@ order, so that the last digits differ.
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Condition, get_ident
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
@@ -34,7 +36,7 @@ from pamid.networks.network import Network
 if TYPE_CHECKING:
     from torch import Tensor
 
-Array = NDArray[np.float64]
+Sums = tuple[float, Array, Array]
 
 
 def require_device(name: str) -> str:
@@ -347,6 +349,71 @@ class NarxPasses(TorchPasses):
                 else:  # an output before the block: its columns are those of the identity
                     rows[..., k, n + j - k - 1] += back[..., k, j - 1]
         return rows[..., length - lags :, :].flip(-2)
+
+
+class BatchQueue:
+    """Each of `parties` threads requests a pass and waits until all have requested a pass or left.
+
+    Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same
+    training gives the same batches. An error in a batch is raised in every thread that waits for
+    it.
+    """
+
+    def __init__(
+        self,
+        engine: TorchPasses,
+        records: Sequence[tuple[Array, Array]],
+        washout: int,
+        parties: int,
+    ) -> None:
+        self.engine, self.records, self.washout, self.parties = engine, records, washout, parties
+        self.changed = Condition()
+        self.requests: dict[int, tuple[int, Array]] = {}
+        self.answers: dict[int, Sums | BaseException] = {}
+
+    def normal_equations(self, record: int, weights: Array) -> Sums:
+        """(sum of e^2, J'J, J'e) over a recording, by its number."""
+        me = get_ident()
+        with self.changed:
+            self.requests[me] = (record, weights)
+            self._serve()
+            self.changed.wait_for(lambda: me in self.answers)
+            answer = self.answers.pop(me)
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def leave(self) -> None:
+        """Take part in no further batch."""
+        with self.changed:
+            # The others may all be waiting for this thread, so that its leaving can complete a
+            # batch.
+            self.parties -= 1
+            self._serve()
+
+    def _serve(self) -> None:
+        if not self.requests or len(self.requests) < self.parties:
+            return
+        # In the order of the recordings, so that the same requests give the same batches in every
+        # run.
+        for record in sorted({r for r, _ in self.requests.values()}):
+            those = [who for who, (r, _) in self.requests.items() if r == record]
+            try:
+                sums = self.engine.normal_equations(
+                    np.stack([self.requests[who][1] for who in those]),
+                    *self.records[record],
+                    self.washout,
+                )
+                self.answers.update(
+                    {
+                        who: (float(sums[0][i]), sums[1][i], sums[2][i])
+                        for i, who in enumerate(those)
+                    }
+                )
+            except BaseException as error:  # whatever it is, nobody may wait for ever
+                self.answers.update(dict.fromkeys(those, error))
+        self.requests.clear()
+        self.changed.notify_all()
 
 
 def _equal_part(total: int, largest: int) -> int:

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import header_line
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
@@ -34,7 +35,6 @@ from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training_problem import TrainingOptions
 
-Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]
 
 NETWORK_SCHEMA = "pamid.network/1"

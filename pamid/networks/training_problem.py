@@ -1,23 +1,22 @@
 """Problem of a training: network, recordings, sample weights, stopping rules, all checked."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.network import Network
 from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.scaling import check_finite
+from pamid.networks.torch_passes import BatchQueue
 
-Array = NDArray[np.float64]
 StepProgress = Callable[[TrainingStep, int], None]
 
 
@@ -166,20 +165,16 @@ class TrainingProblem:
         """Added up as `projected` does where that solves for weights: to the last bit."""
         linear = self.network.linear
         with np.errstate(all="ignore"):
-            features: tuple[Array, ...] = ()
+            if linear.start == linear.stop:
+                return self._left([self.network.simulate(weights, u) for u, _ in self.records])
             # A step is accepted by comparing these errors with those of `projected`, so that both
             # must add up in the same order.
-            if linear.start == linear.stop:
-                outputs = [self.network.simulate(weights, u) for u, _ in self.records]
-            else:
-                features = tuple(self.network.features(weights, u) for u, _ in self.records)
-                outputs = [f @ weights[linear] for f in features]
-            return Errors(
-                tuple(
-                    (t - y)[self.washout :] for y, (_, t) in zip(outputs, self.records, strict=True)
-                ),
-                features,
-            )
+            features = tuple(self.network.features(weights, u) for u, _ in self.records)
+            return self._left([f @ weights[linear] for f in features], features)
+
+    def _left(self, outputs: Sequence[Array], features: tuple[Array, ...] = ()) -> Errors:
+        pairs = zip(outputs, self.records, strict=True)
+        return Errors(tuple((t - y)[self.washout :] for y, (_, t) in pairs), features)
 
     def projected(self, weights: Array, evidence: Evidence) -> tuple[Array, Errors]:
         """The weights with those in which the output is linear at the minimum of F for the others,
@@ -201,13 +196,7 @@ class TrainingProblem:
             weights[linear] = solve_damped(
                 evidence.beta * gram, evidence.alpha, evidence.beta * right
             )
-            return weights, Errors(
-                tuple(
-                    (t - f @ weights[linear])[self.washout :]
-                    for f, (_, t) in zip(features, self.records, strict=True)
-                ),
-                features,
-            )
+            return weights, self._left([f @ weights[linear] for f in features], features)
 
     def growth(self, weights: Array, errors: Errors) -> float:
         """The network's `growth` over all recordings, of a run that had these errors."""

@@ -81,9 +81,11 @@ def _title(plots: Sequence[AddedVariable], diagnosis: DiagnosisFile) -> str:
 
 def added_panels(run: RunData) -> Markup:
     """A figure per candidate of the ranking; the page shows the chosen candidate."""
+    if run.diagnosis is None:
+        return Markup("")
     figures = []
-    for plot in usable_plots(run) if run.diagnosis is not None else ():
-        if not plot.beside and run.diagnosis is not None:
+    for plot in usable_plots(run):
+        if not plot.beside:
             drawing = single_drawing(plot, run.diagnosis)
             svg = tag("div", Markup(page_svg(drawing)), role="img", aria_label=drawing.title)
             look = {"class_": "added-panel", "id": drawing.name, "tabindex": "-1"}

@@ -9,10 +9,8 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-import matplotlib.style
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -24,9 +22,9 @@ from PIL import Image
 
 from pamid.base.errors import DataError
 from pamid.report import formatting
-from pamid.report.motion import MEASURED, TRACE_ROLES, Motion, gap_label, scale_of
+from pamid.report.channel_errors import FIELDS
+from pamid.report.motion import MEASURED, TRAIL_S, Motion, gap_label, scale_of
 from pamid.report.style import (
-    DRAWING_SETTINGS,
     Look,
     annotate,
     axis,
@@ -35,29 +33,19 @@ from pamid.report.style import (
     finish,
     label,
     line,
+    settings,
 )
 
 ANIMATION_HZ = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
 WIDTH_IN, ARM_IN, STRIP_IN = 4.8, (1.3, 3.6), 0.62
 COLOURS_KEPT = 32
-TRAIL_S = 1.0
 _MARGIN_IN = 0.62  # left of the strips
 TRACE_LINES: dict[str, tuple[float, Any]] = {  # width in points, dashes
     MEASURED: (6.0, "-"),
     "before": (2.2, (0, (3, 1.6))),
     "best": (2.4, "-"),
 }
-
-
-@dataclass(frozen=True)
-class Stage:
-    """An empty figure with the places of its parts, and the artists that move."""
-
-    figure: Figure
-    canvas: FigureCanvasAgg
-    arm: Axes
-    strips: tuple[Axes, ...]
 
 
 def gif_of(
@@ -77,12 +65,11 @@ def gif_of(
             "Show a shorter part (--from, --to) or a faster animation (--speed).",
             code="frames",
         )
-    # independent of the user's matplotlibrc
-    with matplotlib.style.context(["default", DRAWING_SETTINGS]):
-        stage = _stage(motion, width_px)
-        draw = _moving(motion, stage)
-        stage.canvas.draw()
-        still: Any = stage.canvas.copy_from_bbox(stage.figure.bbox)
+    with settings("motion"):
+        canvas, arm, strips = _stage(motion, width_px)
+        draw = _moving(motion, canvas, arm, strips)
+        canvas.draw()
+        still: Any = canvas.copy_from_bbox(canvas.figure.bbox)
         # a common palette for all frames
         samples = [np.asarray(draw(k, still)) for k in np.linspace(0, count - 1, 4).astype(int)]
         palette = Image.fromarray(np.concatenate(samples)).quantize(
@@ -112,8 +99,8 @@ def size_px(gif: bytes) -> tuple[int, int]:
         return picture.size
 
 
-def _stage(motion: Motion, width_px: int) -> Stage:
-    """Static parts of the picture: title, legend, scale, strips with their curves."""
+def _stage(motion: Motion, width_px: int) -> tuple[FigureCanvasAgg, Axes, list[Axes]]:
+    """The picture with its static parts, the panel of the arm, and strips with their curves."""
     low, high = motion.box
     wide, tall = high - low
     arm_in = float(np.clip(WIDTH_IN * tall / wide, *ARM_IN))
@@ -155,7 +142,7 @@ def _stage(motion: Motion, width_px: int) -> Stage:
         strips.append(
             _strip(figure.add_axes(place), motion, channel, last=k == len(motion.gaps) - 1)
         )
-    return Stage(figure, canvas, arm, tuple(strips))
+    return canvas, arm, strips
 
 
 def _arm(axes: Axes, motion: Motion, aspect: float) -> None:
@@ -195,46 +182,46 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
 
 def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     """Colour, width and dashes of a kind's lines."""
-    model = "best" if kind == list(motion.lines)[-1] else "before"
-    width, dashes = TRACE_LINES[MEASURED if kind == MEASURED else model]
+    width, dashes = TRACE_LINES[motion.rank(kind)]
     return {
         "linewidth": slim * width,
         "linestyle": dashes,
-        "color": colour(TRACE_ROLES.get(kind, "ink")),
+        "color": colour(FIELDS.get(kind, "ink")),
         "solid_capstyle": "round",
         "solid_joinstyle": "round",
         "dash_capstyle": "butt",
     }
 
 
-def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
+def _moving(
+    motion: Motion, canvas: FigureCanvasAgg, arm: Axes, strips: list[Axes]
+) -> Callable[[int, Any], Image.Image]:
     """Create the moving artists; return a function that draws a frame over the still picture."""
-    best = list(motion.lines)[-1]
-    tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
+    tips = {kind: motion.tip(kind) for kind in (MEASURED, motion.best)}
     trails, arms = {}, []
     for kind in tips:
         look: Look = {"color": _style(motion, kind)["color"], "linewidth": 1.0, "alpha": 0.55}
-        (trails[kind],) = stage.arm.plot([], [], animated=True, **look)
+        (trails[kind],) = arm.plot([], [], animated=True, **look)
     for kind, lines in motion.lines.items():
         look = {"marker": "o" if kind == MEASURED else "", "markersize": 7.0}
         for points in lines:
-            (artist,) = stage.arm.plot([], [], animated=True, **look, **_style(motion, kind))
+            (artist,) = arm.plot([], [], animated=True, **look, **_style(motion, kind))
             arms.append((points, artist))
     cursors = [
         axes.axvline(motion.time[0], color=colour("ink"), linewidth=0.9, animated=True)
-        for axes in stage.strips
+        for axes in strips
     ]
-    clock = stage.arm.text(
-        0.98, 0.04, "", transform=stage.arm.transAxes, ha="right", fontsize=9.0, animated=True
+    clock = arm.text(
+        0.98, 0.04, "", transform=arm.transAxes, ha="right", fontsize=9.0, animated=True
     )
     every: list[tuple[Axes, Artist]] = [
-        *((stage.arm, item) for item in (*trails.values(), *(a for _, a in arms), clock)),
-        *zip(stage.strips, cursors, strict=True),
+        *((arm, item) for item in (*trails.values(), *(a for _, a in arms), clock)),
+        *zip(strips, cursors, strict=True),
     ]
     back = np.searchsorted(motion.time, motion.time - TRAIL_S)
 
     def draw(k: int, still: Any) -> Image.Image:
-        stage.canvas.restore_region(still)  # type: ignore[no-untyped-call]
+        canvas.restore_region(still)  # type: ignore[no-untyped-call]
         for kind, trail in trails.items():
             trail.set_data(*tips[kind][back[k] : k + 1].T)
         for points, artist in arms:
@@ -244,6 +231,6 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
         clock.set_text(f"{motion.time[k]:.2f} s")
         for axes, drawn in every:
             axes.draw_artist(drawn)
-        return Image.fromarray(np.asarray(stage.canvas.buffer_rgba())[..., :3].copy())
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
 
     return draw

@@ -9,7 +9,13 @@ from pathlib import Path
 from pamid.base.errors import join_words, quoted
 from pamid.base.schemas.diagnosis_file import DiagnosisFile, Unknown
 from pamid.base.schemas.estimates import Estimate
-from pamid.base.share_words import minutes_text, percent_text, percents_text, times_text
+from pamid.base.share_words import (
+    chance_text,
+    minutes_text,
+    percent_text,
+    percents_text,
+    times_text,
+)
 from pamid.base.units import split_column
 from pamid.diagnosis.verdict import verdict_words
 from pamid.diagnosis.verdict.verdict_words import chance_figure, shortened
@@ -280,7 +286,7 @@ def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
             text += at_port(cause.port) if len(finding) == 1 and "@" not in cause.effect else ""
             chance = cause.probability
             labels.append(
-                text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
+                text if chance is None else f"{text}, with probability {chance_text(chance)}"
             )
         lead = join_words(labels)
     details = [*_share_texts(diagnosis), *supplements]
@@ -295,11 +301,8 @@ def _which(run: RunData, diagnosis: DiagnosisFile) -> Answer:
             parts.append(f"P {chance_figure(cause.probability)}")
         value = ""
         if (parameter := first_parameter(cause)) is not None:
-            label, size, unit_text = (
-                channel_label(parameter[0]),
-                parameter[1],
-                channel_unit(parameter[0]),
-            )
+            column, size = parameter
+            label, unit_text = channel_label(column), channel_unit(column)
             value = f" {formatting.unbroken(with_unit_text(size.value, unit_text))}"
             # a number without unit needs the name of its parameter
             value = value if unit_text else f", {label}{value}"
@@ -568,10 +571,10 @@ def _next_experiment(run: RunData) -> Answer:
     question = "Next experiment"
     if run.diagnosis is None:
         lead = "Run the diagnosis on what is already recorded."
-        command, recordings = DIAGNOSE_HINT, run.fit.recordings if run.fit is not None else ()
-        if recordings:  # names from the run are quoted as single words
+        command = DIAGNOSE_HINT
+        if run.recordings:  # names from the run are quoted as single words
             words = ["`pamid diagnose"]
-            for recording in recordings:
+            for recording in run.recordings:
                 words += ["--held-out"] if recording.role == "held-out" else []
                 words.append(quoted(formatting.clean(recording.path or recording.name)))
             words += ["--rig", quoted(formatting.clean(run.named_rig))] if run.named_rig else []

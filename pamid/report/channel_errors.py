@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,13 @@ MODEL_NAMES = {
     "with_network": "with network",
     "with_cause": "with cause",
     "noise_floor": "noise floor",
+}
+#: kind of a model's trace in residual.csv -> field of ChannelErrors, role of its colour
+FIELDS = {
+    "data_sheet": "data_sheet",
+    "refitted": "refitted",
+    "cause": "with_cause",
+    "network": "with_network",
 }
 _AGREE = 0.02  # two files that agree on an MAE within this share are not worth a remark
 
@@ -67,14 +74,14 @@ def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
     return tuple(_row(name, run) for name in names if name in fitted or name in reached)
 
 
-def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
-    """The models whose error is known for at least one channel."""
-    return [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
+def models_of(errors: Sequence[Mapping[str, float | None]]) -> list[str]:
+    """The models that at least one row has an error of, in the order of the tables."""
+    return [name for name in MODEL_NAMES if any(name in row for row in errors)]
 
 
 def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     """Held-out MAE (eq. 11) per channel and model in plain text, columns aligned."""
-    fields = mae_fields(rows)
+    fields = models_of([row.known() for row in rows])
     lines = [["MAE, held out", *(MODEL_NAMES[name] for name in fields)]]
     for row in rows:
         name = f"{channel_label(row.channel)} [{channel_unit(row.channel) or '-'}]"
@@ -162,13 +169,11 @@ def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
     if rows.size == 0:
         return None
     best = max(stretches(residual, rows), key=lambda item: _mae(measured[item], refitted[item]))
-    return _window(
-        residual, channel, best, held_out, ("data_sheet", "refitted", "network", "cause")
-    )
+    return _window(residual, channel, best, held_out, FIELDS)
 
 
 def _window(
-    residual: Residual, channel: str, rows: slice, held_out: bool, kinds: tuple[str, ...]
+    residual: Residual, channel: str, rows: slice, held_out: bool, kinds: Iterable[str]
 ) -> WorstWindow:
     """A window with the MAE of every model that was run there."""
     measured, time = residual.columns[channel], residual.columns["time_s"]

@@ -10,10 +10,11 @@ from markupsafe import Markup
 
 from pamid.base.errors import UsageError, join_words
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
+from pamid.base.share_words import chance_text
 from pamid.report import formatting
 from pamid.report.answers import Card
 from pamid.report.captions import causes_label, verdict_sentence
-from pamid.report.channel_errors import ChannelErrors, errors_of
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, errors_of
 from pamid.report.evidence import parameters_of
 from pamid.report.formatting import (
     DASH,
@@ -154,20 +155,14 @@ def _causes(diagnosis: DiagnosisFile) -> str:
             f"{channel_label(name)} {formatting.span(size.low, size.high, channel_unit(name))}"
             for name, size in cause.parameters.items()
         )
-        chance = (
-            f", P {formatting.chance(cause.probability)}" if cause.probability is not None else ""
-        )
+        chance = f", P {chance_text(cause.probability)}" if cause.probability is not None else ""
         texts.append(f"{effect_label(cause.effect)}{chance}: {values}")
     return "; ".join(texts)
 
 
 def _errors(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
-    fields = {
-        "data_sheet": "data sheet",
-        "refitted": "refitted",
-        "with_cause": "with cause",
-        "noise_floor": "noise floor",
-    }
+    # networks are trained on a single run
+    fields = {key: name for key, name in MODEL_NAMES.items() if key != "with_network"}
     body = []
     for channel in dict.fromkeys(row.channel for run in runs for row in run.rows):
         known = [{row.channel: row.known() for row in run.rows}.get(channel, {}) for run in runs]
@@ -220,7 +215,7 @@ def _parameters(runs: Sequence[ComparedRun]) -> tuple[Markup, ...]:
 def _facts(compared_run: ComparedRun) -> dict[str, str]:
     """Settings of a run by name."""
     step = compared_run.run.steps[0]
-    recordings = compared_run.run.fit.recordings if compared_run.run.fit is not None else ()
+    recordings = compared_run.run.recordings
     options = {}
     for key, value in step.options.items():
         if key != "rig":

@@ -21,8 +21,9 @@ from pamid.engine.symbolic import vocabulary as equations
 from pamid.engine.symbolic.expression import Expr, expression, substitute, symbol, text
 from pamid.model.attachment import attach
 from pamid.model.bound_parameter import bind, parameters_of
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Signals
 from pamid.model.registry import all_effects, catalogue_rig
+from pamid.model.trace import Names
 from pamid.report import formatting
 from pamid.report.captions import at_port, missing_term
 from pamid.report.formatting import channel_unit, effect_label
@@ -50,44 +51,16 @@ _CALLED = {
 _LONGEST_PLAIN = 700
 
 
-class _NamedSignals:
-    """Signals as names; a function of the rig becomes a call of that name."""
+class _NamedSignals(Signals):
+    """Signals as names, also those that the port does not offer; a function of the rig becomes a
+    call of that name."""
 
-    def __init__(
-        self,
-        offered: frozenset[str],
-        kind: str,
-        rig_period_s: float,
-        upper_bounds: dict[str, float],
-    ) -> None:
-        self._offered, self._kind, self.rig_period_s = offered, kind, rig_period_s
-        self.upper_bounds = upper_bounds
-
-    def offers(self, signal: str) -> bool:
-        return signal in self._offered
-
-    def __getattr__(self, signal: str) -> Any:
-        if signal.startswith("__"):
-            raise AttributeError(signal)
-        if signal == "place":
-            return ""
-        if signal == "kind":
-            return self._kind
-        if signal in _CALLED:
-            return lambda *arguments: Expr(signal, tuple(map(expression, arguments)))
-        return symbol("signal", signal)
-
-
-class _Symbols:
-    """Any attribute as a symbol of the same space."""
-
-    def __init__(self, space: str) -> None:
-        self._space = space
-
-    def __getattr__(self, key: str) -> Expr:
-        if key.startswith("__"):
-            raise AttributeError(key)
-        return symbol(self._space, key)
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        if name in _CALLED:
+            return lambda *arguments: Expr(name, tuple(map(expression, arguments)))
+        return self._values.get(name, symbol("signal", name))
 
 
 @dataclass(frozen=True)
@@ -114,11 +87,14 @@ def acting(rig: str, label: str) -> ActingEffect | None:
     effect, port_name = where.effect, where.ports[0]
     port = of.ports[port_name]
     bounds = {p.name: bind(p, "", port, port_name, {}) for p in parameters_of(effect, port)}
-    offered = frozenset(port.signals) | {"time", "period"}
-    at = _NamedSignals(offered, port.kind, of.period_s, {k: b.high for k, b in bounds.items()})
+    offered = {name: symbol("signal", name) for name in (*port.signals, "time", "period")}
+    upper_bounds = {name: bound.high for name, bound in bounds.items()}
+    at = _NamedSignals({**offered, "place": "", "kind": port.kind}, "", of.period_s, upper_bounds)
+    p = Names({name: symbol("parameter", name) for name in bounds}, "parameter")
+    z = Names({state.name: symbol("state", state.name) for state in effect.states}, "state")
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
     try:
-        change = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+        change = effect.act(symbol("value", letter), at, p, z)
     except PamidError:
         return None
     value, rates = change if isinstance(change, tuple) else (change, {})

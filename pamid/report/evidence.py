@@ -11,11 +11,12 @@ from pamid.base.errors import join_words
 from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile, Transfer, Where
 from pamid.base.schemas.estimates import Estimate
 from pamid.base.schemas.fit_file import Combination, FitFile, LoopError
+from pamid.base.share_words import chance_text
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.added_variable_figure import added_places
 from pamid.report.captions import sensor_label, split_labels
-from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, disagreements, mae_fields
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, disagreements, models_of
 from pamid.report.equation import model_equations
 from pamid.report.evidence_figures import correlation_note
 from pamid.report.formatting import (
@@ -75,7 +76,7 @@ def evidence_of(
         content = recording_errors_table(recordings), note(" ".join(texts))
         yield Section("Errors by recording and model", content, 3)
     if diagnosis is not None and diagnosis.transfer and diagnosis.causes:
-        yield _transfer(diagnosis.transfer, fit)
+        yield _transfer(diagnosis.transfer, run)
     if fit is not None and fit.closed_loop:
         yield _closed_loop(fit.closed_loop)
     if diagnosis is not None and diagnosis.ranking:
@@ -99,7 +100,7 @@ def evidence_of(
 
 def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Markup]:
     if rows:
-        fields = mae_fields(rows)
+        fields = models_of([row.known() for row in rows])
         shrinks = any(row.shrinkage is not None for row in rows)
         heads = ["channel", "unit", *(MODEL_NAMES[name] for name in fields)]
         heads += [f"shrinkage ({INTERVAL})"] if shrinks else []
@@ -157,12 +158,11 @@ def _closed_loop(errors: Mapping[str, LoopError]) -> Section:
     return Section("In its control loop", (table(heads, body, (2, 3, 4)), note(words)), 3)
 
 
-def _transfer(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Section:
+def _transfer(transfers: tuple[Transfer, ...], run: RunData) -> Section:
     channels = list(dict.fromkeys(name for transfer in transfers for name in transfer.channels))
     body = []
     for transfer in transfers:
-        recordings = fit.recordings if fit is not None else ()
-        known = [r.name for r in recordings if r.sha256.startswith(transfer.recording)]
+        known = [r.name for r in run.recordings if r.sha256.startswith(transfer.recording)]
         differs = ", ".join(f"{key} {_plainly(value)}" for key, value in transfer.differs.items())
         row = [
             clean(known[0]) if known else code(clean(transfer.recording)),
@@ -261,7 +261,7 @@ def _why_not(candidate: Candidate, diagnosis: DiagnosisFile) -> str:
     if candidate.at_bound:
         reasons.append("needs a value at its bound")
     if not reasons and candidate.probability is not None:
-        reasons.append(f"is there with probability {formatting.chance(candidate.probability)}")
+        reasons.append(f"is there with probability {chance_text(candidate.probability)}")
     return "; ".join(reasons) or DASH
 
 

@@ -31,7 +31,6 @@ from pamid.report.style import (
     annotate,
     axis,
     bar,
-    bare,
     channel_axis,
     colour,
     dots,
@@ -39,6 +38,7 @@ from pamid.report.style import (
     label,
     level,
     line,
+    name_rows,
     write,
 )
 
@@ -57,14 +57,7 @@ _BACKGROUND = "background."
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
     """Mean absolute error [channel's unit] along each recording [s], windows shaded."""
-    residual = run.residual
-    if (
-        residual is None
-        or residual.of(channel, "refitted") is None
-        or channel not in residual.columns
-    ):
-        return None
-    number, curves = _longest_held_out(residual, channel)
+    number, curves = (0, {}) if run.residual is None else _longest_held_out(run.residual, channel)
     if not curves:
         return None
     where = run.diagnosis.where if run.diagnosis is not None else None
@@ -273,13 +266,10 @@ def pulls_drawing(run: RunData) -> Drawing | None:
         for edge in (-2.0, 0.0, 2.0):
             dashes = "-" if edge == 0 else (0, (3, 2))
             axes.axvline(edge, color=colour("muted"), linewidth=0.7, linestyle=dashes)
-        names = [label(port_label(name), 24) for name, _ in shown]
-        axes.set_yticks(range(len(shown)), names)
-        axes.set_ylim(len(shown) - 0.4, -0.6)
+        name_rows(axes, [port_label(name) for name, _ in shown], 24)
         axes.set_xlim(-reach, reach)
         axes.xaxis.set_major_locator(MaxNLocator(7 if narrow else 9, integer=True))
         finish(axes, "fitted correction / its tolerance [-]", lines="")
-        bare(axes)
 
     worst = f"{port_label(shown[0][0])} with {formatting.short(shown[0][1], 2)}"
     title = f"The tolerance terms stay within twice their limits; the largest is {worst}"

@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE
-from pamid.report.style import Drawing, Picture, colour, finish, label, line, render
+from pamid.report.style import Drawing, colour, finish, label, line, png_of
 from pamid.simulation.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
 
 Array = NDArray[np.float64]
@@ -49,25 +49,22 @@ class ExcitedColumn:
         return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"
 
 
-def richness_picture(shown: Sequence[ExcitedColumn]) -> Picture:
-    """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the
-    title is about the column with the least coverage."""
+def richness_picture(shown: Sequence[ExcitedColumn]) -> bytes:
+    """PNG of the signal, the amplitudes, the spectrum and the changes of each column; the title is
+    about the column with the least coverage."""
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
         for part, entry in zip(parts, shown, strict=True):
-            layout = (
-                [["signal"], ["levels"], ["power"], ["changes"]]
-                if narrow
-                else [["signal"] * 3, ["levels", "power", "changes"]]
-            )
-            axes = part.subplot_mosaic(layout, height_ratios=[1.0] * 4 if narrow else [1.0, 1.25])
+            layout = [["signal"] * 3, ["levels", "power", "changes"]]
+            axes = part.subplot_mosaic(layout, height_ratios=[1.0, 1.25])
             _signal(axes["signal"], entry)
             _levels(axes["levels"], entry)
             _power(axes["power"], entry)
             _changes(axes["changes"], entry)
 
-    return render(Drawing("richness", finding(shown), draw, 4.6 * len(shown), 8.6 * len(shown)))
+    height = 4.6 * len(shown)
+    return png_of(Drawing("richness", finding(shown), draw, height, height))
 
 
 def finding(shown: Sequence[ExcitedColumn]) -> str:

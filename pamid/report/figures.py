@@ -21,6 +21,7 @@ from pamid.base.errors import join_words
 from pamid.base.metrics import adjusted_share, independent_samples
 from pamid.base.run_files import FloatArray
 from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile
+from pamid.base.share_words import chance_text
 from pamid.base.units import split_column
 from pamid.diagnosis.verdict.verdict_words import chance_figure, free_families
 from pamid.report import formatting
@@ -41,6 +42,7 @@ from pamid.report.channel_errors import (
     ChannelErrors,
     WorstWindow,
     headline,
+    models_of,
     whole_recording,
     worst_window,
 )
@@ -308,7 +310,7 @@ def ranking_drawing(
             f"{formatting.interval_tail(formatting.percent_span(entry.low, entry.high))}"
         )
         if entry.probability is not None:
-            text += f", probability {formatting.chance(entry.probability)}"
+            text += f", probability {chance_text(entry.probability)}"
         if not entry.converged:
             text += f"; {formatting.not_converged('its fit', entry.why)}"
         parts = [f"{part}{row}" for part in ("name", "line", "point")]
@@ -412,7 +414,7 @@ def budget_drawing(
     rows = tuple(row for row in rows if row.known())
     if not rows:
         return None
-    fields = [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
+    fields = models_of([row.known() for row in rows])
     columns = min(3, len(rows))
     deep = -(-len(rows) // columns)
 

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pamid.report.style import Drawing, Picture, colour, finish, label, level, render
+from pamid.report.style import Drawing, colour, finish, label, level, png_of
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ def force_map_picture(
     levels: Array,
     sides: Sequence[Side],
     title: str,
-) -> Picture:
-    """Measured points (points,) over each law's force-contraction curves, and below them its
+) -> bytes:
+    """PNG of measured points (points,) over each law's force-contraction curves, and below them its
     errors.
 
     steps: contractions of the curves; levels: their pressures, kPa. Colour is pressure, everywhere
@@ -47,7 +47,7 @@ def force_map_picture(
     low, high = float(pressure_kpa.min()), float(pressure_kpa.max())
     shades = Normalize(low - (1.0 - LIGHTEST) / LIGHTEST * (high - low), high)
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         axes = figure.subplots(
             2, len(sides), sharex=True, sharey="row", squeeze=False, height_ratios=(2.0, 1.0)
         )
@@ -74,7 +74,7 @@ def force_map_picture(
             ScalarMappable(shades, colours),
             ax=axes,
             boundaries=np.linspace(low, high, 256),
-            aspect=40 if narrow else 30,
+            aspect=30,
             pad=0.02,
         )
         bar.set_label("gauge pressure [kPa]")
@@ -83,4 +83,4 @@ def force_map_picture(
         )
         bar.outline.set_visible(False)  # type: ignore[operator]
 
-    return render(Drawing("force-map", title, draw, 4.6, 4.2))
+    return png_of(Drawing("force-map", title, draw, 4.6, 4.6))

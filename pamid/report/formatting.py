@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from pamid.base.errors import join_words
 from pamid.base.schemas.estimates import Estimate
-from pamid.base.share_words import chance_text, percent_text
+from pamid.base.share_words import percent_text
 from pamid.base.units import NONE, split_column
 
 #: names of people and letters that a hyphenated effect name has lost
@@ -182,11 +182,6 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     if first[1] and first[2] == last[2]:  # a common power of ten is enough
         return with_unit(f"({first[0]} to {last[0]}){''.join(last[1:])}", unit_text)
     return with_unit(f"{short(low, digits)} to {short(high, digits)}", unit_text)
-
-
-def chance(probability: float | None) -> str:
-    """`chance_text`; a dash for None."""
-    return DASH if probability is None else chance_text(probability)
 
 
 def interval_tail(interval: str) -> str:

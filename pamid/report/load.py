@@ -27,7 +27,7 @@ from pamid.base.run_folder import (
 )
 from pamid.base.schemas.added_variables_file import AddedVariablesFile
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
-from pamid.base.schemas.fit_file import FitFile
+from pamid.base.schemas.fit_file import FitFile, RecordingUsed
 from pamid.base.schemas.network_file import NetworkFile
 from pamid.base.schemas.run_file import Step
 from pamid.base.units import split_column
@@ -76,6 +76,11 @@ class RunData:
         return any(n is not None and n.on_causes and channel in n.errors for n in networks)
 
     @property
+    def recordings(self) -> tuple[RecordingUsed, ...]:
+        """The recordings in the order of their numbers in residual.csv; none without a fit."""
+        return self.fit.recordings if self.fit is not None else ()
+
+    @property
     def rig(self) -> str:
         """Name of the rig, "" if no file states it."""
         return self.named_rig if self.fit is None else self.fit.rig
@@ -89,11 +94,14 @@ class RunData:
         named = (following for word, following in pairwise(words) if word == "--rig")
         return first.rig or next(named, "") or of_fit
 
+    def recording_name(self, number: int) -> str:
+        """Name of a recording by its number in residual.csv; "" if the fit does not state it."""
+        return self.recordings[number].name if 0 <= number < len(self.recordings) else ""
+
     def recording_words(self, number: int) -> str:
-        """ " in recording NAME" where there are several, else ""; `number` as in residual.csv."""
-        known = self.fit.recordings if self.fit is not None else ()
-        named = len(known) > 1 and 0 <= number < len(known)
-        return f" in recording {known[number].name}" if named else ""
+        """ " in recording NAME" where there are several, else ""."""
+        name = self.recording_name(number)
+        return f" in recording {name}" if name and len(self.recordings) > 1 else ""
 
 
 def load_run(folder: Path) -> RunData:

@@ -23,14 +23,13 @@ from pamid.model.rig import Rig
 from pamid.model.trace import Names
 from pamid.report import formatting
 from pamid.report.captions import causes_label
-from pamid.report.channel_errors import MODEL_NAMES, WorstWindow, worst_window
+from pamid.report.channel_errors import FIELDS, MODEL_NAMES, WorstWindow, worst_window
 from pamid.report.load import Residual, RunData
 
 LONGEST_SHOWN_S = 12.0  # shown where no times are given
 MEASURED = "measured"
+TRAIL_S = 1.0  # of the tip's path that is drawn
 NO_POSE = "no-pose"  # code of the error where a rig does not describe its pose
-# kind of trace -> field, colour
-TRACE_ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
 
 
 @dataclass(frozen=True)
@@ -73,6 +72,15 @@ class Motion:
         points = np.concatenate(self.lines[MEASURED], axis=1)
         still = np.ptp(points, axis=0).max(axis=1) < 1e-9
         return np.unique(points[0, still], axis=0)
+
+    @property
+    def best(self) -> str:
+        """Kind of the best model."""
+        return list(self.lines)[-1]
+
+    def rank(self, kind: str) -> str:
+        """ "measured", "best" or "before", of the model before the best."""
+        return kind if kind == MEASURED else "best" if kind == self.best else "before"
 
     def tip(self, kind: str) -> FloatArray:
         """The last point of the first polyline (n, 2), m."""
@@ -149,7 +157,7 @@ def motion_of(
             f"Its samples begin at {clock[0]:g} s and end at {clock[-1]:g} s.",
             code="times",
         )
-    names = {kind: MODEL_NAMES[TRACE_ROLES[kind]] for kind in kinds}
+    names = {kind: MODEL_NAMES[FIELDS[kind]] for kind in kinds}
     if "cause" in kinds and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
         names["cause"] = f"with {causes_label(run.diagnosis)}"
     # mean |gap| over the scored rows, or over all of them where none is scored
@@ -163,9 +171,8 @@ def motion_of(
         }
         for name, measured in traces[MEASURED].items()
     }
-    known, number = run.fit.recordings if run.fit is not None else (), window.recording
     return Motion(
-        recording=formatting.clean(known[number].name) if 0 <= number < len(known) else "",
+        recording=formatting.clean(run.recording_name(window.recording)),
         time=time,
         lines={kind: _posed(rig, _Outputs(rig, of), parameters) for kind, of in shown.items()},
         gaps={
@@ -290,8 +297,9 @@ def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, 
     causes = run.diagnosis is not None and bool(run.diagnosis.causes)
     complete = [
         kind
-        for kind in TRACE_ROLES
+        for kind in FIELDS
         if (causes or kind != "cause")
+        and kind != "network"
         and all(residual.of(name, kind) is not None for name in channels)
     ]
     if not complete:

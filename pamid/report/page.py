@@ -85,7 +85,7 @@ class Page:
 
 def html_of(page: Page) -> str:
     """The whole page as text; the same page gives the same text."""
-    scripts, styles = (page_script(), *page.scripts), f"{_style_sheet()}{page.styles}"
+    scripts, styles = (asset("page.js"), *page.scripts), f"{_style_sheet()}{page.styles}"
     return rendered(
         "page.html",
         mark=MARK,
@@ -208,11 +208,6 @@ def details(summary: str, *content: Part) -> Markup:
 
 
 # ---- scripts and styles --------------------------------------------------------------------------
-
-
-def page_script() -> str:
-    """Script of every page: colour scheme, tables that can be copied."""
-    return asset("page.js")
 
 
 def asset(name: str) -> str:

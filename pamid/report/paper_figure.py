@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 from pamid.report.evidence_figures import power_of_ten
 from pamid.report.style import (
     Drawing,
-    Picture,
     annotate,
     colour,
     finish,
@@ -27,13 +25,10 @@ from pamid.report.style import (
     level,
     line,
     png_of,
-    render,
 )
 
 Array = NDArray[np.float64]
 
-#: colours of the models in the order they are drawn
-LINE_ROLES = ("data_sheet", "with_network", "with_cause")
 # noise over range from which a measured line is drawn thin, and how thin
 ROUGH_LINE, THIN_LINE = 0.05, 0.5
 _PANELS = {
@@ -44,12 +39,49 @@ _PANELS = {
 }
 
 
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A panel of lines (samples,) over time_s (samples,), by legend entry; its label ends with
+    their unit."""
+
+    label: str
+    time_s: Array
+    lines: Mapping[str, Array]
+
+
+def _stacked(
+    name: str,
+    title: str,
+    panels: Sequence[Panel],
+    looks: Sequence[Sequence[Any]],
+    height: float,
+    *,
+    shared: bool = True,
+    zero: bool = False,
+) -> bytes:
+    """PNG of panels below each other. looks: role, width and dashes of the lines, in their order;
+    shared: the panels have the same scales; zero: with a line at 0."""
+
+    def draw(figure: Figure, _: bool) -> None:
+        axes = figure.subplots(len(panels), 1, sharex=shared, sharey=shared, squeeze=False)[:, 0]
+        for axis, panel in zip(axes, panels, strict=True):
+            for look, (word, values) in zip(looks, panel.lines.items(), strict=False):
+                line(axis, panel.time_s, values, *look, label=word)
+            if zero:
+                level(axis, 0.0, "ink")
+            finish(axis, "", panel.label)
+        finish(axes[0], legend=len(looks))
+        axes[-1].set_xlabel("time [s]")
+
+    return png_of(Drawing(name, title, draw, height, height))
+
+
 # ---- the first paper -----------------------------------------------------------------------------
 
 
 def steps_picture(
     time_s: Array, errors: Mapping[str, Mapping[str, Array]], notes: Sequence[str]
-) -> Picture:
+) -> bytes:
     """errors: model - measured (samples,), deg, by case and then by model (at most three); notes: a
     remark per case.
 
@@ -58,47 +90,24 @@ def steps_picture(
     case, last = list(errors.items())[-1]
     sizes = [f"the {m} is off by {np.abs(error).mean():.2f} deg" for m, error in last.items()]
     title = f"At {case}, {sizes[0]}, {sizes[-1].replace(' is off', '')}"
-
-    def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for axis, (name, models), note in zip(axes, errors.items(), notes, strict=True):
-            for role, (model, values) in zip(LINE_ROLES, models.items(), strict=False):
-                line(axis, time_s, values, role, 1.1, label=model)
-            level(axis, 0.0, "ink")
-            finish(axis, "", f"{name}\nerror [deg]" if narrow else f"{name} ({note})\nerror [deg]")
-        finish(axes[0], legend=1 if narrow else 3)
-        axes[-1].set_xlabel("time [s]")
-
-    return render(Drawing("steps", title, draw, 4.2, 4.2))
+    panels = [
+        Panel(f"{name} ({note})\nerror [deg]", time_s, models)
+        for (name, models), note in zip(errors.items(), notes, strict=True)
+    ]
+    looks = [(role, 1.1) for role in ("data_sheet", "with_network", "with_cause")]
+    return _stacked("steps", title, panels, looks, 4.2, zero=True)
 
 
-@dataclass(frozen=True, eq=False)
-class StepResponse:
-    """The joint on the steps at an inertia: name of the case, and by legend entry the angle
-    (samples,), deg, of the reference, the measurement and the models."""
-
-    case: str
-    reference: Array
-    measured: Array
-    models: Mapping[str, Array]
-
-
-def responses_picture(time_s: Array, responses: Sequence[StepResponse], title: str) -> bytes:
-    """Figures 5, 6 and 9 of the paper: PNG of the angle over the reference, a panel per inertia."""
-    looks = (("ink", 1.2, "--"), ("with_network", 1.0, "-"))
-
-    def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots(len(responses), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-        for axis, case in zip(axes, responses, strict=True):
-            line(axis, time_s, case.reference, "muted", 0.8, label="reference")
-            line(axis, time_s, case.measured, "noise_floor", 2.8, label="measured")
-            for look, (word, angle) in zip(looks, case.models.items(), strict=False):
-                line(axis, time_s, angle, *look, label=word)
-            finish(axis, "", f"{case.case}\nangle [deg]")
-        finish(axes[0], legend=4)
-        axes[-1].set_xlabel("time [s]")
-
-    return png_of(Drawing("responses", title, draw, 5.4, 5.4))
+def responses_picture(responses: Sequence[Panel], title: str) -> bytes:
+    """Figures 5, 6 and 9 of the paper: the joint on the steps at each inertia, by legend entry the
+    angle of the reference, the measurement and the models."""
+    looks = (
+        ("muted", 0.8),
+        ("noise_floor", 2.8),
+        ("ink", 1.2, "--"),
+        ("with_network", 1.0),
+    )
+    return _stacked("responses", title, responses, looks, 5.4)
 
 
 def pressures_picture(
@@ -107,7 +116,7 @@ def pressures_picture(
     """PNG of both pressures on the steps. cases: by inertia and muscle, measured and of the model
     (samples,), kPa."""
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         axes = figure.subplots(2, len(cases), sharex=True, sharey=True, squeeze=False)
         for column, (case, muscles) in zip(axes.T, cases.items(), strict=True):
             for axis, (muscle, (measured, model)) in zip(column, muscles.items(), strict=True):
@@ -129,7 +138,7 @@ def training_picture(
     """Figure 8 and table I of the paper: PNG of MSE, gradient, mu and gamma over the iterations;
     published: end of the paper's training, by name of the trace."""
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         axes = figure.subplots(2, 2, sharex=True)
         at_right: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right"}
         for axis, (name, word) in zip(axes.flat, _PANELS.items(), strict=True):
@@ -160,7 +169,7 @@ def excitation_picture(
     (samples,), each scaled into [-1, 1]; below, a stretch of them."""
     name = "error signal: measured - analytic model"
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         axes = figure.subplots(2, 1, sharey=True)
         near = (time_s >= closer_s[0]) & (time_s < closer_s[1])
         for panel, rows, width in ((axes[0], slice(None), 0.6), (axes[1], near, 1.1)):
@@ -183,7 +192,7 @@ def force_surface_picture(
     colours = colormaps["viridis_r"].resampled(256)
     across = 100.0 * contraction
 
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
         levels = np.arange(0.0, force_n.max() + 100.0, 100.0)
         filled = left.contourf(across, pressure_kpa, force_n.T, levels=levels, cmap=colours)
@@ -211,61 +220,33 @@ def force_surface_picture(
 # ---- the second paper ----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """A variable (samples,) in the unit that its label ends with."""
+def arm_picture(name: str, title: str, panels: Sequence[Panel]) -> bytes:
+    """A panel per variable, two in a row; over the measured line lie those of the data sheet and
+    the fitted model."""
 
-    label: str
-    measured: Array
-    data_sheet: Array
-    fitted: Array
-
-
-def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
-    """A panel per variable, two in a row; the simulated lines lie over the measured line."""
-
-    def draw(figure: Figure, narrow: bool) -> None:
+    def draw(figure: Figure, _: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for axis, panel in zip(axes.flat, panels, strict=True):
-            rough = np.std(np.diff(panel.measured)) > ROUGH_LINE * np.ptp(panel.measured)
-            _measured(axis, time_s, panel, THIN_LINE if rough else 2.6)
-            line(axis, time_s, panel.data_sheet, "ink", 0.8, "--", label="data sheet")
-            line(axis, time_s, panel.fitted, "with_cause", 1.0, label="fitted, ANFIS law")
+            measured = next(iter(panel.lines.values()))
+            rough = np.std(np.diff(measured)) > ROUGH_LINE * np.ptp(measured)
+            looks: tuple[tuple[Any, ...], ...] = (
+                ("noise_floor", THIN_LINE if rough else 2.6),
+                ("ink", 0.8, "--"),
+                ("with_cause", 1.0),
+            )
+            for look, (word, values) in zip(looks, panel.lines.items(), strict=True):
+                line(axis, panel.time_s, values, *look, label=word)
+            finish(axis, "", panel.label)
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         handles = axes[0, 0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower left", ncols=1 if narrow else 3)
+        figure.legend(*handles, loc="outside lower left", ncols=len(looks))
 
-    return render(Drawing(name, title, draw, 8.4, 8.4))
-
-
-@dataclass(frozen=True, eq=False)
-class JointSwing:
-    """An angle (samples,), deg, at a joint whose valves stay shut, over time_s (samples,)."""
-
-    label: str
-    time_s: Array
-    measured: Array
-    fitted: Array
-    without_coupling: Array
+    return png_of(Drawing(name, title, draw, 8.4, 8.4))
 
 
-def coupling_picture(title: str, swings: Sequence[JointSwing]) -> Picture:
-    """A panel per joint that is swung by pulses on the other."""
-    name = "fitted, coupling terms left out"
-
-    def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots(len(swings), 1, squeeze=False)[:, 0]
-        for axis, swing in zip(axes, swings, strict=True):
-            _measured(axis, swing.time_s, swing, 2.6)
-            line(axis, swing.time_s, swing.without_coupling, "ink", 0.9, "--", label=name)
-            line(axis, swing.time_s, swing.fitted, "with_cause", 1.1, label="fitted")
-        finish(axes[0], legend=1 if narrow else 3)
-        axes[-1].set_xlabel("time [s]")
-
-    return render(Drawing("coupling", title, draw, 4.4, 4.6))
-
-
-def _measured(axes: Axes, time_s: Array, shown: Panel | JointSwing, width: float) -> None:
-    line(axes, time_s, shown.measured, "noise_floor", width, label="measured")
-    finish(axes, "", shown.label)
+def coupling_picture(title: str, swings: Sequence[Panel]) -> bytes:
+    """A panel per joint that is swung by pulses on the other, its valves shut: the angle measured,
+    fitted without the coupling terms, and fitted."""
+    looks = (("noise_floor", 2.6), ("ink", 0.9, "--"), ("with_cause", 1.1))
+    return _stacked("coupling", title, swings, looks, 4.4, shared=False)

@@ -20,23 +20,18 @@ from pamid.report.load import RunData
 from pamid.report.motion import (
     MEASURED,
     NO_POSE,
+    TRAIL_S,
     Motion,
     gap_label,
     motion_of,
     rig_of_run,
     scale_of,
 )
-from pamid.report.page import asset, rendered
+from pamid.report.page import rendered
 
 PLAYER_HZ = 30  # frames per second
-TRAIL_S = 1.0
 # units: width of the drawing; of the strips, their right and left, their head
 _WIDE, _RIGHT, _LEFT, _ABOVE = 1000, 488, 44, 24
-
-
-def player_script() -> str:
-    """Script that plays the figures of a page."""
-    return asset("player.js")
 
 
 def player_html(run: RunData, rig: Rig | None = None) -> Markup:
@@ -52,7 +47,7 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
     # the frame with the largest error of the models
     gaps = [np.abs(gap) for kinds in motion.gaps.values() for gap in kinds.values()]
     still = int(np.argmax(np.max(gaps, axis=0)))
-    several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
+    several = motion.recording and len(run.recordings) > 1
     when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     return rendered(
         "motion.html",
@@ -71,11 +66,8 @@ def player_html(run: RunData, rig: Rig | None = None) -> Markup:
 
 
 def _class(motion: Motion, kind: str) -> str:
-    """Role of a line for its colour: measured, or the index of a model."""
-    if kind == MEASURED:
-        return kind
-    best = kind == list(motion.lines)[-1]
-    return f"{'best' if best else 'before'} {kind.replace('_', '-')}"
+    """Classes of a line: measured, or the rank and the kind of a model."""
+    return kind if kind == MEASURED else f"{motion.rank(kind)} {kind.replace('_', '-')}"
 
 
 def _pose(motion: Motion, still: int) -> dict[str, Any]:
@@ -95,7 +87,7 @@ def _pose(motion: Motion, still: int) -> dict[str, Any]:
 
     trails = [
         moving("trail", kind, drawn(motion.tip(kind))[:, None], round(TRAIL_S * PLAYER_HZ))
-        for kind in (MEASURED, list(motion.lines)[-1])
+        for kind in (MEASURED, motion.best)
     ]
     arms = [
         moving("arm", kind, drawn(line), 0)

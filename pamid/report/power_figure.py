@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from pamid.base.schemas.power_file import PowerFile
+from pamid.base.schemas.command_files import PowerFile
 from pamid.report.style import Drawing, colour, label
 
 EFFECT_ROW_IN, HEAD_IN = 0.2, 1.2

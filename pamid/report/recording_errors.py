@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pamid.base.schemas.score_file import RecordingError
 from pamid.report import formatting
-from pamid.report.channel_errors import MODEL_NAMES, aligned
+from pamid.report.channel_errors import FIELDS, MODEL_NAMES, aligned, models_of
 from pamid.report.formatting import channel_label, channel_unit, count, number
 from pamid.report.load import RunData
 from pamid.report.page import table
@@ -21,12 +21,7 @@ from pamid.simulation.scored_recording import IN_LOOP, REPLAYED, recording_error
 COMPARISON_NAMES = {REPLAYED: "replay", IN_LOOP: "closed loop"}
 #: what is written behind a channel's name in residual.csv -> model, by comparison
 ENDINGS = {
-    REPLAYED: {
-        "data_sheet": "data_sheet",
-        "refitted": "refitted",
-        "cause": "with_cause",
-        "network": "with_network",
-    },
+    REPLAYED: FIELDS,
     IN_LOOP: {"loop": "refitted", "loop_network": "with_network"},
 }
 
@@ -89,11 +84,6 @@ def _rows(run: RunData) -> Iterator[RecordingError]:
                     )
 
 
-def models_of(rows: Sequence[RecordingError]) -> list[str]:
-    """Models of any row, in the order of the tables."""
-    return [name for name in MODEL_NAMES if any(name in row.mae for row in rows)]
-
-
 def known_words(known: Mapping[str, float]) -> str:
     """inertia_kg_m2 0.0896, payload_kg 2."""
     return ", ".join(f"{name} {value:g}" for name, value in known.items())
@@ -101,7 +91,7 @@ def known_words(known: Mapping[str, float]) -> str:
 
 def recording_errors_table(rows: Sequence[RecordingError]) -> Markup:
     """The rows as a table of a page: MAE, and RMS in parentheses."""
-    models = models_of(rows)
+    models = models_of([row.mae for row in rows])
     heads = ["recording", "known", "comparison", "channel", "unit", "samples"]
     heads += [f"{MODEL_NAMES[name]}: MAE (RMS)" for name in models]
     body = [
@@ -121,7 +111,7 @@ def recording_errors_table(rows: Sequence[RecordingError]) -> Markup:
 
 def recording_errors_text(rows: Sequence[RecordingError]) -> str:
     """The same in plain text, columns aligned; the samples are left out."""
-    models = models_of(rows)
+    models = models_of([row.mae for row in rows])
     names = [MODEL_NAMES[name] for name in models]
     lines = [["MAE (RMS)", "known", "comparison", "channel", *names]]
     lines += [

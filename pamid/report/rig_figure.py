@@ -16,6 +16,7 @@ from matplotlib.path import Path
 from pamid.base.errors import join_words
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.base.schemas.rig_map import RigMap
+from pamid.base.share_words import chance_text
 from pamid.diagnosis.verdict.verdict_words import chance_figure
 from pamid.model.effect import KINDS
 from pamid.report import formatting
@@ -59,12 +60,12 @@ _MOST_TRIED = 4
 _ABOVE = 10.0  # the blocks, and what of them is a link, in the order in which they are drawn
 
 
-def rig_drawing(diagnosis: DiagnosisFile | None) -> Drawing | None:
+def rig_drawing(diagnosis: DiagnosisFile | None, *, linked: bool = True) -> Drawing | None:
     """The diagram; None if the run does not say which ports its rig has, or of which kinds."""
     if diagnosis is None or diagnosis.rig is None or not columns_of(diagnosis.rig):
         return None
     rig = diagnosis.rig
-    return _drawing(rig, _title(diagnosis, rig), block_texts(diagnosis, rig), linked=True)
+    return _drawing(rig, _title(diagnosis, rig), block_texts(diagnosis, rig), linked=linked)
 
 
 def bare_rig_drawing(rig: RigMap) -> Drawing:
@@ -83,13 +84,11 @@ def bare_rig_drawing(rig: RigMap) -> Drawing:
 
 def rig_svg(diagnosis: DiagnosisFile | None) -> str:
     """The diagram for a notebook, without links; "" if the run does not state its ports."""
-    drawing = rig_drawing(diagnosis)
-    if diagnosis is None or diagnosis.rig is None or drawing is None:
+    drawing = rig_drawing(diagnosis, linked=False)
+    if drawing is None:
         return ""
-    texts = block_texts(diagnosis, diagnosis.rig)
-    bare = _drawing(diagnosis.rig, drawing.title, texts, linked=False)
-    svg, style = Markup(notebook_svg(page_svg(bare, narrow=False))), "max-width:56em;margin:.5em 0"
-    return str(tag("div", svg, role="img", aria_label=drawing.title, style=style))
+    svg, style = notebook_svg(page_svg(drawing, narrow=False)), "max-width:56em;margin:.5em 0"
+    return str(tag("div", Markup(svg), role="img", aria_label=drawing.title, style=style))
 
 
 def _title(diagnosis: DiagnosisFile | None, rig: RigMap) -> str:
@@ -288,7 +287,7 @@ def port_evidence_texts(diagnosis: DiagnosisFile, rig: RigMap, group: str) -> li
             continue
         text = f"{effect_label(cause.effect)} acts here"
         if cause.probability is not None:
-            text += f", with probability {formatting.chance(cause.probability)}"
+            text += f", with probability {chance_text(cause.probability)}"
         if cause.removes is not None:
             text += f": it removes {percent(cause.removes.share)} of the gap"
         values = [formatting.parameter_text(name, size) for name, size in cause.parameters.items()]

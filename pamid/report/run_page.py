@@ -18,11 +18,11 @@ from pamid.report.evidence import evidence_of
 from pamid.report.formatting import clean
 from pamid.report.load import RunData
 from pamid.report.markup import paragraphs
-from pamid.report.page import Page, Section, bullets, figures, note, text
-from pamid.report.player import player_html, player_script
+from pamid.report.page import Page, Section, asset, bullets, figures, note, text
+from pamid.report.player import player_html
 from pamid.report.rig_figure import panels_html
 from pamid.report.style import Picture
-from pamid.report.traces import Traces, traces_of, traces_scripts, traces_style
+from pamid.report.traces import Traces, traces_of, traces_scripts
 
 Pictures = Mapping[str, Picture]
 
@@ -37,12 +37,11 @@ def run_page(
     played, where the catalogue does not have it."""
     verdict, rig = verdict_sentence(run, rows), clean(run.rig)
     player, traces = player_html(run, drawn_by), traces_of(run, rows)
-    scripts = (player_script(),) if player else ()
+    scripts = (asset("player.js"),) if player else ()
     samples = (
         (Section("All samples", (traces.section,), style="samples"),) if traces.section else ()
     )
-    recordings = run.fit.recordings if run.fit is not None else ()
-    names = [clean(recording.name) for recording in recordings]
+    names = [clean(recording.name) for recording in run.recordings]
     short = join_words(names) if len(names) <= 3 else f"{len(names)} recordings"
     return Page(
         headline=verdict,
@@ -57,7 +56,7 @@ def run_page(
             Section("Evidence", tuple(evidence_of(run, rows, pictures))),
         ),
         scripts=(*scripts, *traces_scripts()) if samples else scripts,
-        styles=traces_style() if samples else "",
+        styles=asset("uplot.min.css").strip() + "\n" if samples else "",
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from pamid.base.errors import FileError, PamidError
 from pamid.base.run_files import read_steps
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RUN_FILE
-from pamid.base.schemas.runs_file import RunSummary
+from pamid.base.schemas.command_files import RunSummary
 from pamid.report import formatting
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import errors_of
@@ -44,13 +44,12 @@ def summary_of(folder: Path) -> RunSummary:
         return RunSummary(**_NO_FINDINGS, **about, kind=kind or "other", rig=rig)
     run = load_run(folder)
     rows, diagnosis = errors_of(run), run.diagnosis
-    recordings = run.fit.recordings if run.fit is not None else ()
     causes = diagnosis.causes if diagnosis is not None else ()
     return RunSummary(
         **about,
         kind="fit" if diagnosis is None else "diagnosis",
         rig=formatting.clean(run.rig),
-        recordings=tuple(formatting.clean(recording.name) for recording in recordings),
+        recordings=tuple(formatting.clean(recording.name) for recording in run.recordings),
         verdict=diagnosis.verdict if diagnosis is not None else "",
         sentence=verdict_sentence(run, rows),
         causes=tuple(formatting.clean(cause.effect) for cause in causes),

@@ -215,9 +215,9 @@ def level(axes: Axes, y: float = 0.0, role: str = "muted", width: float = 0.7) -
     axes.axhline(y, color=colour(role), linewidth=width)
 
 
-def upright(axes: Axes, x: float = 0.0, role: str = "muted", width: float = 0.7) -> None:
-    """A thin line up the axes."""
-    axes.axvline(x, color=colour(role), linewidth=width)
+def upright(axes: Axes) -> None:
+    """A thin line up the axes at 0."""
+    axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
 
 
 def write(

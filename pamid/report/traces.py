@@ -18,7 +18,7 @@ from pamid.base.errors import join_words
 from pamid.base.run_files import FloatArray, repeats_refit
 from pamid.report import formatting
 from pamid.report.captions import model_label
-from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.channel_errors import FIELDS, ChannelErrors, headline
 from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData
@@ -49,12 +49,6 @@ LOOKS: dict[str, tuple[str, tuple[int, ...]]] = {
     "cause": ("with-cause", ()),
     "free_run": ("refitted", (2, 2)),
     "cause_free_run": ("with-cause", (2, 2)),
-}
-_FIELDS = {
-    "data_sheet": "data_sheet",
-    "refitted": "refitted",
-    "network": "with_network",
-    "cause": "with_cause",
 }
 _FREE = {"free_run": "refitted", "cause_free_run": "cause"}  # the model that runs freely
 _IN_LOOP = {"loop": "refitted, closed loop", "loop_network": "with network, closed loop"}
@@ -98,15 +92,8 @@ def traces_scripts() -> tuple[str, ...]:
     return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", player
 
 
-def traces_style() -> str:
-    """The rules that the library needs."""
-    return asset("uplot.min.css").strip() + "\n"
-
-
-def traces_of(
-    run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES
-) -> Traces:
-    """Samples of residual.csv up to this number of values; empty without a modelled channel."""
+def traces_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> Traces:
+    """Samples of residual.csv, as many as a page holds; empty without a modelled channel."""
     residual = run.residual
     if residual is None or not (channels := channels_of(residual)):
         return Traces()
@@ -114,7 +101,7 @@ def traces_of(
     channels.sort(key=lambda name: first is None or name != first.channel)
     plots = [_plot(name, [MEASURED, *_models(residual, name)], True) for name in channels]
     plots[1:1] = [_plot(name, [MEASURED], False) for name in inputs_of(residual)]
-    stretches = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
+    stretches = stretches_of(residual, MOST_VALUES // sum(len(plot["kinds"]) for plot in plots))
     if not stretches:
         return Traces()
     places = highlights_of(run, residual, channels[0], stretches)
@@ -125,7 +112,7 @@ def traces_of(
             continue
         # not drawn at first: a free run, a loop without its network, or a model whose error in the
         # leading channel would hide the others
-        error = getattr(first, _FIELDS[kind]) if first is not None and kind in _FIELDS else None
+        error = getattr(first, FIELDS[kind]) if first is not None and kind in FIELDS else None
         refitted = first.refitted if first is not None else None
         hides = error is not None and refitted is not None and error > _HUGE * refitted
         off = hides or kind in _FREE or (kind in _IN_LOOP and "loop_network" not in drawn)
@@ -165,24 +152,18 @@ def _models(residual: Residual, channel: str) -> list[str]:
 
 
 def _kind_label(kind: str, run: RunData) -> str:
-    if kind in _FIELDS:
-        return model_label(_FIELDS[kind], run.diagnosis)
+    if kind in FIELDS:
+        return model_label(FIELDS[kind], run.diagnosis)
     if kind in _FREE:
         return f"{_kind_label(_FREE[kind], run)}, free run"
     return _IN_LOOP.get(kind, kind)
 
 
 def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
-    known = run.fit.recordings if run.fit is not None else ()
     number = stretch.recording
-    name = (
-        formatting.clean(known[number].name)
-        if 0 <= number < len(known)
-        else f"recording {number + 1}"
-    )
     return {
         "number": number,
-        "name": name,
+        "name": formatting.clean(run.recording_name(number)) or f"recording {number + 1}",
         "samples": stretch.rows.size,
         "windows": [[first, last, int(held)] for first, last, held in stretch.windows],
     }

@@ -18,6 +18,7 @@ from pamid.report.style import (
     finish,
     label,
     line,
+    name_rows,
     write,
 )
 from pamid.report.trial_results import (
@@ -56,9 +57,7 @@ def targets_drawing(trial: Trial) -> Drawing | None:
             write(axes, 103.0, row, score.texts[1])
         titles = [label(score.row.title.removeprefix("... "), 60) for score in shown]
         titles = [textwrap.fill(title, 24 if narrow else 60) for title in titles]
-        axes.set_yticks(range(len(shown)), titles)
-        axes.set_ylim(len(shown) - 0.4, -0.6)
-        bare(axes)
+        name_rows(axes, titles, 60)
         _percent_axis(axes, narrow)
         interval = "" if narrow else "line: 95 % interval, "
         note = f"{interval}bar: target, open: missed"

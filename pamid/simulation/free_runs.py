@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
+from pamid.engine.lane_program import LaneProgram
 from pamid.engine.program import Memory, Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import symbol
 from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
-from pamid.model.executable import Executable, Lanes
+from pamid.model.executable import Executable
 from pamid.recording.recording import Recording
 from pamid.simulation.rig_data import Data, data_of
 
@@ -75,14 +76,16 @@ def _chosen_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x:
     return _stepping_for(fastest, period_s, program)
 
 
-def _stepping_for(fastest: float, period_s: float, program: Executable | Lanes) -> Stepping:
+def _stepping_for(fastest: float, period_s: float, program: Executable | LaneProgram) -> Stepping:
     """Steps per sample for a largest |eigenvalue| of df/dx."""
     needed = int(2 ** np.ceil(np.log2(max(1.0, fastest * period_s / STEADY))))
     needed = max(needed, program.least_substeps(period_s))
     return Stepping(needed) if needed <= MOST_SUBSTEPS else program.careful(needed)
 
 
-def choose_steppings(lanes: Lanes, u: Array, p: Array, period_s: float, x: Array) -> list[Stepping]:
+def choose_steppings(
+    lanes: LaneProgram, u: Array, p: Array, period_s: float, x: Array
+) -> list[Stepping]:
     """`choose_stepping` of several runs of the same equations, side by side: u (samples, inputs,
     lanes), p (parameters, lanes), x (states, lanes)."""
     careful = Stepping(2, implicit=True)

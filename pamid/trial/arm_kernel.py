@@ -21,8 +21,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
 from pamid.trial.kernel import (
     ANGLE,
@@ -51,8 +51,6 @@ from pamid.trial.kernel import (
     supply_after,
     winding,
 )
-
-Array = NDArray[np.float64]
 
 JOINT, SHARED = 4, 6  # in f
 READINGS = 14  # two angles; contractions, gauge pressures and forces of four muscles

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.json_file import read_json
@@ -26,7 +25,6 @@ from pamid.diagnosis.answer import logistic
 from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import Marked
 
-Array = NDArray[np.float64]
 Features = dict[str, float]
 
 CALIBRATION_SCHEMA = "pamid.calibration/2"

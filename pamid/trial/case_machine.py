@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.base.files import make_folder
 from pamid.base.schemas.trial_case_files import ActingEffect
-from pamid.model.effect import Effect
-from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -29,7 +27,6 @@ from pamid.trial.cases import FURTHER_SHARES, OPEN, Case
 from pamid.trial.conditions import StarterConditions
 from pamid.trial.machine import Machine, Record
 
-Array = NDArray[np.float64]
 Faults = Mapping[str, Mapping[str, float]]
 
 FITTED, HELD_OUT = range(2)  # recordings of a case; the numbers above are fresh ones
@@ -43,14 +40,12 @@ class RecordedCase:
     """A case as files, with the truth.
 
     rig         what the tool is given of the machine
-    catalogue   the effects that it may name
     fitted, held_out, fresh  recordings: for the fit, for the comparison, and seen by nothing
     acting      what is there in an open case, the effect that removes most first
     """
 
     case: Case
     rig: Rig
-    catalogue: dict[str, type[Effect]]
     fitted: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
     fresh: tuple[Recording, ...]
@@ -122,7 +117,6 @@ class CaseMachine:
         return RecordedCase(
             case=case,
             rig=case.tools_rig,
-            catalogue={k: v for k, v in effects().items() if k not in case.removed},
             fitted=recordings(("recording", FITTED)),
             held_out=recordings(*held_out),
             fresh=recordings(*later),

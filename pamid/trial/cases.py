@@ -26,7 +26,7 @@ from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Rig
 from pamid.trial.conditions import Conditions
-from pamid.trial.faults import Fault
+from pamid.trial.faults import NAMELESS, Fault
 from pamid.trial.logger import draw_logger
 from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named, machine_names
 from pamid.trial.own_machine import OwnMachine
@@ -46,7 +46,6 @@ MOST_FURTHER = 2
 CANDIDATES = 8  # drawn for these: some cannot be scaled, or set a size that the planted effect sets
 MAP_TOLERANCE = 0.02  # that rigs state (`background`)
 BEYOND_TOLERANCE = (1.0, 2.5)  # times it, in an open case
-NAMELESS = "nameless:"
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # steps of this share spread evenly, wherever they stop
 # exp, log and pow differ in their last bit (1e-16) between processors. A number near the edge
 # between two rounded ones still goes either way: once in 10^(16 - digits) numbers. With 9 digits

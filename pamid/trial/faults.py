@@ -18,6 +18,8 @@ from pamid.base.errors import UsageError, nearest
 
 Draw = Callable[[np.random.Generator], float]
 
+NAMELESS = "nameless:"  # leads the name of a fault that is in no catalogue
+
 HIGH_INERTIA = "high-inertia"  # shows with a heavy load only
 LONG_HOLDS = "long-holds"  # needs holds of 10 s and more
 WIDE_RANGE = "wide-range"  # needs angles of 30 deg and more
@@ -117,7 +119,7 @@ class Planted:
 class Fault:
     """A fault that the joint can have.
 
-    name     catalogue name of the effect that is the truth, or "nameless:<word>"
+    name     catalogue name of the effect that is the truth, or NAMELESS and a word
     exact    catalogue names that are the exact answer
     sizes    fields of `Planted` and how each is drawn
     amounts  those of them that are zero when nothing is planted
@@ -216,11 +218,9 @@ def known_fault(
     )
 
 
-def nameless_fault(
-    word: str, port: str, sizes: Mapping[str, Draw], needs: tuple[str, ...] = ()
-) -> Fault:
+def nameless_fault(word: str, port: str, sizes: Mapping[str, Draw]) -> Fault:
     """A fault that is in no catalogue."""
-    return Fault(f"nameless:{word}", "", port, sizes, (next(iter(sizes)),), needs=frozenset(needs))
+    return Fault(f"{NAMELESS}{word}", "", port, sizes, (next(iter(sizes)),))
 
 
 _HYSTERESIS, _FRICTION, _VALVE = "muscle-hysteresis", "friction", "valve-dead-band"

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
 from pamid.trial.kernel import (
     ANGLE,
@@ -39,8 +39,6 @@ from pamid.trial.kernel import (
     sticking,
     supply_after,
 )
-
-Array = NDArray[np.float64]
 
 
 @njit

@@ -11,11 +11,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
-
-Array = NDArray[np.float64]
 
 ATMOSPHERE = 101325.0  # Pa
 REFERENCE_PA = 1.0e5  # Pa, of the conductances (ISO 8778)

@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 CORRELATIONS = (0.3, 0.95)
 JITTERS = (0.02, 0.3)  # log-uniform

@@ -12,13 +12,12 @@ from pkgutil import iter_modules
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 
-Array = NDArray[np.float64]
 #: planted sizes by fault (or fault@place), excitation, seed of the noise -> columns of a recording
 Record = Callable[[Mapping[str, Mapping[str, float]], Any, int], dict[str, Array]]
 
@@ -77,7 +76,6 @@ class Machine(Protocol):
 
 
 def machine_names() -> list[str]:
-    """The rigs for which there is a machine."""
     folder = import_module(_FOLDER)
     return sorted(module.name.replace("_", "-") for module in iter_modules(folder.__path__))
 

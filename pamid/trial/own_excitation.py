@@ -6,8 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
@@ -16,8 +16,6 @@ from pamid.model.sampling import stated_period
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import bounds_of
 from pamid.simulation.excitation.waveforms import ramps
-
-Array = NDArray[np.float64]
 
 MEAN_HOLDS = 45  # of mean length that a recording is to have,
 MAX_SAMPLES = 8000  # as far as it has not more samples than these;

@@ -9,10 +9,9 @@ from pamid.base.errors import UsageError
 from pamid.model.attachment import Attachment, attachments, fits
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
-from pamid.trial.faults import Draw, Fault, around, between
+from pamid.trial.faults import NAMELESS, Draw, Fault, around, between
 from pamid.trial.own_forms import FORM_BEND, FORM_SETTLING, FORM_SKEW, NAMELESS_EFFECTS
 
-NAMELESS = "nameless:"
 TIMES_TYPICAL, WAY = "times", "way"  # of what is planted: times the typical size, and which way
 
 

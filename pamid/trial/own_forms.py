@@ -18,14 +18,12 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Expr, Number, cos, expression, lag, maximum, sin, tanh
 from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
 from pamid.trial.starter_machine import MOST_WAVES
-
-Array = NDArray[np.float64]
 
 FORM = "form_"  # leads the names of what makes the other form
 FORM_BEND, FORM_SKEW, FORM_SETTLING, FORM_SCALE = (

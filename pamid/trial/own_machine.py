@@ -20,8 +20,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.parallel.result_store import digest
@@ -36,18 +36,14 @@ from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
-from pamid.simulation.free_runs import (
-    free_run,
-    port_sizes,
-    virtual_recording,
-)
+from pamid.simulation.free_runs import free_run, port_sizes, virtual_recording
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
-from pamid.trial.faults import Fault
+from pamid.trial.faults import NAMELESS, Fault
 from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
-from pamid.trial.own_faults import NAMELESS, TIMES_TYPICAL, WAY, fault_of, planted_places
+from pamid.trial.own_faults import TIMES_TYPICAL, WAY, fault_of, planted_places
 from pamid.trial.own_forms import (
     FORM,
     FORM_BEND,
@@ -60,8 +56,6 @@ from pamid.trial.own_forms import (
     wave_values,
 )
 from pamid.trial.starter_machine import draw_map
-
-Array = NDArray[np.float64]
 
 ROUGH_KINDS = ("motion", "actuator-force", "flow", "rate")
 FINENESS = 7  # steps of the machine in each step of a fit

@@ -11,14 +11,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pamid.base.metrics import (
-    PROBABILITY_BINS,
-    calibration_error,
-    probability_bin,
-    wilson_interval,
-)
+from pamid.base.arrays import Array
+from pamid.base.metrics import PROBABILITY_BINS, calibration_error, probability_bin, wilson_interval
 from pamid.base.schemas.estimates import FailedJob
 from pamid.base.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.cases import CLOSED, OPEN
@@ -28,7 +23,6 @@ from pamid.trial.marking import LEAST_VISIBILITY, OPEN_ANSWERS, Marked
 SLIGHT_VISIBILITY = 1.3  # ... below which it adds 10 to 30 % to the error
 PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
 DRAWS = 1000
-Array = NDArray[np.float64]
 
 
 def score_cases(

@@ -110,6 +110,17 @@ class ForceSizes:
 
 
 @dataclass(frozen=True)
+class SpringSizes:
+    """A share of the inertia that hangs behind a spring; outboard_hz: its frequency with the shaft
+    held; play: half gap before the spring, rad. No share is no spring."""
+
+    outboard: float = 0.0
+    outboard_hz: float = 10.0
+    outboard_ratio: float = 0.03
+    play: float = 0.0
+
+
+@dataclass(frozen=True)
 class ClockSizes:
     """The logger's clock: readings stamped early by so much at the start, and ever later since."""
 
@@ -129,6 +140,21 @@ def clock_fault(port: str, period_s: float) -> Fault:
     )
 
 
+def spring_faults(port: str, frequency_hz: float, play: float) -> tuple[Fault, ...]:
+    """Springs behind a shaft, without and with play; frequency_hz, play: usual sizes."""
+    family, share = "flexible-transmission", between(0.4, 0.8)
+    soft = {"outboard": share, "outboard_hz": around(frequency_hz, 0.6, 1.6)}
+    stiff = {
+        "outboard": share,
+        "outboard_hz": around(2.0 * frequency_hz, 0.7, 1.5),
+        "play": around(play),
+    }
+    return (
+        known_fault("two-mass", family, port, soft),
+        known_fault("backlash", family, port, stiff, "outboard", "play"),
+    )
+
+
 def signal_faults(
     port: str, s: SignalSizes, seconds: float, sent: bool, leave_out: Iterable[str] = ()
 ) -> list[Fault]:
@@ -137,58 +163,53 @@ def signal_faults(
     band = {"band_up": around(0.08 * s.full), "band_down": around(0.08 * s.full)}
     cap = {"cap_up": around(1.6 / s.full, 0.85, 1.25), "cap_down": around(1.6 / s.full, 0.85, 1.25)}
     knee = between(0.01 * s.full, 0.04 * s.full)
-    rows: list[tuple[str, str, Mapping[str, Draw], tuple[str, ...]]] = [
-        ("dead-time", timing, {"delay_s": around(0.15 * s.timescale_s)}, ()),
-        ("first-order-lag", timing, {"lag_s": around(0.15 * s.timescale_s)}, ()),
-        ("dead-zone", "saturation", band, tuple(band)),
-        ("asymmetric-dead-zone", "saturation", {"band_up": around(0.1 * s.full)}, ()),
-        ("saturation", "saturation", cap, tuple(cap)),
-        ("asymmetric-saturation", "saturation", {"cap_up": around(2.0 / s.full, 0.8, 1.25)}, ()),
-        ("rectification", "saturation", {"blocked": between(0.3, 1.0), "knee": knee}, ()),
-        (
+
+    def fault(name: str, family: str, sizes: Mapping[str, Draw], *amounts: str) -> Fault:
+        return known_fault(name, family, port, sizes, *amounts)
+
+    faults = [
+        fault("dead-time", timing, {"delay_s": around(0.15 * s.timescale_s)}),
+        fault("first-order-lag", timing, {"lag_s": around(0.15 * s.timescale_s)}),
+        fault("dead-zone", "saturation", band, *band),
+        fault("asymmetric-dead-zone", "saturation", {"band_up": around(0.1 * s.full)}),
+        fault("saturation", "saturation", cap, *cap),
+        fault("asymmetric-saturation", "saturation", {"cap_up": around(2.0 / s.full, 0.8, 1.25)}),
+        fault("rectification", "saturation", {"blocked": between(0.3, 1.0), "knee": knee}),
+        fault(
             "full-wave-rectification",
             "saturation",
             {"unsigned": between(0.9, 1.0), "knee": knee},
-            (),
         ),
-        ("quantisation", "saturation", {"coarse": around(0.06 * s.full)}, ()),
-        (
+        fault("quantisation", "saturation", {"coarse": around(0.06 * s.full)}),
+        fault(
             "play",
             "flexible-transmission",
             {
                 "half_gap": around(0.04 * s.full),
                 "gap_s": between(0.02 * s.timescale_s, 0.05 * s.timescale_s),
             },
-            (),
         ),
-        (
+        fault(
             "signal-hysteresis",
             "hysteresis",
             {"swallowed": between(0.06, 0.15), "swallowed_reach": around(0.4 * s.full)},
-            (),
         ),
-        (
+        fault(
             "gain-drift",
             "gain-drift",
             {"warming": either(0.12), "warm_s": between(0.1 * seconds, 0.5 * seconds)},
-            (),
         ),
-        ("gain-error", "sensor-gain", {"gain": either(0.08)}, ()),
-        ("offset", "offset" if sent else "sensor-offset", {"zero": either(0.05 * s.full)}, ()),
+        fault("gain-error", "sensor-gain", {"gain": either(0.08)}),
+        fault("offset", "offset" if sent else "sensor-offset", {"zero": either(0.05 * s.full)}),
     ]
-    selected = [
-        row for row in rows if row[0] not in (*leave_out, *(TWO_SIDED if s.one_sided else ()))
-    ]
-    faults = [
-        known_fault(name, family, port, sizes, *amounts)
-        for name, family, sizes, amounts in selected
-    ]
+    absent = {*leave_out, *(TWO_SIDED if s.one_sided else ())}
     # below zero there is nothing that could tell them apart
     return [
         replace(f, exact=f.exact | {f"asymmetric-{name}" for name in f.exact})
         if s.one_sided and f.name in ("dead-zone", "saturation")
         else f
         for f in faults
+        if f.name not in absent
     ]
 
 
@@ -197,9 +218,13 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
     force, travel, speed = s.force, s.travel, s.speed
     steep = {"dahl_reach": around(1e-3 * travel)}
     peak = between(0.3, 1.0)
-    rows: list[tuple[str, str, Mapping[str, Draw], tuple[str, ...]]] = [
-        ("coulomb-friction", "friction", {"dahl": around(0.06 * force), **steep}, ()),
-        (
+
+    def fault(name: str, family: str, sizes: Mapping[str, Draw], *amounts: str) -> Fault:
+        return known_fault(name, family, port, sizes, *amounts)
+
+    faults = [
+        fault("coulomb-friction", "friction", {"dahl": around(0.06 * force), **steep}),
+        fault(
             "stribeck-friction",
             "friction",
             {
@@ -207,9 +232,8 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "stick_peak": peak,
                 "stick_speed": around(0.03 * speed),
             },
-            (),
         ),
-        (
+        fault(
             "lugre-friction",
             "friction",
             {
@@ -218,33 +242,30 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "plastic_speed": around(0.03 * speed),
                 "plastic_reach": around(1e-3 * travel),
             },
-            (),
         ),
-        (
+        fault(
             "dahl-friction",
             "friction",
             {"rounded": around(0.06 * force), "rounded_reach": around(0.02 * travel)},
-            (),
         ),
-        (
+        fault(
             "directional-friction",
             "friction",
             {"forward": around(0.09 * force), "backward": around(0.03 * force), **steep},
-            ("forward", "backward"),
+            "forward",
+            "backward",
         ),
-        (
+        fault(
             "directional-damping",
             "friction",
             {"damping_forward": around(0.2 * force / speed)},
-            (),
         ),
-        (
+        fault(
             "maxwell-slip-hysteresis",
             "hysteresis",
             {"spread": around(0.08 * force), "spread_reach": around(0.1 * travel)},
-            (),
         ),
-        (
+        fault(
             "bouc-wen-hysteresis",
             "hysteresis",
             {
@@ -252,16 +273,14 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "loop_reach": around(0.05 * travel),
                 "loop_shape": between(0.5, 1.0),
             },
-            (),
         ),
-        ("viscous-friction", "friction", {"grease": around(0.15 * force / speed)}, ()),
-        (
+        fault("viscous-friction", "friction", {"grease": around(0.15 * force / speed)}),
+        fault(
             "load-dependent-friction",
             "friction",
             {"load_share": around(0.08 * force / s.load if s.load else 0.0), **steep},
-            (),
         ),
-        (
+        fault(
             "signal-dependent-friction",
             "friction",
             {
@@ -269,29 +288,26 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "level_knee": between(0.05 * s.level, 0.2 * s.level),
                 **steep,
             },
-            (),
         ),
-        ("quadratic-drag", "drag", {"square_drag": around(0.15 * force)}, ()),
-        ("cubic-drag", "drag", {"steep_drag": around(0.1 * force)}, ()),
-        ("cubic-stiffness", "stiffness", {"harden": around(0.2 * force)}, ()),
-        ("linear-stiffness", "stiffness", {"tether": around(0.2 * force)}, ()),
-        (
+        fault("quadratic-drag", "drag", {"square_drag": around(0.15 * force)}),
+        fault("cubic-drag", "drag", {"steep_drag": around(0.1 * force)}),
+        fault("cubic-stiffness", "stiffness", {"harden": around(0.2 * force)}),
+        fault("linear-stiffness", "stiffness", {"tether": around(0.2 * force)}),
+        fault(
             "end-stop",
             "end-stop",
             {
                 "stop_stiffness": around(8.0 * force / travel),
                 "stop_at": between(0.25 * travel, 0.35 * travel),
             },
-            (),
         ),
-        (
+        fault(
             "gravity",
             "gravity",
             {"weight": around(0.12 * force), "weight_at": between(-0.7, 0.7)},
-            (),
         ),
-        ("constant-offset", "offset", {"pull": either(0.06 * force)}, ()),
-        (
+        fault("constant-offset", "offset", {"pull": either(0.06 * force)}),
+        fault(
             "cogging",
             "cogging",
             {
@@ -299,9 +315,8 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "pitch": around(0.08 * travel),
                 "detent_at": between(0.0, 6.28),
             },
-            (),
         ),
-        (
+        fault(
             "external-vibration",
             "external-disturbance",
             {
@@ -309,12 +324,7 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
                 "shake_hz": around(0.8 * speed / travel),
                 "shake_at": between(0.0, 6.28),
             },
-            (),
         ),
     ]
     lacking = {"load-dependent-friction": s.load, "signal-dependent-friction": s.level}
-    selected = [row for row in rows if row[0] not in leave_out and lacking.get(row[0], 1.0)]
-    return [
-        known_fault(name, family, port, sizes, *amounts)
-        for name, family, sizes, amounts in selected
-    ]
+    return [f for f in faults if f.name not in leave_out and lacking.get(f.name, 1.0)]

@@ -12,11 +12,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
-
-Array = NDArray[np.float64]
 
 BUNDLE = 16  # elements of a bundle
 BRISTLE, LOOP, PLASTIC, ROUND = range(4)

@@ -14,11 +14,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
-from pamid.trial.faults import Draw, Fault
+from pamid.trial.faults import NAMELESS, Draw, Fault
 from pamid.trial.logger import Readout
 from pamid.trial.machine import AHEAD, Record, packed
 from pamid.trial.starter_faults import (
@@ -30,7 +30,6 @@ from pamid.trial.starter_faults import (
     signal_faults,
 )
 
-Array = NDArray[np.float64]
 #: fine inputs (steps, columns), constants, what is planted at the ports of `inside`, errors of the
 #: maps, step (s), readings to fill (steps, columns); all SI
 Run = Callable[[Array, Any, tuple[Any, ...], tuple[Array, ...], float, Array], None]
@@ -123,7 +122,7 @@ class StarterMachine:
         faults += [clock_fault(self.clock, self.period_s)] if self.clock else []
         at_ports = {}
         for f in (*faults, *self.further):
-            name = f.name if f.name.startswith("nameless:") else f"{f.name}@{f.port}"
+            name = f.name if f.name.startswith(NAMELESS) else f"{f.name}@{f.port}"
             twin = {self.twins[name]} if name in self.twins else set()
             at_ports[name] = replace(f, name=name, exact=f.exact | twin)
         return at_ports

@@ -2,8 +2,6 @@
 with its exit status, its code and key words. The same holds without --json, and nothing is left
 behind."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -132,33 +130,8 @@ RECORDINGS: dict[str, tuple[Files, int, str, str]] = {
     "TOML: no such parameter": (toml("[known]\ninertia_kg = 1.0"), 3, "file", "inertia_kg_m2"),
 }  # fmt: skip
 
-RIG = '''"""A mass."""
-
-from pamid.model.effect import State
-from pamid.model.parameter import Parameter
-from pamid.model.rig import Port, Rig
-
-
-class Mass(Rig):
-    """A mass that is pushed."""
-
-    inputs = {"force_n": "N"}
-    outputs = {"position_m": "m"}
-    ports = {
-        "push": Port("motion", "N", ("velocity",)),
-        "gauge": Port("reading", "m"),
-        "spare": Port("reading", "m"),
-    }
-    states = (State("position", "m"), State("velocity", "m/s"))
-    parameters = (Parameter("mass", 1.0, 0.1, 10.0, "kg", source="test"),)
-
-    def rates(self, x, u, p, port):
-        push = port("push", u.force_n, velocity=x.velocity)
-        return {"position": x.velocity, "velocity": push / p.mass}
-
-    def measure(self, x, u, p, port):
-        return {"position_m": port("gauge", x.position)}
-'''
+CART = (Path(__file__).parents[2] / "data" / "rigs" / "cart.py").read_text(encoding="utf-8")
+UNUSED_PORT = CART.replace("ports = {", 'ports = {"spare": Port("reading", "m"), ')
 #: words, exit status, code, key words. Beside a good rec.csv lie bad.csv, mass.py with a port that
 #: passes nothing, evil.csv whose TOML names evil.py, a folder taken/, and a file called file
 WORDS: tuple[tuple[str, int, str, str], ...] = (
@@ -351,7 +324,7 @@ def put(folder: Path, files: Files) -> None:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def joint(tmp_path_factory) -> Path:
     """A joint's recording and the run of a fit to it; the page's and the trial's run folder."""
     folder = tmp_path_factory.mktemp("joint")
     recording = joint_recording(folder)
@@ -363,13 +336,13 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def here(joint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(joint, tmp_path, monkeypatch) -> Path:
     """The working folder: what is said at WORDS."""
     for name in ("run", "page", "trial"):
         shutil.copytree(joint / name, tmp_path / name)
     for name in ("csv", "toml"):
         shutil.copy(joint / f"rec.{name}", tmp_path / f"joint.{name}")
-    put(tmp_path, {**table(HEAD, *ROWS), "bad.csv": cell("inf")["rec.csv"], "mass.py": RIG})
+    put(tmp_path, {**table(HEAD, *ROWS), "bad.csv": cell("inf")["rec.csv"], "mass.py": UNUSED_PORT})
     put(
         tmp_path,
         {
@@ -419,28 +392,18 @@ def refused(
 
 
 @pytest.mark.parametrize("kind", RECORDINGS)
-def test_recordings(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings(kind, tmp_path, monkeypatch, capsys, cli):
     content, status, code, needles = RECORDINGS[kind]
     monkeypatch.chdir(tmp_path)
     put(tmp_path, content)
     refused(["fit", "rec.csv", "--rig", "one-dof"], status, code, needles, capsys)
-    assert run(["check", "rec.csv", "--rig", "one-dof", "--json"]) == 3
-    told = json.loads(capsys.readouterr().out)
+    told = cli("check", "rec.csv", "--rig", "one-dof", code=3)
     for finding in told.get("findings", []):
         assert finding["detail"].count("Did you mean") <= 1, finding
 
 
 @pytest.mark.parametrize(("words", "status", "code", "needles"), WORDS, ids=[w[0] for w in WORDS])
-def test_words(
-    words: str,
-    status: int,
-    code: str,
-    needles: str,
-    here: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_words(words, status, code, needles, here, capsys):
     refused(shlex.split(words), status, code, needles, capsys)
     assert not (here / "ran").exists()
 
@@ -472,9 +435,7 @@ def damage(path: Path, change: Any) -> None:
 
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("row", DAMAGED, ids=lambda row: f"{row[0]}, {row[1]}, {row[4]}")
-def test_damaged_runs(
-    row: tuple[str, str, Any, int, str], here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_runs(row, here, capsys):
     words, file, change, status, needles = row
     folder = next(word for word in words.split() if word in ("run", "page", "trial"))
     damage(here / folder / file, change)

@@ -1,7 +1,5 @@
 """The frame of the command line: quick help, one JSON object, exit codes, nearest names."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex
@@ -31,10 +29,10 @@ class Nothing:
 
 
 @pytest.fixture
-def planted(monkeypatch: pytest.MonkeyPatch) -> Planted:
+def planted(monkeypatch) -> Planted:
     """Make `pamid plant` run a function of the test."""
 
-    def plant(function: Callable[[], frame.Result]) -> None:
+    def plant(function):
         made = frame.command("plant", Nothing, example="pamid plant")(lambda _: function())
         module = type(sys)("pamid_cli.plant")
         module.command = made  # type: ignore[attr-defined]
@@ -59,7 +57,7 @@ for name in sys.argv[1:]:
 """
 
 
-def test_help_is_light_and_ends_with_an_example() -> None:
+def test_help_is_light_and_ends_with_an_example():
     words = [sys.executable, "-c", HELP, "", *COMMANDS]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     whole, *bodies, end = done.stdout.split("loaded []\n")
@@ -71,7 +69,7 @@ def test_help_is_light_and_ends_with_an_example() -> None:
         assert "--json" in body and "--debug" in body
 
 
-def test_every_command_file_is_found() -> None:
+def test_every_command_file_is_found():
     """One whose head cannot be read would be no command, and nobody would be told."""
     files = Path(frame.__file__).parent.glob("*.py")
     decorated = {f.stem.replace("_", "-") for f in files if "\n@frame.command(" in f.read_text()}
@@ -79,7 +77,7 @@ def test_every_command_file_is_found() -> None:
 
 
 @pytest.mark.slow
-def test_examples_run_one_after_the_other(tmp_path: Path) -> None:
+def test_examples_run_one_after_the_other(tmp_path):
     """In the order of the table, in one folder: what one example writes, the next may read; data/
     lies in it. What is made of a fitted model comes last."""
     (tmp_path / "data").symlink_to(Path(__file__).resolve().parents[2] / "data")
@@ -110,7 +108,7 @@ USAGE = [
 
 
 @pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
-def test_wrong_usage_as_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_as_json(arguments, capsys):
     assert frame.run([*arguments, "--json"]) == 2
     captured = capsys.readouterr()
     error = _object(captured.out)
@@ -123,10 +121,8 @@ ERRORS = [(UsageError, 2), (FileError, 3), (DataError, 4), (ConvergenceError, 5)
 
 
 @pytest.mark.parametrize(("kind", "code"), ERRORS)
-def test_exit_codes(
-    kind: type, code: int, planted: Planted, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def fail() -> frame.Result:
+def test_exit_codes(kind, code, planted, capsys):
+    def fail():
         raise kind("What.", "How.")
 
     planted(fail)
@@ -137,8 +133,8 @@ def test_exit_codes(
     assert _object(captured.out)["message"] == "What." and captured.err == ""
 
 
-def test_unexpected_errors(planted: Planted, capsys: pytest.CaptureFixture[str]) -> None:
-    def fail() -> frame.Result:
+def test_unexpected_errors(planted, capsys):
+    def fail():
         raise ZeroDivisionError("division\nby zero")
 
     planted(fail)
@@ -154,8 +150,8 @@ def test_unexpected_errors(planted: Planted, capsys: pytest.CaptureFixture[str])
     assert _object(told.out)["code"] == "unexpected" and "Traceback" in told.err
 
 
-def test_interrupt(planted: Planted, capsys: pytest.CaptureFixture[str]) -> None:
-    def stop() -> frame.Result:
+def test_interrupt(planted, capsys):
+    def stop():
         raise KeyboardInterrupt
 
     planted(stop)
@@ -164,10 +160,8 @@ def test_interrupt(planted: Planted, capsys: pytest.CaptureFixture[str]) -> None
     assert _object(capsys.readouterr().out)["code"] == "interrupted"
 
 
-def test_only_the_object_reaches_stdout(
-    planted: Planted, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def chatter() -> frame.Result:
+def test_only_the_object_reaches_stdout(planted, capsys):
+    def chatter():
         print("a library that prints")
         return frame.Result(
             {"schema": "pamid.test/1", "value": 1.5}, "The value is 1.5.", exit_code=6
@@ -182,9 +176,7 @@ def test_only_the_object_reaches_stdout(
     assert capsys.readouterr().out == "a library that prints\nThe value is 1.5.\n"
 
 
-def test_a_result_that_is_not_finite_fails_as_json(
-    planted: Planted, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_that_is_not_finite_fails_as_json(planted, capsys):
     planted(lambda: frame.Result({"schema": "pamid.test/1", "value": float("nan")}))
     assert frame.run(["plant", "--json"]) == 1
     assert _object(capsys.readouterr().out)["schema"] == "pamid.error/1"
@@ -193,7 +185,7 @@ def test_a_result_that_is_not_finite_fails_as_json(
 @pytest.mark.parametrize(
     "arguments", [["--help"], ["--version"], ["generate-aprbs", "--help"]], ids=" ".join
 )
-def test_help_and_version_as_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_and_version_as_json(arguments, capsys):
     assert frame.run([*arguments, "--json"]) == 0
     assert _object(capsys.readouterr().out)["text"]
 
@@ -201,7 +193,7 @@ def test_help_and_version_as_json(arguments: list[str], capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     "arguments", [["--version"], ["nonsense"], ["nonsense", "--json"]], ids=" ".join
 )
-def test_no_escape_codes_under_no_color(arguments: list[str]) -> None:
+def test_no_escape_codes_under_no_color(arguments):
     found = subprocess.run(
         [sys.executable, "-m", "pamid_cli", *arguments],
         capture_output=True,
@@ -211,16 +203,16 @@ def test_no_escape_codes_under_no_color(arguments: list[str]) -> None:
     assert "\x1b" not in found.stdout + found.stderr
 
 
-def test_a_reader_that_leaves_is_no_error() -> None:
+def test_a_reader_that_leaves_is_no_error():
     line = f"{shlex.quote(sys.executable)} -m pamid_cli --help | true; exit ${{PIPESTATUS[0]}}"
     found = subprocess.run(["bash", "-c", line], capture_output=True, text=True)
     assert "Traceback" not in found.stderr and "Error" not in found.stderr
 
 
-def test_a_reader_that_leaves_keeps_the_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_that_leaves_keeps_the_exit_code(monkeypatch):
     """A condition that is met stays met under `pamid score ... | head`."""
 
-    def closed(_: str) -> None:
+    def closed(_):
         raise BrokenPipeError
 
     monkeypatch.setattr(frame, "say", closed)
@@ -234,7 +226,7 @@ def _generate(*more: str) -> int:
     return frame.run(["generate-aprbs", "--duration", "20", "--seed", "7", *more])
 
 
-def test_generate_aprbs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_generate_aprbs(tmp_path, capsys):
     path = tmp_path / "new" / "excitation.csv"
     assert _generate("--output", str(path), "--json") == 0
     told = _object(capsys.readouterr().out)

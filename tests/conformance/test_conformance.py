@@ -2,8 +2,6 @@
 here. A sample that meets every effect, every kind of port and every port is always run, the others
 by `make slow`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conformance_rules import (
@@ -27,7 +25,7 @@ from pamid.engine.program import Stepping
 from pamid.intake.checks.conformance import follows_mean
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
-from pamid.model.effect import Effect, Hints, problems
+from pamid.model.effect import Hints, problems
 from pamid.model.registry import effects
 from pamid.model.rig import check_rig
 
@@ -54,17 +52,17 @@ def seeded(case: Case) -> np.random.Generator:
 
 
 @each_effect
-def test_data_sheet_is_sound(effect: type[Effect]) -> None:
+def test_data_sheet_is_sound(effect):
     assert problems(effect) == []
 
 
 @each_effect
-def test_name_is_the_file_name(effect: type[Effect]) -> None:
+def test_name_is_the_file_name(effect):
     assert effect.__module__ == f"pamid.effects.{effect.name.replace('-', '_')}"
 
 
 @each_effect
-def test_cross_references_exist(effect: type[Effect]) -> None:
+def test_cross_references_exist(effect):
     assert set(effect.look_alikes) <= set(effects()) - {effect.name}
     assert len(set(effect.look_alikes)) == len(effect.look_alikes)
     known = {p.name for name in rig_names() for p in rig_of(name).parameters}
@@ -72,7 +70,7 @@ def test_cross_references_exist(effect: type[Effect]) -> None:
 
 
 @each_effect
-def test_starts_are_admissible(effect: type[Effect]) -> None:
+def test_starts_are_admissible(effect):
     bounds = {p.name: p for p in effect.parameters}
     pace_s = 0.25
     unit = {p.name: 1.0 / pace_s if p.size == "1/timescale" else 1.0 for p in effect.parameters}
@@ -88,12 +86,12 @@ def test_starts_are_admissible(effect: type[Effect]) -> None:
 
 
 @each_effect
-def test_fits_somewhere(effect: type[Effect]) -> None:
+def test_fits_somewhere(effect):
     assert any(isinstance(c.attachment.effect, effect) for c in CASES)
 
 
 @pytest.mark.parametrize("name", rig_names())
-def test_rig_is_sound_and_its_background_vanishes(name: str) -> None:
+def test_rig_is_sound_and_its_background_vanishes(name):
     rig = rig_of(name)
     check_rig(rig, name)
     assert all(p.source for p in rig.parameters)
@@ -108,7 +106,7 @@ def test_rig_is_sound_and_its_background_vanishes(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", rig_names())
-def test_excitation_moves_the_rig(name: str) -> None:
+def test_excitation_moves_the_rig(name):
     """Otherwise every test below would pass on a rig at rest."""
     y = plain_run(name)
     assert np.all(np.ptp(y, axis=0) > 0.1 * np.abs(y).max(axis=0))
@@ -118,7 +116,7 @@ def test_excitation_moves_the_rig(name: str) -> None:
 
 
 @each_case
-def test_null_is_exact(case: Case) -> None:
+def test_null_is_exact(case):
     assembly, rng = assembled(case), seeded(case)
     u, plain = excitation(case.rig), plain_run(case.rig)
     scale = np.abs(plain).max(axis=0)
@@ -129,7 +127,7 @@ def test_null_is_exact(case: Case) -> None:
 
 
 @each_case
-def test_typical_size_is_seen(case: Case) -> None:
+def test_typical_size_is_seen(case):
     """An effect that changes nothing at its typical size is no effect. Force limits may lie beyond
     this motion."""
     assembly = assembled(case)
@@ -153,7 +151,7 @@ def test_typical_size_is_seen(case: Case) -> None:
 
 
 @each_case
-def test_finite_within_the_bounds(case: Case) -> None:
+def test_finite_within_the_bounds(case):
     assembly, rng = assembled(case), seeded(case)
     for _ in range(20):
         p = drawn(assembly, rng)
@@ -164,7 +162,7 @@ def test_finite_within_the_bounds(case: Case) -> None:
 
 
 @each_case
-def test_sensitivities_equal_central_differences(case: Case) -> None:
+def test_sensitivities_equal_central_differences(case):
     """Half of all samples to 1e-5 of the largest sensitivity, 95 % to 1e-2.
 
     A difference quotient errs by truncation (wide steps), round-off (narrow ones) and where it
@@ -221,7 +219,7 @@ def apart(case: Case) -> bool:
 
 
 @each([c for c in CASES if apart(c)])
-def test_copies_share_nothing(case: Case) -> None:
+def test_copies_share_nothing(case):
     assembly = assembled(case)
     u, p = excitation(case.rig), typical(assembly)
     y = run(assembly, u, p)[0]
@@ -233,7 +231,7 @@ def test_copies_share_nothing(case: Case) -> None:
 
 
 @each([c for c in CASES if placed(c) and not apart(c) and len(c.attachment.ports) == 1])
-def test_one_copy_per_place(case: Case) -> None:
+def test_one_copy_per_place(case):
     a = case.attachment
     port = a.ports[0]
     single = [
@@ -263,7 +261,7 @@ FRICTION = [
 
 
 @pytest.mark.parametrize("case", FRICTION, ids=str)
-def test_dry_friction_sticks(case: Case) -> None:
+def test_dry_friction_sticks(case):
     """A constant force below the level bends the contact and moves nothing; one above it does."""
     assembly = assembled(case)
     rig = assembly.rig
@@ -302,7 +300,7 @@ def sliding_resistance(assembly: Assembly, p: np.ndarray) -> float:
     return float(lost)
 
 
-def test_friction_is_tested() -> None:
+def test_friction_is_tested():
     named = {
         e.name
         for e in CATALOGUE

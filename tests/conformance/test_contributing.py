@@ -1,8 +1,6 @@
 """What CONTRIBUTING says is one file is one file: each is added to a copy of the package, and is
 there without another line."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -119,7 +117,7 @@ class Greeting(Model, schema="pamid.greeting/1", title="pamid say-hello: a greet
 
 
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copy(tmp_path_factory) -> Path:
     """A copy of the package with one more of everything."""
     place = tmp_path_factory.mktemp("site")
     for folder, name in (("pamid", "pamid"), ("cli", "pamid_cli")):
@@ -157,7 +155,7 @@ def pamid(copy: Path, *words: str) -> str:
     return run(copy, "-m", "pamid_cli", *words)
 
 
-def test_a_command(copy: Path) -> None:
+def test_a_command(copy):
     lines = pamid(copy, "--help").splitlines()
     assert lines[lines.index("  say-hello        Greet somebody.") - 1].startswith("  fit ")
     assert pamid(copy, "say-hello", "Ada") == "Hello, Ada.\n"
@@ -167,7 +165,7 @@ def test_a_command(copy: Path) -> None:
     assert described["required"] == ["schema", "name"]
 
 
-def test_a_network(copy: Path) -> None:
+def test_a_network(copy):
     said = " ".join(pamid(copy, "train-residual", "--help").split())
     assert "anfis, elman, line or narx" in said and "Powers of every input of line." in said
     code = (
@@ -178,7 +176,7 @@ def test_a_network(copy: Path) -> None:
     assert run(copy, "-c", code) == "7 line (inputs 3, powers 2)\n"
 
 
-def test_a_reader(copy: Path) -> None:
+def test_a_reader(copy):
     (copy / "log.num").write_text("%numbers\n1.5\n2.5\n")
     code = (
         "from pathlib import Path; from pamid.intake.logs.log_reader import read_log;"
@@ -187,7 +185,7 @@ def test_a_reader(copy: Path) -> None:
     assert run(copy, "-c", code) == "numbers [1.5 2.5]\n"
 
 
-def test_a_form_of_export(copy: Path) -> None:
+def test_a_form_of_export(copy):
     said = " ".join(pamid(copy, "export", "--help").split())
     assert "|list|names|" in said and "; list, also names: a list of the states; " in said
     code = (
@@ -203,7 +201,7 @@ def test_a_form_of_export(copy: Path) -> None:
     assert run(copy, "-c", code) == "pamid_one_dof.txt angle\n"
 
 
-def test_a_paper(copy: Path) -> None:
+def test_a_paper(copy):
     said = " ".join(pamid(copy, "reproduce-paper", "--help").split())
     assert "[arm|coin|joint]" in said and "every start. (coin or joint)" in said
     assert "coin: how often a coin falls on its edge." in said
@@ -211,7 +209,7 @@ def test_a_paper(copy: Path) -> None:
     assert pamid(copy, *words) == "0 of 3\n"
 
 
-def test_an_effect_and_a_rig(copy: Path) -> None:
+def test_an_effect_and_a_rig(copy):
     assert "my-friction" in pamid(copy, "effects", "--rig", "my-joint")
     assert "\nmy-joint " in pamid(copy, "rigs")
     assert "[muscle-mass|my-joint|one-dof|two-link]" in pamid(copy, "force-law", "--help")

@@ -1,8 +1,6 @@
 """No command runs a file that only data name: every command of the table, hostile words in every
 place of every file that it reads, and code planted wherever such a word may lead."""
 
-from __future__ import annotations
-
 import copy
 import json
 import shutil
@@ -21,7 +19,6 @@ from virtual_joint import record
 from pamid.base.errors import DataError
 from pamid.model import registry as library
 from pamid.networks.elman import Elman
-from pamid.report.style import Drawing, Picture
 
 EVIL = """from pathlib import Path
 Path({marker!r}).touch()
@@ -75,7 +72,7 @@ class Trap:
 
 
 @pytest.fixture
-def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Trap:
+def trap(tmp_path, monkeypatch) -> Trap:
     """The working folder is the trap, and Python would import from it."""
     made = Trap(tmp_path)
     made.plant(tmp_path)
@@ -84,7 +81,7 @@ def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Trap:
     monkeypatch.syspath_prepend(str(tmp_path))
     real = library._run
 
-    def noted(path: Path, source: bytes) -> Any:
+    def noted(path, source):
         made.loaded.append(str(path))
         return real(path, source)
 
@@ -93,14 +90,11 @@ def trap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Trap:
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(undrawn, monkeypatch) -> None:
     """What takes long and reads nothing more ends at once: fits, trainings, drawings."""
 
-    def end(*arguments: Any, **more: Any) -> Any:
+    def end(*arguments, **more):
         raise DataError(END)
-
-    def blank(drawing: Drawing) -> Picture:
-        return Picture(drawing.name, drawing.title, "", "", b"")
 
     # the importing modules first: one that is imported while its source is patched keeps the patch
     for place in (
@@ -118,7 +112,6 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.api.run_score.split_recordings",
     ):
         monkeypatch.setattr(place, end)
-    monkeypatch.setattr("pamid.report.writing.render", blank)
     monkeypatch.setattr("pamid.report.animation.gif_of", end)
 
 
@@ -229,7 +222,7 @@ def tried(
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory) -> Path:
     """A run with everything in it, and the recording it was made with."""
     place = tmp_path_factory.mktemp("made")
     fitted_run(place / "run", record(place / "rec.csv", 6.0).path)
@@ -435,14 +428,12 @@ READ |= {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_command_runs_what_only_data_name(
-    command: str, trap: Trap, made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_command_runs_what_only_data_name(command, trap, made, capsys):
     """`READ` says what a command reads; one that is not in it has been forgotten."""
     READ[command](trap, capsys, made)
     trap.require_unsprung(command)
 
 
-def test_the_trap_works(trap: Trap, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_trap_works(trap, capsys):
     ask(capsys, "rigs", "./evil.py")
     assert trap.loaded == ["evil.py"] and trap.marker.exists()

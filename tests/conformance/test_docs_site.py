@@ -1,8 +1,6 @@
 """The documentation builds without a warning, has a page for everything there is, and loads nothing
 from elsewhere; the pictures show what the effects do."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -29,7 +27,7 @@ LOADED = re.compile(
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory) -> Path:
     """The site, without the pictures of the effects."""
     made = tmp_path_factory.mktemp("docs")
     clean = {"PAMID_DOCS_PICTURES": "0", "NO_MKDOCS_2_WARNING": "1", "OMP_NUM_THREADS": "1"}
@@ -45,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @needs_docs
-def test_everything_there_is_has_a_page(site: Path) -> None:
+def test_everything_there_is_has_a_page(site):
     wanted = [f"reference/effects/{name}" for name in effects()]
     wanted += [f"reference/rigs/{name}" for name in rigs()]
     wanted += [f"reference/commands/{name}" for name in COMMANDS]
@@ -57,7 +55,7 @@ def test_everything_there_is_has_a_page(site: Path) -> None:
 
 
 @needs_docs
-def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+def test_nothing_is_loaded_from_elsewhere(site):
     pages = sorted(site.rglob("*.html"))
     loaded = {
         one
@@ -72,13 +70,13 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     assert not re.findall(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", styles)
 
 
-def test_every_effect_has_a_machine_that_shows_it() -> None:
+def test_every_effect_has_a_machine_that_shows_it():
     from signatures import chosen_cases
 
     assert set(chosen_cases()) == set(effects())
 
 
-def test_the_signature_of_friction_opposes_the_velocity() -> None:
+def test_the_signature_of_friction_opposes_the_velocity():
     from signatures import chosen_cases, drawn, seen
 
     what = seen(chosen_cases()["coulomb-friction"])

@@ -1,7 +1,5 @@
 """Schemas of earlier files: printed, valid, and with the fate of every key that is gone."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
@@ -28,13 +26,13 @@ def keys(schema: dict[str, Any]) -> set[str]:
     return set(reference._commented(bare, bare, ""))
 
 
-def test_every_earlier_form_that_is_read_is_shown() -> None:
+def test_every_earlier_form_that_is_read_is_shown():
     shown = {schema["$id"] for schema in earlier_schemas().values()}
     assert shown == set(DiagnosisFile.readable)
 
 
 @each
-def test_it_is_printed_under_its_number(number: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_printed_under_its_number(number, capsys):
     assert run(["schema", f"pamid.{number}"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["$id"] == printed["properties"]["schema"]["const"] == f"pamid.{number}"
@@ -44,7 +42,7 @@ def test_it_is_printed_under_its_number(number: str, capsys: pytest.CaptureFixtu
 
 
 @each
-def test_what_became_of_every_key_is_told(number: str) -> None:
+def test_what_became_of_every_key_is_told(number):
     earlier = earlier_schemas()[number]
     now = keys(all_schemas()[stem_of(number)])
     fates = reference._commented(earlier, earlier, "")
@@ -56,7 +54,7 @@ def test_what_became_of_every_key_is_told(number: str) -> None:
 
 
 @each
-def test_the_page_has_a_row_for_every_key(number: str) -> None:
+def test_the_page_has_a_row_for_every_key(number):
     page = dict(reference.written_pages())["reference/schemas.md"]
     table = page.partition(f"key of pamid.{number}")[2].partition("## ")[0]
     rows = set(re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE))

@@ -1,17 +1,13 @@
 """Every free form, found by scanning: complete, exact at nothing, linear in its coefficients, and
 its curve is what it does."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.engine.symbolic.vocabulary import Number
 from pamid.intake.checks.conformance import effect_findings
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
@@ -34,7 +30,7 @@ def numbers(form: type[FreeFormEffect]) -> SimpleNamespace:
 
 
 @each
-def test_data_sheet_is_sound(form: type[FreeFormEffect]) -> None:
+def test_data_sheet_is_sound(form):
     assert problems(form) == []
     assert form.__module__ == f"pamid.effects.free_forms.{form.name.replace('-', '_')}"
     assert form.along and form.shown and form.known_by
@@ -42,19 +38,19 @@ def test_data_sheet_is_sound(form: type[FreeFormEffect]) -> None:
 
 
 @each
-def test_without_coefficients_there_is_nothing(form: type[FreeFormEffect]) -> None:
+def test_without_coefficients_there_is_nothing(form):
     for p in form.parameters:
         assert not p.fitted or p.value == p.null == 0.0 and p.low == -p.high and p.prior_spread > 0
 
 
 @each
-def test_it_behaves_at_a_port_of_every_kind(form: type[FreeFormEffect]) -> None:
+def test_it_behaves_at_a_port_of_every_kind(form):
     found = effect_findings(form, [])
     assert [f for f in found if not f.ok] == []
     assert len(found) > 1
 
 
-def test_every_kind_of_port_has_one() -> None:
+def test_every_kind_of_port_has_one():
     """On a rig with a catalogue of its own as on any other."""
     assert {kind for form in FORMS for kind in form.kinds} == set(KINDS)
     for name in rigs():
@@ -66,7 +62,7 @@ def test_every_kind_of_port_has_one() -> None:
 
 
 @each
-def test_its_curve_is_linear_in_the_coefficients(form: type[FreeFormEffect]) -> None:
+def test_its_curve_is_linear_in_the_coefficients(form):
     p = numbers(form)
     found = form().curve(p, LOW, HIGH)
     assert found.columns.shape == (len(found.x), len(form.coefficients())) and len(found.base)
@@ -87,7 +83,7 @@ def straight(form: type[FreeFormEffect]) -> Rig:
         ports = {"here": Port(form.kinds[0], "", ("position", "velocity", "stored"))}
         period_s = 0.01
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             value = u.at if own else 0.0 * u.at
             signals = {"position": u.at, "velocity": u.speed, "stored": u.at}
             return {"seen": port("here", value, **signals)}
@@ -116,7 +112,7 @@ def drawn(form: type[FreeFormEffect]) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("form", [f for f in FORMS if f.along != "time"], ids=lambda e: e.name)
-def test_its_curve_is_what_it_takes_off_or_adds(form: type[FreeFormEffect]) -> None:
+def test_its_curve_is_what_it_takes_off_or_adds(form):
     """In a run on which the signal goes along the curve, the second time."""
     x, y = drawn(form)
     at = np.tile(x, 2)
@@ -129,7 +125,7 @@ def test_its_curve_is_what_it_takes_off_or_adds(form: type[FreeFormEffect]) -> N
     np.testing.assert_allclose(done[moving], (-y if form.subtracted else y)[moving], atol=1e-9)
 
 
-def test_the_curve_of_a_lag_is_its_response_to_a_step() -> None:
+def test_the_curve_of_a_lag_is_its_response_to_a_step():
     """A filter of second order takes what the first one hands on as held over a sample: late by a
     hundredth of its own time."""
     form = next(f for f in FORMS if f.along == "time")

@@ -1,8 +1,6 @@
 """Two look-ups, one for names from data and one for words of the user; and what is read of a file
 is what runs."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import py_compile
@@ -22,17 +20,14 @@ CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 @pytest.mark.parametrize(
     "word", ["one-dof:{evil}", "{evil}", "./evil.py", "evil", "", "one-dof:", "../one-dof"]
 )
-def test_the_look_up_for_data_never_loads(
-    word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_look_up_for_data_never_loads(word, here):
     for name in ("evil.py", "one-dof:evil.py"):
-        (tmp_path / name).write_text("raise SystemExit('run')")
+        (here / name).write_text("raise SystemExit('run')")
     if word == "one-dof:":
         assert library.catalogue_rig(word).name == "one-dof"
         return
     with pytest.raises(FileError):
-        library.catalogue_rig(word.format(evil=tmp_path / "evil.py"))
+        library.catalogue_rig(word.format(evil=here / "evil.py"))
 
 
 #: who may look up a word that the user said, and nobody else: what came from data goes to
@@ -58,24 +53,21 @@ MAY_LOAD = {
 }
 
 
-def test_who_may_load_code() -> None:
+def test_who_may_load_code():
     root = Path(__file__).resolve().parents[2]
     found = set()
     for path in (path for folder in ("pamid", "cli") for path in (root / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = (
-                [node.attr]
-                if isinstance(node, ast.Attribute)
-                else [node.id]
-                if isinstance(node, ast.Name)
-                else []
-            )
-            if set(names) & set(CODE_LOADING):
+        text = path.read_text(encoding="utf-8")
+        if any(name in text for name in CODE_LOADING):
+            nodes = list(ast.walk(ast.parse(text)))
+            names = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+            names |= {node.id for node in nodes if isinstance(node, ast.Name)}
+            if names & set(CODE_LOADING):
                 found.add(path.relative_to(root).as_posix())
     assert found == MAY_LOAD
 
 
-def test_what_was_read_is_what_runs(tmp_path: Path) -> None:
+def test_what_was_read_is_what_runs(tmp_path):
     """A compiled copy planted beside a rig file was once run instead of what can be read there."""
     path, marker = tmp_path / "cart.py", tmp_path / "ran"
     shutil.copy(CART, path)
@@ -90,16 +82,14 @@ def test_what_was_read_is_what_runs(tmp_path: Path) -> None:
     assert not [name for name in sys.modules if name == "cart"]
 
 
-def test_a_file_that_is_named_again_is_read_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_named_again_is_read_once(tmp_path, monkeypatch):
     """What is checked is what is run: were it read twice, it could be exchanged between."""
     path = tmp_path / "cart.py"
     shutil.copy(CART, path)
     noted, seen = {"cart.py": sha256_of(path)}, []
     real = Path.read_bytes
 
-    def read(self: Path) -> bytes:
+    def read(self):
         seen.append(self)
         content = real(self)
         self.write_text("raise SystemExit('exchanged')")

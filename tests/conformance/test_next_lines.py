@@ -5,8 +5,6 @@ A diagnosis of the joint takes half a minute; where it is not what is asked for,
 once it has taken its recordings (`taken`). The slow tests run them to their end.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
@@ -23,8 +21,6 @@ import pamid.api.trial_cases as trial_work
 from pamid.api.authoring.column_match import examples
 from pamid.base.errors import PamidError
 from pamid.base.schemas.diagnosis_file import NextExperiment
-from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.pipeline import Diagnosis
 from pamid.diagnosis.planning import next_experiment
 from pamid.diagnosis.planning.experiment_ways import NEXT_FILES
 from pamid.diagnosis.planning.next_experiment import Proposal, bench_of, sent_with
@@ -98,7 +94,7 @@ def lines_of(text: str, word: str = "Next: ") -> list[list[str]]:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch) -> Path:
     """An empty working folder, but for the cart."""
     shutil.copy(ROOT / "data" / "rigs" / "cart.py", tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -106,10 +102,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
+def run(capsys) -> Run:
     """Run `pamid` with these arguments; what it prints. It has to come to a good end."""
 
-    def command(*words: str, code: int = 0) -> str:
+    def command(*words, code=0):
         capsys.readouterr()
         assert frame.run(list(words)) == code, (words, capsys.readouterr())
         return capsys.readouterr().out
@@ -118,12 +114,12 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 @pytest.fixture
-def taken(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[DataSplit]]:
+def taken(monkeypatch) -> Iterator[list[DataSplit]]:
     """Let `pamid diagnose` end with exit code `TAKEN` once it has taken its recordings; what it
     took."""
     found: list[DataSplit] = []
 
-    def begun(run: Any, evidence: DataSplit, *_: Any, **__: Any) -> None:
+    def begun(run, evidence, *_, **__):
         found.append(evidence)
         raise PamidError("taken", exit_code=TAKEN)
 
@@ -157,9 +153,7 @@ def quick(options: tuple[str, ...]) -> bool:
 
 
 @pytest.mark.parametrize("options", sampled(offered(), quick, " ".join))
-def test_what_is_generated_is_simulated_checked_and_taken(
-    options: tuple[str, ...], here: Path, run: Run, taken: list[DataSplit]
-) -> None:
+def test_what_is_generated_is_simulated_checked_and_taken(options, here, run, taken):
     (simulate,) = lines_of(run("generate-aprbs", *options, "--output", "sent.csv"))
     (diagnose,) = lines_of(run(*free(simulate)))
     rig = options[1]
@@ -178,9 +172,7 @@ def test_what_is_generated_is_simulated_checked_and_taken(
         str,
     ),
 )
-def test_a_rig_to_start_from_is_excited_copied_and_taken(
-    rig: str, here: Path, run: Run, taken: list[DataSplit]
-) -> None:
+def test_a_rig_to_start_from_is_excited_copied_and_taken(rig, here, run, taken):
     last = str(20.0 * rig_named(rig).hold_s[1])
     (simulate,) = lines_of(
         run("generate-aprbs", "--rig", rig, "--duration", last, "--output", "sent.csv")
@@ -193,9 +185,7 @@ def test_a_rig_to_start_from_is_excited_copied_and_taken(
     assert len(taken) == 2
 
 
-def test_names_that_are_taken_are_not_suggested(
-    here: Path, run: Run, taken: list[DataSplit]
-) -> None:
+def test_names_that_are_taken_are_not_suggested(here, run, taken):
     (here / "run").mkdir()
     options = ("generate-aprbs", "--duration", "6", "--output")
     (simulate,) = lines_of(run(*options, "rec.csv"))
@@ -211,7 +201,7 @@ def test_names_that_are_taken_are_not_suggested(
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
+def recorded(tmp_path_factory) -> dict[str, Recording]:
     """A recording of each rig, as it would be diagnosed first."""
     folder, found = tmp_path_factory.mktemp("recorded"), {}
     shutil.copy(ROOT / "data" / "rigs" / "cart.py", folder)
@@ -266,7 +256,7 @@ ENTRIES = [
 ]
 
 
-def test_the_entries_walked_are_the_whole_menu(recorded: dict[str, Recording], here: Path) -> None:
+def test_the_entries_walked_are_the_whole_menu(recorded, here):
     for rig, recording in recorded.items():
         assert menu(bench_of(split_recordings(rig_named(rig), [recording], []))) == [
             e for r, e in ENTRIES if r == rig
@@ -285,13 +275,8 @@ def test_the_entries_walked_are_the_whole_menu(recorded: dict[str, Recording], h
     ),
 )
 def test_a_recommended_experiment_is_simulated_checked_and_taken(
-    rig: str,
-    e: Experiment,
-    here: Path,
-    run: Run,
-    recorded: dict[str, Recording],
-    taken: list[DataSplit],
-) -> None:
+    rig, e, here, run, recorded, taken
+):
     made = []
     for k, path in enumerate(proposed(rig, recorded[rig], e, here)):
         made.append(f"new-{k}.csv")
@@ -309,15 +294,15 @@ def test_a_recommended_experiment_is_simulated_checked_and_taken(
 
 
 @pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cart(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
 @pytest.fixture
-def undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+def undecided(monkeypatch) -> None:
     """Diagnoses in which the next family is in question, however far it is behind."""
 
-    def pairs(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
+    def pairs(d):
         assert d.cause is not None
         return [(d.cause, next(c for c in d.ranking if c.family != d.cause.family))]
 
@@ -329,7 +314,7 @@ def files_to_send(text: str) -> list[str]:
     return [f"run/{name}" for name in re.findall(r"`(next-experiment\S*\.csv)`", text)]
 
 
-def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) -> None:
+def test_after_a_diagnosis(cart, here, run, undecided):
     text = run(
         "diagnose", str(cart), "--rig", "cart.py", *others(), "--jobs", "1", "--output", "run"
     )
@@ -345,21 +330,15 @@ def test_after_a_diagnosis(cart: Path, here: Path, run: Run, undecided: None) ->
     run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
 
 
-def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[DataSplit]) -> None:
+def test_after_a_fit_scoring_and_listing_runs(cart, here, run, taken, undrawn):
     train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
     fitted = load_run(here / "run")
     page = answers_of(fitted, errors_of(fitted))[-1].details[0]
     (again,) = re.findall("`pamid (.*)`", page)
     run(*free(shlex.split(again)), code=TAKEN)
     text = run(*train, "--iterations", "2")
-    assert lines_of(text) == [report]
+    assert lines_of(text) == [report] == lines_of(run("runs"))
     run(*report)
-
-
-def test_after_scoring_and_listing_runs(cart: Path, here: Path, run: Run) -> None:
-    run("fit", str(cart), "--rig", "cart.py", "--output", "run")
-    (one,) = lines_of(run("runs"))
-    run(*one)
     other = record_cart(here, seconds=6.0)
     (report,) = lines_of(run("score", "run", str(other), "--rig", "cart.py"))
     run(*report)
@@ -369,7 +348,7 @@ def test_after_scoring_and_listing_runs(cart: Path, here: Path, run: Run) -> Non
     run(*compare)
 
 
-def test_after_a_forecast(here: Path, run: Run) -> None:
+def test_after_a_forecast(here, run):
     sent = ["--rig", "cart.py", "--column", "force_n", "--amplitude", "3", "--duration", "6"]
     run("generate-aprbs", *sent, "--output", "sent.csv")
     effects = ["--effect", "coulomb-friction"]
@@ -378,7 +357,7 @@ def test_after_a_forecast(here: Path, run: Run) -> None:
 
 
 @pytest.mark.parametrize("rig", ["one-dof", "./cart.py"])
-def test_from_a_log_to_a_recording(rig: str, cart: Path, here: Path, run: Run) -> None:
+def test_from_a_log_to_a_recording(rig, cart, here, run):
     """A mapping names a rig's file; that is run only where the line names it again."""
     log = here / "recording.csv"
     shutil.copy(cart if rig != "one-dof" else ROOT / "data" / "example" / "joint.csv", log)
@@ -398,9 +377,7 @@ def test_from_a_log_to_a_recording(rig: str, cart: Path, here: Path, run: Run) -
     run(*check)
 
 
-def test_what_is_missing_for_a_mapping_is_made_by_the_line_said(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_missing_for_a_mapping_is_made_by_the_line_said(here, capsys):
     shutil.copy(ROOT / "data" / "example" / "joint.csv", "log.csv")
     assert frame.run(["ingest", "log.csv", "--output", "rec.csv"]) == 2
     (line,) = re.findall("`pamid (.*)`", capsys.readouterr().err)
@@ -412,17 +389,11 @@ def test_what_is_missing_for_a_mapping_is_made_by_the_line_said(
 
 
 @pytest.mark.parametrize("more", [(), ("--rig", "two-link", "--only", "no-gap")])
-def test_after_a_share_of_a_trial(
-    more: tuple[str, ...],
-    here: Path,
-    run: Run,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_after_a_share_of_a_trial(more, here, run, monkeypatch, capsys):
     """The cases themselves are left out."""
     drawn: list[tuple[Any, ...]] = []
 
-    def scored(output: Path, chosen: trial_work.CaseSelection, *_: Any, **__: Any) -> None:
+    def scored(output, chosen, *_, **__):
         drawn.append((chosen.part, chosen.count, chosen.seed, chosen.rig, chosen.only))
         raise PamidError("taken", exit_code=TAKEN)
 
@@ -436,9 +407,7 @@ def test_after_a_share_of_a_trial(
     assert drawn == [("test", 3, 4, *(("two-link", "no-gap") if more else ("one-dof", "")))]
 
 
-def test_after_a_demo(
-    recorded: dict[str, Recording], here: Path, run: Run, taken: list[DataSplit]
-) -> None:
+def test_after_a_demo(recorded, here, run, taken):
     shutil.copytree(recorded["one-dof"].path.parent, here / "demo-run")
     (here / "demo-run" / "one-dof-rec.csv").rename(here / "demo-run" / "rec.csv")
     truth = {"effect": "valve-dead-band", "family": "valve", "as_simulated": [], "parameters": {}}
@@ -461,20 +430,18 @@ def test_after_a_demo(
 
 
 @pytest.mark.parametrize("command", ["effects", "rigs"])
-def test_one_of_them_is_there(command: str, here: Path, run: Run) -> None:
+def test_one_of_them_is_there(command, here, run):
     line = run(command).splitlines()[-1]
     run(*shlex.split(line.split("pamid ")[1]))
 
 
-def test_after_a_check(
-    recorded: dict[str, Recording], here: Path, run: Run, taken: list[DataSplit]
-) -> None:
+def test_after_a_check(recorded, here, run, taken):
     (line,) = lines_of(run("check", str(recorded["one-dof"].path), "--rig", "one-dof"))
     run(*line, code=TAKEN)
     assert line[0] == "diagnose" and len(taken) == 1
 
 
-def test_every_command_that_prints_such_a_line_is_walked() -> None:
+def test_every_command_that_prints_such_a_line_is_walked():
     printing = {
         path.stem
         for path in (ROOT / "cli").glob("*.py")
@@ -501,9 +468,7 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
 
 
 @pytest.mark.slow
-def test_the_example_of_the_readme_and_what_it_recommends(
-    here: Path, run: Run, undecided: None
-) -> None:
+def test_the_example_of_the_readme_and_what_it_recommends(here, run, undecided):
     example = ROOT / "data" / "example" / "joint.csv"
     text = run("diagnose", str(example), "--rig", "one-dof", "--output", "run")
     files = files_to_send(text)

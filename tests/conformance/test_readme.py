@@ -1,8 +1,6 @@
 """README, CONTRIBUTING, data/README and all of docs/ say what is true: commands, options, names,
 links, and the cart."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -84,7 +82,7 @@ def options_of(name: str) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_commands_and_their_options_exist(page: Path) -> None:
+def test_commands_and_their_options_exist(page):
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     seen = 0
     for words in command_lines(page):
@@ -102,7 +100,7 @@ def test_commands_and_their_options_exist(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_effects_and_rigs_named_exist(page: Path) -> None:
+def test_effects_and_rigs_named_exist(page):
     names = {*effects(), *rigs(), *COMMANDS, *VERDICTS, *KINDS, *OTHER}
     for words in command_lines(page):
         for option, value in zip(words, words[1:], strict=False):
@@ -117,7 +115,7 @@ def test_effects_and_rigs_named_exist(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_files_linked_or_named_exist(page: Path) -> None:
+def test_files_linked_or_named_exist(page):
     links = [t for t in re.findall(r"\]\(([^)]+)\)", prose(page)) if "://" not in t]
     for target in links:
         file, _, anchor = target.partition("#")
@@ -132,23 +130,23 @@ def test_files_linked_or_named_exist(page: Path) -> None:
             assert any((folder / text).is_file() for folder in here), f"{page.name} names {text}"
 
 
-def test_the_first_two_commands_are_those_of_a_fresh_machine() -> None:
+def test_the_first_two_commands_are_those_of_a_fresh_machine():
     assert blocks(README, "sh")[0].split("\n")[:2] == ["make demo", "make test"]
 
 
-def test_the_cart_shown_is_the_cart_shipped() -> None:
+def test_the_cart_shown_is_the_cart_shipped():
     assert (ROOT / "data" / "rigs" / "cart.py").read_text(encoding="utf-8") in blocks(
         CART_PAGE, "python"
     )
 
 
-def test_number_of_effects() -> None:
+def test_number_of_effects():
     assert f"a catalogue of {len(effects())} " in " ".join(
         README.read_text(encoding="utf-8").split()
     )
 
 
-def test_python_blocks_compile() -> None:
+def test_python_blocks_compile():
     for page in PAGES:
         for block in blocks(page, "python"):
             compile(block, str(page), "exec")
@@ -194,7 +192,7 @@ def answer_of(page: Path) -> list[str]:
     ],
     ids=["readme", "read-the-answer"],
 )
-def test_the_answer_shown_is_the_answer_given(page: Path, lines: list[str], tmp_path: Path) -> None:
+def test_the_answer_shown_is_the_answer_given(page, lines, tmp_path):
     (tmp_path / "data").symlink_to(ROOT / "data")
     printed = ""
     for words in command_lines(page):
@@ -205,7 +203,7 @@ def test_the_answer_shown_is_the_answer_given(page: Path, lines: list[str], tmp_
 
 
 @pytest.mark.slow
-def test_the_stock_robot_answers_as_shown(tmp_path: Path) -> None:
+def test_the_stock_robot_answers_as_shown(tmp_path):
     pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
     page = ROOT / "docs" / "tutorials" / "own-robot.md"
     if why := tutorials.missing_package(page):

@@ -2,8 +2,6 @@
 given; and that nothing outside pamid, a stream, a folder or a home that is gone, is called a fault
 of pamid."""
 
-from __future__ import annotations
-
 import errno
 import io
 import json
@@ -13,7 +11,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -55,14 +52,14 @@ def put(folder: Path, files: Files) -> Path:
         "",
     ],
 )
-def test_numbers_and_depths_that_no_json_of_pamid_has(text: str, tmp_path: Path) -> None:
+def test_numbers_and_depths_that_no_json_of_pamid_has(text, tmp_path):
     (tmp_path / "fit.json").write_text(text)
     with pytest.raises(PamidError) as caught:
         read_json(tmp_path / "fit.json")
     assert caught.value.exit_code == 3
 
 
-def test_whole_numbers_of_toml_have_64_bits(tmp_path: Path) -> None:
+def test_whole_numbers_of_toml_have_64_bits(tmp_path):
     (tmp_path / "x.toml").write_text(f"a = [{2**63 - 1}, {-(2**63)}, 1e300]\n")
     assert read_toml(tmp_path / "x.toml") == {"a": [2**63 - 1, -(2**63), 1e300]}
     (tmp_path / "x.toml").write_text(f"[a]\nb = [{{c = {2**63}}}]\n")
@@ -85,17 +82,9 @@ def test_whole_numbers_of_toml_have_64_bits(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("command", [["config"], ["fit", "x.csv"]], ids=["config", "fit"])
-def test_settings_of_another_kind(
-    line: str,
-    command: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pamid.toml").write_text(f"[fit]\n{line}\n")
-    assert run([*command, "--json"]) == 3
-    assert "pamid.toml" in json.loads(capsys.readouterr().out)["message"]
+def test_settings_of_another_kind(line, command, here, cli):
+    (here / "pamid.toml").write_text(f"[fit]\n{line}\n")
+    assert "pamid.toml" in cli(*command, code=3)["message"]
 
 
 class Full(io.StringIO):
@@ -110,9 +99,7 @@ class Full(io.StringIO):
     [["effects"], ["effects", "--json"], ["fit", "no.csv", "--output", "x", "--json"], ["--help"]],
     ids=" ".join,
 )
-def test_a_full_standard_output(
-    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_standard_output(words, monkeypatch, capsys):
     with monkeypatch.context() as patch:
         patch.setattr(sys, "stdout", Full())
         assert run(words) == 3
@@ -125,7 +112,7 @@ def test_a_full_standard_output(
     ("words", "code"),
     [("effects >&-", 3), ("fit no.csv --output x 2>&-", 3), ("effects >/dev/full", 3)],
 )
-def test_streams_that_are_closed_or_full(words: str, code: int) -> None:
+def test_streams_that_are_closed_or_full(words, code):
     done = subprocess.run(
         ["sh", "-c", f"{sys.executable} -m pamid_cli {words}"],
         capture_output=True,
@@ -139,7 +126,7 @@ def test_streams_that_are_closed_or_full(words: str, code: int) -> None:
     ), done
 
 
-def test_names_that_are_no_text(tmp_path: Path) -> None:
+def test_names_that_are_no_text(tmp_path):
     """On Linux a file is named by bytes; those that are no letters are spelt out, in JSON as its
     own escapes."""
     name = os.fsdecode(b"\xff.csv")
@@ -159,9 +146,7 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
             assert done.stdout.startswith(b"\\udcff.csv: 420 samples"), done
 
 
-def test_a_working_folder_that_was_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_working_folder_that_was_removed(tmp_path, monkeypatch, capsys, cli):
     path = put(tmp_path, table(HEAD, *ROWS))
     (tmp_path / "gone").mkdir()
     monkeypatch.chdir(tmp_path / "gone")
@@ -169,15 +154,17 @@ def test_a_working_folder_that_was_removed(
     assert run(["effects", "--json"]) == 0
     assert run(["check", str(path), "--json"]) == 0
     capsys.readouterr()
-    assert run(["simulate", "--excitation", "rec.csv", "--output", "out.csv", "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["code"] != "unexpected"
+    assert (
+        cli("simulate", "--excitation", "rec.csv", "--output", "out.csv", code=3)["code"]
+        != "unexpected"
+    )
 
 
 @pytest.fixture
-def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
+def homeless(monkeypatch) -> None:
     """No HOME, and nobody in the password file."""
 
-    def nobody(_: Any) -> Any:
+    def nobody(_):
         raise KeyError("uid not found")
 
     monkeypatch.setattr(pwd, "getpwuid", nobody)
@@ -185,9 +172,7 @@ def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def test_without_a_home_compiled_code_has_a_private_folder(
-    homeless: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_home_compiled_code_has_a_private_folder(homeless, monkeypatch):
     from pamid.engine import cache_folder as place
     from pamid.engine import numba_cache
     from pamid.engine.jit_cache import cache_folder
@@ -212,9 +197,7 @@ def test_without_a_home_compiled_code_has_a_private_folder(
     )
 
 
-def test_without_a_home_a_command_runs(
-    homeless: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_home_a_command_runs(homeless, tmp_path, capsys):
     path = put(tmp_path, table(HEAD, *ROWS))
     card, made = tmp_path / "card.png", tmp_path / "x.csv"
     assert run(f"check {path} --rig one-dof --figure {card} --json".split()) == 0
@@ -225,9 +208,7 @@ def test_without_a_home_a_command_runs(
 # ---- messages that contradicted --------------------
 
 
-def test_a_column_of_another_rig_is_not_sent_to_this_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_column_of_another_rig_is_not_sent_to_this_one(tmp_path, capsys):
     """What `Next:` proposed was refused."""
     nexts = {}
     for column in ("force_n", "reference_deg", "reference_psi"):

@@ -1,8 +1,6 @@
 """Added-variable plots on the page, the card and as files: the leading candidates at once, any
 other one when its row is chosen."""
 
-from __future__ import annotations
-
 import json
 from html import unescape
 from pathlib import Path
@@ -23,7 +21,7 @@ from pamid.report.added_variable_figure import (
 from pamid.report.answers import answers_of
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
-from pamid.report.style import Drawing, Picture, render
+from pamid.report.style import Picture, render
 from pamid.report.writing import write_report
 
 MOST_BYTES = 60_000
@@ -34,12 +32,12 @@ TITLE = (
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory) -> Path:
     return make_run(tmp_path_factory.mktemp("added") / "run")
 
 
 @pytest.fixture(scope="module")
-def page(run: Path) -> Path:
+def page(run) -> Path:
     return write_report(run).page
 
 
@@ -50,7 +48,7 @@ def plots_with(**changes: Any) -> dict[str, Any]:
     return content
 
 
-def test_the_page_has_a_plot_of_every_candidate(run: Path, page: Path) -> None:
+def test_the_page_has_a_plot_of_every_candidate(run, page):
     text = page.read_text(encoding="utf-8")
     outline = Outline(text)
     places = {value for name, value in outline.attributes if name == "id"}
@@ -68,7 +66,7 @@ def test_the_page_has_a_plot_of_every_candidate(run: Path, page: Path) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_a_row_that_is_chosen_shows_its_plot(page: Path) -> None:
+def test_a_row_that_is_chosen_shows_its_plot(page):
     shown = (
         "[...document.querySelectorAll('.added-panel')].filter(p => p.offsetHeight).map(p => p.id)"
     )
@@ -90,7 +88,7 @@ def test_a_row_that_is_chosen_shows_its_plot(page: Path) -> None:
         assert plain.evaluate(shown) == ["added-leak"]
 
 
-def test_card_and_files_show_the_leading_candidate(run: Path, tmp_path: Path) -> None:
+def test_card_and_files_show_the_leading_candidate(run, tmp_path):
     found = pamid.open_run(run)
     assert isinstance(found, pamid.DiagnosisResult)
     svg = card_svg(found.data)
@@ -108,8 +106,8 @@ def test_card_and_files_show_the_leading_candidate(run: Path, tmp_path: Path) ->
         found.plot_added_variable("leek")
 
 
-def test_hostile_names_stay_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def drawn(one: Drawing) -> Picture:
+def test_hostile_names_stay_text(tmp_path, monkeypatch):
+    def drawn(one):
         """The plots of this page; the others take the time."""
         blank = Picture(one.name, one.title, "", "", b"")
         return render(one) if one.name.startswith("added") else blank

@@ -1,8 +1,6 @@
 """The moving rig: poses from a run, the GIF, the player on the page; catalogued rigs, a user's, and
 none."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable
@@ -22,8 +20,7 @@ from pamid.report.animation import ANIMATION_HZ, gif_of
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run
-from pamid.report.page import html_of
-from pamid.report.player import player_script
+from pamid.report.page import asset, html_of
 from pamid.report.run_page import run_page
 
 STEP_S = 1.0 / ANIMATION_HZ
@@ -126,7 +123,7 @@ def cart_run(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def joint(tmp_path_factory) -> RunData:
     """A fit of the one-dof rig."""
     return load_run(
         make_run(tmp_path_factory.mktemp("fit") / "RUN", without=("diagnosis.json", "network.json"))
@@ -134,7 +131,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 
 @pytest.fixture(scope="module")
-def links(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def links(tmp_path_factory) -> RunData:
     return load_run(two_link_run(tmp_path_factory.mktemp("links") / "RUN"))
 
 
@@ -142,7 +139,7 @@ def page_of(run: RunData) -> str:
     return html_of(run_page(run, errors_of(run), {}))
 
 
-def test_poses_are_those_of_the_angles_at_their_times(links: RunData) -> None:
+def test_poses_are_those_of_the_angles_at_their_times(links):
     motion = motion_of(links, rig_of_run(links), STEP_S)
     assert list(motion.lines) == [MEASURED, "data_sheet", "refitted"]
     assert motion.time[0] >= 28.0 and motion.time[-1] - motion.time[0] <= 12.0
@@ -161,7 +158,7 @@ def test_poses_are_those_of_the_angles_at_their_times(links: RunData) -> None:
     assert motion.pivots.tolist() == [[0.0, 0.0]]
 
 
-def test_a_diagnosis_shows_the_cause_over_the_refitted_model(tmp_path: Path) -> None:
+def test_a_diagnosis_shows_the_cause_over_the_refitted_model(tmp_path):
     run = load_run(make_run(tmp_path / "RUN"))
     motion = motion_of(run, rig_of_run(run), STEP_S)
     assert list(motion.lines) == [MEASURED, "refitted", "cause"]
@@ -174,7 +171,7 @@ def test_a_diagnosis_shows_the_cause_over_the_refitted_model(tmp_path: Path) -> 
     )
 
 
-def test_the_gif_plays_in_real_time_and_is_small(links: RunData) -> None:
+def test_the_gif_plays_in_real_time_and_is_small(links):
     motion = motion_of(links, rig_of_run(links), STEP_S, 30.0, 36.0)
     done: list[int] = []
     gif = gif_of(motion, 480, lambda k, of: done.append(k))
@@ -194,7 +191,7 @@ def test_the_gif_plays_in_real_time_and_is_small(links: RunData) -> None:
         assert (np.abs(frame - [0x1B, 0x1F, 0x24]).max(axis=2) < 8).sum() > 800
 
 
-def test_the_same_motion_gives_the_same_gif(joint: RunData) -> None:
+def test_the_same_motion_gives_the_same_gif(joint):
     motion = motion_of(joint, rig_of_run(joint), STEP_S, 30.0, 30.4)
     first = gif_of(motion, 320)
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "figure.dpi": 50}):
@@ -204,7 +201,7 @@ def test_the_same_motion_gives_the_same_gif(joint: RunData) -> None:
 
 
 @pytest.mark.parametrize("break_it", ["rig", "residual", "channel"])
-def test_no_player_without_rig_residual_or_channel(break_it: str, tmp_path: Path) -> None:
+def test_no_player_without_rig_residual_or_channel(break_it, tmp_path):
     folder = cart_run(tmp_path / "RUN") if break_it == "rig" else two_link_run(tmp_path / "RUN")
     if break_it == "residual":
         (folder / "residual.csv").unlink()
@@ -214,12 +211,10 @@ def test_no_player_without_rig_residual_or_channel(break_it: str, tmp_path: Path
             text.replace("angle_2_deg", "elbow_deg", 1), encoding="utf-8"
         )
     page = page_of(load_run(folder))
-    assert player_script() not in scripts_of(page) and 'class="motion"' not in page
+    assert asset("player.js") not in scripts_of(page) and 'class="motion"' not in page
 
 
-def test_a_rig_file_is_run_only_when_it_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_file_is_run_only_when_it_is_named(tmp_path, capsys, undrawn):
     folder, file = cart_run(tmp_path / "RUN"), tmp_path / "cart.py"
     file.write_text(CART, encoding="utf-8")
     fit = json.loads((folder / "fit.json").read_text(encoding="utf-8"))

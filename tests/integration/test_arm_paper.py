@@ -1,8 +1,6 @@
 """`pamid reproduce-paper --paper arm`: what the twin hides, what the tests tell of it, and what the
 table says."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
@@ -45,7 +43,7 @@ WRITTEN = (
 # ---- the twin --------------------
 
 
-def test_what_is_held_out_is_another_test() -> None:
+def test_what_is_held_out_is_another_test():
     planned = sessions(4.0, MUSCLES, 0.003)
     starts = [
         (s.known["initial_angle_1_deg"], s.known["initial_angle_2_deg"])
@@ -67,7 +65,7 @@ def test_what_is_held_out_is_another_test() -> None:
 
 
 @pytest.fixture(scope="module", params=[pytest.param(None, marks=pytest.mark.slow)], ids=["quick"])
-def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def quick(tmp_path_factory) -> tuple[Path, dict[str, Any]]:
     folder, said = tmp_path_factory.mktemp("paper") / "arm", io.StringIO()
     with contextlib.redirect_stdout(said):
         code = frame.run(
@@ -77,7 +75,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     return folder, json.loads(said.getvalue())
 
 
-def test_everything_is_written_and_said(quick: tuple[Path, dict[str, Any]]) -> None:
+def test_everything_is_written_and_said(quick):
     folder, found = quick
     assert [name for name in WRITTEN if not (folder / name).is_file()] == []
     assert (
@@ -96,9 +94,7 @@ def test_everything_is_written_and_said(quick: tuple[Path, dict[str, Any]]) -> N
     assert len(points) == 6 * 21 and len(np.unique(points.contraction)) == 6
 
 
-def test_the_fitted_arm_swings_as_the_twin_to_within_the_noise(
-    quick: tuple[Path, dict[str, Any]],
-) -> None:
+def test_the_fitted_arm_swings_as_the_twin_to_within_the_noise(quick):
     _, found = quick
     for kind in (GRAVITY_TEST, PULSES):
         for variable, cells in found["mae"][kind].items():
@@ -116,7 +112,7 @@ def test_the_fitted_arm_swings_as_the_twin_to_within_the_noise(
     )
 
 
-def test_without_dry_friction_the_swings_are_missed(quick: tuple[Path, dict[str, Any]]) -> None:
+def test_without_dry_friction_the_swings_are_missed(quick):
     _, found = quick
     for j in "12":
         cells = found["mae"][GRAVITY_TEST][f"angle_{j}_deg"]
@@ -127,7 +123,7 @@ def test_without_dry_friction_the_swings_are_missed(quick: tuple[Path, dict[str,
         assert "without_dry_friction" not in found["mae"][PULSES][f"angle_{j}_deg"]
 
 
-def test_what_is_known_of_the_inertial_data(quick: tuple[Path, dict[str, Any]]) -> None:
+def test_what_is_known_of_the_inertial_data(quick):
     _, found = quick
     p = {
         **{q.outside_name: q.value for q in rig_named("two-link").parameters},

@@ -1,9 +1,6 @@
 """A baseline in a local minimum: no effect is named for what its refit found in the parameters."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,12 +14,11 @@ from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import FitStart
 from pamid.estimation.weights import Weights, residual_weights
 from pamid.model.registry import effects
-from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import replay_track
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> GreyBox:
+def model(tmp_path_factory) -> GreyBox:
     """A cart without any effect, fitted."""
     return fit_model(cart_evidence(record_cart(tmp_path_factory.mktemp("cart"), ())))
 
@@ -42,19 +38,17 @@ def trapped(model: GreyBox) -> GreyBox:
     return replace(model, fit=fitted, held_out=replays)
 
 
-def test_a_baseline_in_its_minimum_stays(tmp_path: Path) -> None:
+def test_a_baseline_in_its_minimum_stays(tmp_path):
     """Also where an effect is missing: without it, the fit ends where the baseline is."""
     evidence = cart_evidence(record_cart(tmp_path))
     found = diagnose(evidence, {name: effects()[name] for name in FEW})
     assert found.budget.model.remark == "" and found.verdict == "explained"
 
 
-def test_nothing_is_named_where_the_baseline_was_trapped(
-    model: GreyBox, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_named_where_the_baseline_was_trapped(model, monkeypatch):
     begun: list[Budget] = []
 
-    def in_trap(evidence: DataSplit, *, pool: object, **options: object) -> Budget:
+    def in_trap(evidence, *, pool, **options):
         begun.append(budget_of(trapped(model), **options))  # type: ignore[arg-type]
         return begun[0]
 

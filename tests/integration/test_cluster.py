@@ -1,8 +1,6 @@
 """Jobs on a Dask cluster of two worker processes: bit for bit what one process finds, also where
 workers are killed."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -65,7 +63,7 @@ def made() -> Iterator[Any]:
 
 
 @pytest.fixture
-def address(made: Any) -> str:
+def address(made) -> str:
     """Where they are found, both of them: what a test before has killed is replaced."""
     with distributed.Client(made, set_as_default=False) as client:
         client.wait_for_workers(2)
@@ -78,14 +76,14 @@ def threads() -> Iterator[Any]:
     """Make a cluster of so many workers, threads of this process: where nothing is to be killed."""
     with contextlib.ExitStack() as open_ones:
 
-        def made(n: int) -> Any:
+        def made(n):
             return open_ones.enter_context(local(n, processes=False, protocol="tcp"))
 
         yield lambda n: made(n).scheduler_address
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
@@ -109,14 +107,12 @@ def diagnosed(
     }
 
 
-def test_a_worker_killed_in_the_middle_changes_no_bit(
-    address: str, recording: Path, tmp_path: Path
-) -> None:
+def test_a_worker_killed_in_the_middle_changes_no_bit(address, recording, tmp_path):
     """The rig is a file that the workers have never seen: it is sent along."""
     alone = diagnosed(tmp_path / "alone", recording, WorkerPool())
     killed = []
 
-    def told(text: str) -> None:
+    def told(text):
         if text.startswith("screening 2/") and not killed:
             killed.append(next(iter(workers(executor).values())))
             os.kill(killed[0], signal.SIGKILL)
@@ -148,7 +144,7 @@ class _Deadly(Work[int, float]):
         return float((self.table * item).sum())
 
 
-def test_a_job_that_always_kills_its_worker_fails_alone() -> None:
+def test_a_job_that_always_kills_its_worker_fails_alone():
     """With this saturation, a worker takes several jobs at once and its death is blamed on all of
     them. No worker has to come back, as a worker that dies while it starts is not replaced."""
     import dask
@@ -172,9 +168,7 @@ def test_a_job_that_always_kills_its_worker_fails_alone() -> None:
     assert [f.job for f in pool.failed] == ["sum 5"]
 
 
-def test_the_command(
-    address: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command(address, recording, tmp_path, capsys):
     words = ["diagnose", str(recording), "--rig", RIG, *others(), "--json"]
     far, near = tmp_path / "far", tmp_path / "near"
     assert frame.run([*words, "--output", str(far), "--cluster", address]) == 0
@@ -184,7 +178,7 @@ def test_the_command(
     capsys.readouterr()
 
 
-def test_workers_have_to_be_alike(threads: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_have_to_be_alike(threads, monkeypatch):
     """Asked first for itself, this process has another code than afterwards, when its threads are
     asked."""
     said = iter(["another"])

@@ -1,12 +1,9 @@
 """A Dask cluster over TLS: its certificates come from Dask's own configuration, and without them
 nobody is let in."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from dataclasses import dataclass
-from typing import Any
 
 import pytest
 
@@ -28,7 +25,7 @@ class Doubled(Work[float, float]):
 
 
 @pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def certificates(tmp_path_factory) -> dict[str, str]:
     """Dask's own settings for a cluster over TLS, with a certificate that is its own authority."""
     if shutil.which("openssl") is None:
         pytest.skip("needs openssl")
@@ -66,12 +63,10 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"distributed.comm.tls.ca-file": certificate, **whose}
 
 
-def test_over_tls_with_the_certificates_of_dasks_configuration(
-    certificates: dict[str, str],
-) -> None:
+def test_over_tls_with_the_certificates_of_dasks_configuration(certificates):
     import dask
 
-    def made(**more: Any) -> Any:
+    def made(**more):
         return distributed.LocalCluster(
             n_workers=1,
             processes=False,
@@ -99,6 +94,6 @@ def test_over_tls_with_the_certificates_of_dasks_configuration(
             pass
 
 
-def test_the_help_says_whom_to_trust() -> None:
+def test_the_help_says_whom_to_trust():
     (about,) = (about for item, about in about_fields(FitArguments) if item.name == "cluster")
     assert all(words in about.text for words in ("must be trusted", "tls://", "TLS__CA_FILE"))

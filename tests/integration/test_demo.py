@@ -1,10 +1,6 @@
 """`pamid demo`: from nothing to a report page, with an effect that the diagnosis is not told."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli import frame
@@ -37,12 +33,10 @@ def seed_of(effect: str) -> int:
 
 
 @pytest.mark.slow
-def test_a_short_demo_names_what_was_withheld(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_short_demo_names_what_was_withheld(tmp_path, monkeypatch, capsys, cli):
     folder = tmp_path / "demo"
 
-    def blind(*given: Any, **options: Any) -> Any:
+    def blind(*given, **options):
         """Diagnose with the truth out of reach."""
         truth = (folder / demo.TRUTH_FILE).rename(tmp_path / "elsewhere.json")
         found = unpatched(*given, **options)
@@ -74,8 +68,7 @@ def test_a_short_demo_names_what_was_withheld(
     told = read_recording(folder / "rec.csv")
     assert not told.known and "dead" not in (folder / "rec.toml").read_text()
     # a folder that is taken
-    assert frame.run(["demo", "--output", str(folder), "--json"]) == 3
-    assert "--overwrite" in json.loads(capsys.readouterr().out)["hint"]
+    assert "--overwrite" in cli("demo", "--output", folder, code=3)["hint"]
     text = demo_text(found, folder)
     assert "Right: " in text and "Withheld  valve-dead-band" in text
     # the network goes on from where the demo left it
@@ -85,7 +78,7 @@ def test_a_short_demo_names_what_was_withheld(
     assert read_json(folder / "network.json")["training"]["iterations"] == demo.ITERATIONS + 1
 
 
-def test_every_effect_is_drawn_and_parameters_are_off_by_10_to_20_percent() -> None:
+def test_every_effect_is_drawn_and_parameters_are_off_by_10_to_20_percent():
     drawn = [demo.draw_withheld(seed) for seed in range(60)]
     assert {w.spec for w in drawn} == set(demo.WITHHELD_EFFECTS)
     assert drawn[5] == demo.draw_withheld(5)
@@ -94,7 +87,7 @@ def test_every_effect_is_drawn_and_parameters_are_off_by_10_to_20_percent() -> N
     assert all(w.family == effects()[w.effect].family for w in drawn)
 
 
-def test_the_list_is_of_the_catalogue() -> None:
+def test_the_list_is_of_the_catalogue():
     rig = rig_named(demo.DEMO_RIG)
     names = {p.outside_name for p in rig.parameters if p.fitted}
     assert set(demo.MISTUNED) <= names
@@ -105,9 +98,7 @@ def test_the_list_is_of_the_catalogue() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", [split_spec(spec)[0] for spec in demo.WITHHELD_EFFECTS])
-def test_the_whole_demo_for_every_effect(
-    effect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_whole_demo_for_every_effect(effect, tmp_path, capsys):
     words = f"demo --output {tmp_path}/demo --seed {seed_of(effect)} --json"
     assert frame.run(words.split()) == 0
     found = json.loads(capsys.readouterr().out)

@@ -1,8 +1,6 @@
 """Compiled models on disk: found again, deleted, damaged, in the way of nobody, shared by two
 processes."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -30,7 +28,7 @@ def _unseen(seed: float) -> Array:
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def cache(tmp_path, monkeypatch) -> Iterator[Path]:
     monkeypatch.setenv("PAMID_CACHE", str(tmp_path / "cache"))
     _forget(monkeypatch)
     yield tmp_path / "cache" / "models"
@@ -45,11 +43,11 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def compiled_texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def compiled_texts(monkeypatch) -> list[str]:
     seen: list[str] = []
     real = machine._compile
 
-    def counted(ir_text: str) -> bytes:
+    def counted(ir_text):
         seen.append(ir_text)
         return real(ir_text)
 
@@ -69,12 +67,7 @@ def compiled_texts(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     ],
     ids=["empty", "cut", "one byte short", "zeros", "one bit", "longer"],
 )
-def test_a_damaged_file_is_compiled_again(
-    damage: Callable[[bytes], bytes],
-    cache: Path,
-    compiled_texts: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_damaged_file_is_compiled_again(damage, cache, compiled_texts, monkeypatch):
     first = _unseen(0.25)
     (file,) = cache.iterdir()
     whole = file.read_bytes()
@@ -84,9 +77,7 @@ def test_a_damaged_file_is_compiled_again(
     assert len(compiled_texts) == 2 and file.read_bytes() == whole
 
 
-def test_a_cache_that_cannot_be_written_costs_time_only(
-    tmp_path: Path, compiled_texts: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cache_that_cannot_be_written_costs_time_only(tmp_path, compiled_texts, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     monkeypatch.setenv("PAMID_CACHE", str(blocked))
@@ -94,7 +85,7 @@ def test_a_cache_that_cannot_be_written_costs_time_only(
     assert np.isfinite(_unseen(0.5)).all() and len(compiled_texts) == 1
 
 
-def test_two_processes_at_once(tmp_path: Path) -> None:
+def test_two_processes_at_once(tmp_path):
     code = (
         "import json, numpy as np\n"
         "from pamid.model.assembly import Assembly\n"
@@ -166,9 +157,7 @@ OTHERS: dict[str, Callable[[Path], None]] = {
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_what_others_may_have_written_is_never_loaded(
-    cache: Path, compiled_texts: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_others_may_have_written_is_never_loaded(cache, compiled_texts, monkeypatch):
     """Loading it runs it: an object planted in a folder that a group may write once gave its own
     answer."""
     file, wrong, right = _planted(cache, monkeypatch)
@@ -189,9 +178,7 @@ def test_what_others_may_have_written_is_never_loaded(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_nothing_is_left_where_others_may_write_and_the_own_folder_is_private(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_left_where_others_may_write_and_the_own_folder_is_private(cache, monkeypatch):
     before = os.umask(0)
     try:
         _unseen(0.9375)
@@ -206,9 +193,7 @@ def test_nothing_is_left_where_others_may_write_and_the_own_folder_is_private(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_somebody_elses_folder_is_not_used(
-    cache: Path, compiled_texts: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_somebody_elses_folder_is_not_used(cache, compiled_texts, monkeypatch):
     _unseen(0.3125)
     _forget(monkeypatch)
     monkeypatch.setattr(trust, "_is_anothers", lambda found: True)
@@ -233,7 +218,7 @@ def _cache_of_numba(folder: Path, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_numba_takes_no_settings_from_the_working_folder(tmp_path: Path) -> None:
+def test_numba_takes_no_settings_from_the_working_folder(tmp_path):
     """The files of its cache are pickles: a folder that says where they lie would run code."""
     pytest.importorskip("yaml")
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./planted\n")
@@ -241,7 +226,7 @@ def test_numba_takes_no_settings_from_the_working_folder(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_numba_keeps_nothing_where_others_may_write(tmp_path: Path) -> None:
+def test_numba_keeps_nothing_where_others_may_write(tmp_path):
     (own := tmp_path / "own").mkdir(mode=0o700)
     assert _cache_of_numba(tmp_path, NUMBA_CACHE_DIR=str(own)) == str(own)
     (shared := tmp_path / "shared").mkdir()
@@ -260,14 +245,12 @@ def twice(x):
 """
 
 
-def test_a_function_compiled_by_a_version_with_other_modules_is_compiled_again(
-    tmp_path: Path,
-) -> None:
+def test_a_function_compiled_by_a_version_with_other_modules_is_compiled_again(tmp_path):
     (own := tmp_path / "own").mkdir(mode=0o700)
     (tmp_path / "kernel.py").write_text(KERNEL)
     words = [sys.executable, "-c", "import kernel; print(kernel.twice(2.0))"]
 
-    def ran() -> str:
+    def ran():
         paths = os.pathsep.join([str(tmp_path), *sys.path])
         environment = {**os.environ, "PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(own)}
         return subprocess.run(

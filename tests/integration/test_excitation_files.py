@@ -1,8 +1,6 @@
 """Excitations as files, read back by who would play them: Octave, a C compiler, a parser of
 structured text."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -61,7 +59,7 @@ def dumped(path: Path, shape: tuple[int, ...]) -> Array:
 
 
 @needs_octave
-def test_octave_reads_every_mat_file_to_the_bit(tmp_path: Path) -> None:
+def test_octave_reads_every_mat_file_to_the_bit(tmp_path):
     sent = columns()
     for form in ("mat", "mat-file", "mat-matrix"):
         write(tmp_path / f"{form}.mat", form)
@@ -105,7 +103,7 @@ int main(void)
 
 
 @needs_gcc
-def test_a_strict_c99_compiler_takes_the_header_and_prints_the_numbers(tmp_path: Path) -> None:
+def test_a_strict_c99_compiler_takes_the_header_and_prints_the_numbers(tmp_path):
     sent = columns()
     write(tmp_path / "my-sent.h", "h")
     (tmp_path / "main.c").write_text(MAIN)
@@ -172,7 +170,7 @@ def literal(kind: str, text: str) -> float:
 
 
 @pytest.mark.parametrize("period_s", [0.003, 0.0005, 1.0 / 3000.0])
-def test_the_change_points_of_the_plc_play_the_signal(period_s: float, tmp_path: Path) -> None:
+def test_the_change_points_of_the_plc_play_the_signal(period_s, tmp_path):
     sent = columns()
     write(tmp_path / "sent.st", "st", sent, period_s)
     text = (tmp_path / "sent.st").read_text()
@@ -192,7 +190,7 @@ def test_the_change_points_of_the_plc_play_the_signal(period_s: float, tmp_path:
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_what_is_not_finite_is_never_written(form: str, tmp_path: Path) -> None:
+def test_what_is_not_finite_is_never_written(form, tmp_path):
     for wrong in (np.nan, np.inf):
         with pytest.raises(FileError, match="not finite"):
             write(

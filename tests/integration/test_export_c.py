@@ -1,13 +1,9 @@
 """The exported C: equal to pamid, without warnings, without memory of its own, and its example host
 runs."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +18,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no 
 
 @needs_gcc
 @pytest.mark.skipif(shutil.which("nm") is None, reason="there is no nm")
-def test_takes_no_memory_and_has_no_globals(tmp_path: Path) -> None:
+def test_takes_no_memory_and_has_no_globals(tmp_path):
     step = step_of(case("several effects, two steps", 1).model)
     name = model_name(step)
     for file, text in c_files(step).items():
@@ -51,7 +47,7 @@ def test_takes_no_memory_and_has_no_globals(tmp_path: Path) -> None:
 
 
 @needs_gcc
-def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
+def test_parameters_are_changed_from_outside(tmp_path):
     model = case("several effects, two steps", 1).model
     step = step_of(model)
     name = model_name(step)
@@ -107,10 +103,10 @@ def test_parameters_are_changed_from_outside(tmp_path: Path) -> None:
     assert abs(first[1] - second) > 1e-3
 
 
-def test_no_input_begins_at_absolute_zero() -> None:
+def test_no_input_begins_at_absolute_zero():
     rig, begins = type(case("kettle", 1).model.assembly.rig), {"double": 288.15, "i": 0.0}
 
-    def starts(**stated: dict[str, Any]) -> list[tuple[float, bool]]:
+    def starts(**stated):
         needy = type(rig.__name__, (rig,), {"name": rig.name, "optional": {}, **stated})()
         found = [_input(needy, name, begins) for name in rig.inputs]
         return [(round(v.start, 9), v.required) for v in found]
@@ -130,9 +126,7 @@ def test_no_input_begins_at_absolute_zero() -> None:
         ("power_w,ambient_degc\n5,20\nfive,20\n", "row 3: five is not a number"),
     ],
 )
-def test_the_program_refuses_a_table_without_what_it_needs(
-    text: str, said: str, tmp_path: Path
-) -> None:
+def test_the_program_refuses_a_table_without_what_it_needs(text, said, tmp_path):
     """As `pamid simulate` does: values of nowhere give a quiet, wrong simulation."""
     program = built("kettle", tmp_path)
     done = subprocess.run([program], input=text, capture_output=True, text=True)

@@ -1,8 +1,6 @@
 """ONNX files against what they stand for: onnxruntime over long runs, the reference evaluator
 sample by sample."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import run_whole
+from exported import run_cell, run_whole
 from identified_runs import (
     PERIOD_S,
     RANGES,
@@ -24,9 +22,6 @@ from identified_runs import (
 from pamid.base.errors import FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.units import as_column, split_column, to_si
-from pamid.engine.program import Stepping
-from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.correction.identified_model import (
     Identified,
@@ -39,7 +34,6 @@ from pamid.networks.network import Network
 from pamid.networks.trained_network import TrainedNetwork
 from pamid.recording.recording import Recording
 from pamid.simulation.excitation.aprbs import aprbs
-from pamid.simulation.virtual_rig import attach_specs
 
 onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
 pytest.importorskip("onnxruntime", reason="pip install 'pamid[verify]'")
@@ -51,25 +45,6 @@ from pamid.exports.onnx_model import onnx_bytes, run_and_cell  # noqa: E402
 LONG = 6000  # samples: 18 s at 3 ms
 CLOSE = 1e-9  # of each channel's span
 LOOP = tuple(name for name in RANGES if name not in SEEN[1:] and name != "command")
-
-
-def props(content: bytes) -> dict[str, str]:
-    return {p.key: p.value for p in onnx.load_from_string(content).metadata_props}
-
-
-def run_cell(content: bytes, u: np.ndarray) -> np.ndarray:
-    """Outputs of a cell file, sample by sample, under the reference evaluator."""
-    from onnx.reference import ReferenceEvaluator
-
-    cell, state, found = (
-        ReferenceEvaluator(onnx.load_from_string(content)),
-        np.array(json.loads(props(content)["start"])),
-        [],
-    )
-    for row in u:
-        outputs, state = cell.run(None, {"inputs": row, "state": state})
-        found.append(outputs)
-    return np.array(found)
 
 
 def outputs_of(model: Identified, u: np.ndarray) -> np.ndarray:
@@ -136,7 +111,7 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
 
 
 @pytest.mark.parametrize("network", NETWORKS, ids=repr)
-def test_a_network(network: Network, signals: np.ndarray) -> None:
+def test_a_network(network, signals):
     trained = random_network(network, LOOP, "angle_deg", 2.0)
     wanted = trained.predict(signals)[:, None]
     run, cell = network_onnx_bytes(trained)
@@ -146,68 +121,11 @@ def test_a_network(network: Network, signals: np.ndarray) -> None:
     np.testing.assert_allclose(run_cell(cell, signals[:60]), wanted[:60], rtol=0.0, atol=1e-12)
 
 
-# ---- models --------------------
-
-EXPLICIT, TWICE, IMPLICIT = Stepping(1), Stepping(2), Stepping(1, implicit=True)
-
-
-def model_of(rig: str, effects: tuple[str, ...], stepping: Stepping) -> Identified:
-    """A rig with effects at these values, its background a little off."""
-    made = rig_named(rig)
-    chosen = attach_specs(made, effects)
-    assembly = Assembly(made, tuple(a for a, _ in chosen), background=True)
-    p = assembly.values()
-    for a, values in chosen:
-        for name, value in values.items():
-            i = assembly.index_of(f"{a.label}:{name}")
-            p[i] = value * assembly.parameters[i].factor
-    for k, (i, b) in enumerate((i, b) for i, b in enumerate(assembly.parameters) if b.nuisance):
-        p[i] = 0.3 * (-1) ** k * b.spread
-    return Identified(made.name, assembly, p, PERIOD_S, stepping)
-
-
-def joint_inputs(samples: int) -> np.ndarray:
-    return np.stack(
-        [
-            0.6 * aprbs(0.003 * samples + 4.0, PERIOD_S, 1.0, seed=2)[:samples],
-            0.5 * np.sin(0.01 * np.arange(samples)),
-        ],
-        axis=1,
-    )
-
-
-@pytest.mark.parametrize(
-    ("effects", "stepping"),
-    [
-        ((), EXPLICIT),
-        (("coulomb-friction:torque_n_m=0.4",), TWICE),
-        (("coulomb-friction:torque_n_m=0.4",), IMPLICIT),
-        (("dead-time:delay_s=0.0125",), EXPLICIT),
-        (("dead-time:delay_s=0.0125", "tube-lag:time_constant_s=0.02"), TWICE),
-        (("lugre-friction:torque_n_m=0.3", "muscle-creep"), EXPLICIT),
-        (("bouc-wen-hysteresis",), IMPLICIT),
-        (("angle-sensor-lag:time_constant_s=0.01", "gravity"), TWICE),
-        (("pwm-quantisation", "clock-skew"), EXPLICIT),
-        (("two-mass",), Stepping(2, implicit=True)),
-    ],
-    ids=repr,
-)
-def test_every_kind_of_memory_and_step(effects: tuple[str, ...], stepping: Stepping) -> None:
-    model, u = (
-        model_of("one-dof", effects, stepping),
-        joint_inputs(80 if stepping.implicit else 300),
-    )
-    run, cell = onnx_bytes(model)
-    wanted = outputs_of(model, u)
-    assert_close(run_whole(run, u)[0], wanted)
-    np.testing.assert_allclose(run_cell(cell, u[:5]), wanted[:5], rtol=1e-12, atol=1e-12)
-
-
 # ---- what a run found --------------------
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+def found(tmp_path_factory) -> tuple[Path, Recording]:
     folder = tmp_path_factory.mktemp("joint")
     recording = joint_recording(folder)
     fitted_run(folder / "run", recording.path, ("coulomb-friction",))
@@ -232,9 +150,7 @@ NETWORKS_OF_RUNS: list[tuple[Network, str, dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("network", "output", "about"), NETWORKS_OF_RUNS, ids=repr)
-def test_a_model_with_a_network(
-    found: tuple[Path, Recording], network: Network, output: str, about: dict[str, Any]
-) -> None:
+def test_a_model_with_a_network(found, network, output, about):
     folder, recording = found
     put_network(folder, random_network(network, SEEN, output, 2.0), **about)
     model, u = load_identified(folder), commands(recording)
@@ -245,7 +161,7 @@ def test_a_model_with_a_network(
     np.testing.assert_allclose(run_cell(cell, u[:8]), wanted[:8], rtol=1e-12, atol=1e-12)
 
 
-def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) -> None:
+def test_what_the_numbers_mean(found, tmp_path):
     folder, _ = found
     model = load_identified(folder, which="refitted")
     files = export_model(model, "onnx", tmp_path / "joint.onnx").files
@@ -280,9 +196,7 @@ def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) ->
     assert run_whole((tmp_path / "joint.onnx").read_bytes(), u)[0][0, 1] == pytest.approx(rest)
 
 
-def test_what_cannot_be_written_is_refused(
-    found: tuple[Path, Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_written_is_refused(found, tmp_path, monkeypatch):
     folder, _ = found
     put_network(folder, random_network(Elman(5, 3), LOOP, "angle_deg", 2.0), model="loop")
     with pytest.raises(UsageError, match="its control loop"):

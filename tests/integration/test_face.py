@@ -1,14 +1,11 @@
 """`import pamid`, as somebody at a notebook uses it: verbs, typed results, cards, plots, run
 folders."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas
@@ -28,17 +25,17 @@ HOSTILE = "<script>alert(1)</script>"
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
 @pytest.fixture(scope="module")
-def fitted(recorded: Path) -> pamid.FitResult:
+def fitted(recorded) -> pamid.FitResult:
     return pamid.fit(recorded, RIG, progress=False)
 
 
 @pytest.fixture(scope="module")
-def found(recorded: Path) -> pamid.DiagnosisResult:
+def found(recorded) -> pamid.DiagnosisResult:
     return pamid.diagnose(recorded, RIG, without=LEFT_OUT, jobs=1, progress=False)
 
 
@@ -47,7 +44,7 @@ def in_a_fresh_python(code: str) -> str:
     return done.stdout
 
 
-def test_type_checkers_see_every_name() -> None:
+def test_type_checkers_see_every_name():
     text = Path(str(pamid.__file__)).read_text(encoding="utf-8")
     block = text[text.index("if TYPE_CHECKING:") : text.index("__version__ =")]
     assert not [
@@ -55,7 +52,7 @@ def test_type_checkers_see_every_name() -> None:
     ]
 
 
-def test_report_is_a_verb_whether_its_package_is_loaded_or_not() -> None:
+def test_report_is_a_verb_whether_its_package_is_loaded_or_not():
     code = "import pamid; print(callable(pamid.report)); import pamid.report.formatting; "
     assert in_a_fresh_python(f"{code}print(callable(pamid.report))") == "True\nTrue\n"
 
@@ -72,7 +69,7 @@ def test_report_is_a_verb_whether_its_package_is_loaded_or_not() -> None:
         (lambda t: t.head(10), "too short: 10 samples"),
     ],
 )
-def test_a_table_that_is_no_recording(recorded: Path, change: Any, words: str) -> None:
+def test_a_table_that_is_no_recording(recorded, change, words):
     table = change(pamid.read_recording(recorded).to_pandas())
     with pytest.raises(pamid.PamidError, match=words) as caught:
         pamid.Recording.from_pandas(table, "bench")
@@ -82,7 +79,7 @@ def test_a_table_that_is_no_recording(recorded: Path, change: Any, words: str) -
 # ---- a fit -------------------------------------------------------------------------------------
 
 
-def test_a_fit_has_typed_parameters(fitted: pamid.FitResult) -> None:
+def test_a_fit_has_typed_parameters(fitted):
     mass = fitted.parameters["mass_kg"]
     assert mass.low is not None and mass.high is not None
     assert mass.low < mass.value < mass.high and (mass.prior, mass.unit) == (1.0, "kg")
@@ -96,7 +93,7 @@ def test_a_fit_has_typed_parameters(fitted: pamid.FitResult) -> None:
     assert "FitResult cart" in repr(fitted) and "mass_kg" in repr(fitted.parameters)
 
 
-def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path: Path) -> None:
+def test_a_fit_is_the_commands(fitted, recorded, tmp_path):
     folder = tmp_path / "by-command"
     assert frame.run(["fit", str(recorded), "--rig", RIG, "--output", str(folder)]) == 0
     saved = fitted.save(tmp_path / "by-hand")
@@ -118,7 +115,7 @@ def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path
 # ---- a diagnosis -------------------------------------------------------------------------------
 
 
-def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -> None:
+def test_a_diagnosis_answers_where_which_how_far(found):
     assert found.verdict == "explained" and found.ports[0][0] == "force"
     (cause,) = found.causes
     assert (cause.effect, cause.family, cause.port) == ("coulomb-friction", "friction", "force")
@@ -145,9 +142,7 @@ def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -
     assert "DiagnosisResult explained" in repr(found) and "coulomb-friction" in repr(found)
 
 
-def test_a_diagnosis_is_the_commands(
-    found: pamid.DiagnosisResult, recorded: Path, tmp_path: Path
-) -> None:
+def test_a_diagnosis_is_the_commands(found, recorded, tmp_path):
     folder, words = tmp_path / "run", [w for name in LEFT_OUT for w in ("--without", name)]
     drawn = tmp_path / "pictures" / "rig.png"
     words += ["--output", str(folder), "--figure", str(drawn)]
@@ -160,7 +155,7 @@ def test_a_diagnosis_is_the_commands(
             assert path.read_bytes() == (saved / path.name).read_bytes(), path.name
 
 
-def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_path: Path) -> None:
+def test_a_card_is_text_whatever_a_file_says(found, tmp_path):
     folder = found.save(tmp_path / "run")
     for name, key in (("fit.json", "rig"), ("diagnosis.json", "sentence")):
         told = json.loads((folder / name).read_text())
@@ -184,7 +179,7 @@ def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_p
 
 
 @pytest.fixture(scope="module")
-def bench_mapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bench_mapping(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "map.toml"
     guessed = pamid.guess_mapping(
         BENCH_LOG, "one-dof", pressures="absolute", known={"inertia_kg_m2": 0.0896}, output=path
@@ -195,9 +190,7 @@ def bench_mapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_model_is_exported_as_by_the_command(
-    found: pamid.DiagnosisResult, tmp_path: Path
-) -> None:
+def test_a_model_is_exported_as_by_the_command(found, tmp_path):
     run = str(found.save(tmp_path / "run"))
     theirs, mine = tmp_path / "theirs" / "cart.m", tmp_path / "mine" / "cart.m"
     words = ["--to", "matlab", "--output", str(theirs), "--rig", RIG]
@@ -210,7 +203,7 @@ def test_a_model_is_exported_as_by_the_command(
         pamid.export(found, "matlab", output=mine, warn=lambda note: None)
 
 
-def test_a_force_map_becomes_a_rig_as_by_the_command(tmp_path: Path) -> None:
+def test_a_force_map_becomes_a_rig_as_by_the_command(tmp_path):
     muscle_map = Path("data/example/muscle_map.csv")
     words = ["--output", str(tmp_path / "theirs"), "--sets", "2"]
     assert frame.run(["force-law", str(muscle_map), *words]) == 0
@@ -220,7 +213,7 @@ def test_a_force_map_becomes_a_rig_as_by_the_command(tmp_path: Path) -> None:
     assert law.to_dict()["anfis"]["sets"] == 2 and "ANFIS 2x2" in law.summary()
 
 
-def test_a_log_becomes_recordings_as_by_the_command(bench_mapping: Path, tmp_path: Path) -> None:
+def test_a_log_becomes_recordings_as_by_the_command(bench_mapping, tmp_path):
     words = ["--mapping", str(bench_mapping), "--output", str(tmp_path / "theirs" / "bench.csv")]
     assert frame.run(["ingest", str(BENCH_LOG), *words]) == 0
     output = tmp_path / "mine" / "bench.csv"
@@ -241,7 +234,7 @@ def test_a_log_becomes_recordings_as_by_the_command(bench_mapping: Path, tmp_pat
 # ---- check, network, report, run folders -------------------------------------------------------
 
 
-def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) -> None:
+def test_a_network_is_added_to_a_run(fitted, tmp_path):
     folder = fitted.save(tmp_path / "run")
     lines: list[str] = []
     network = pamid.train_residual(folder, hidden=2, iterations=3, progress=lines.append)

@@ -1,11 +1,7 @@
 """What a new user sees first: the demo says what it begins with, long work says how much of a stage
 is done, and an excitation is found under the name of what it does."""
 
-from __future__ import annotations
-
 import io
-from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli import frame
@@ -34,13 +30,13 @@ class Clock:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch) -> Clock:
     found = Clock()
     monkeypatch.setattr("pamid.base.progress.time", found)
     return found
 
 
-def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> None:
+def test_a_stage_that_counts_says_how_much_is_done_and_left(clock):
     stream = Terminal()
     with ProgressLine("anything", stream=stream) as line:
         clock.now = 110.0
@@ -58,7 +54,7 @@ def test_a_stage_that_counts_says_how_much_is_done_and_left(clock: Clock) -> Non
         assert stream.getvalue().rstrip().endswith("noise floor (40 s)")
 
 
-def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
+def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path):
     said: list[str] = []
     left_out = [name for name in effects() if name not in FEW]
     pamid.diagnose(record_cart(tmp_path), RIG, check=False, without=left_out, progress=said.append)
@@ -75,12 +71,10 @@ def test_a_diagnosis_tells_of_its_stages_in_their_order(tmp_path: Path) -> None:
     assert set(told_before) <= {"fitting", "noise floor", None}
 
 
-def test_the_demo_says_what_it_begins_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_demo_says_what_it_begins_with(tmp_path, monkeypatch, capsys):
     said: list[str] = []
 
-    def before_all_work(*_: Any, **__: Any) -> Any:
+    def before_all_work(*_, **__):
         said.append(capsys.readouterr().err)
         raise DataError("Enough.", "")
 

@@ -1,14 +1,11 @@
 """An FMU as a rig: pamid's own export, held by another process, is the model that it was made
 from."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,7 +48,7 @@ def _exported(folder: Path, version: int) -> Path:
 
 
 @pytest.fixture(scope="module")
-def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmu(tmp_path_factory) -> Path:
     return _exported(tmp_path_factory.mktemp("fmu"), 2)
 
 
@@ -78,7 +75,7 @@ def _effect(rig: Rig, name: str, port: str) -> Attachment:
 
 
 @pytest.mark.parametrize(("version", "saves"), [(2, True), (3, False)])
-def test_it_is_the_model_that_was_exported(tmp_path: Path, version: int, saves: bool) -> None:
+def test_it_is_the_model_that_was_exported(tmp_path, version, saves):
     rig = FmuRig(replace(read_fmu(_exported(tmp_path, version)), saves=saves))
     assert {q.name for q in rig.parameters} == {q.name for q in WrittenPendulum.parameters}
     y, by = _run(Assembly(rig))
@@ -89,7 +86,7 @@ def test_it_is_the_model_that_was_exported(tmp_path: Path, version: int, saves: 
     assert np.array_equal(again, y) and np.array_equal(also, by)
 
 
-def test_effects_act_on_what_goes_in_and_what_comes_out(fmu: Path) -> None:
+def test_effects_act_on_what_goes_in_and_what_comes_out(fmu):
     rig = rig_named(str(fmu))
     assert isinstance(rig, FmuRig)
     for name, port, own in (
@@ -103,7 +100,7 @@ def test_effects_act_on_what_goes_in_and_what_comes_out(fmu: Path) -> None:
         assert np.abs(by - slopes).max() <= 1e-3 * np.abs(slopes).max()
 
 
-def test_a_force_that_goes_in_is_declared_a_motion_port(fmu: Path) -> None:
+def test_a_force_that_goes_in_is_declared_a_motion_port(fmu):
     class Pushed(FmuRig):
         path = str(fmu)
         motion = {"force_n": ("position_m", "speed_m_per_s")}
@@ -127,7 +124,7 @@ def test_a_force_that_goes_in_is_declared_a_motion_port(fmu: Path) -> None:
     assert np.abs(y - truth).max() < 0.1 * far  # the force is held over a sample
 
 
-def test_it_is_fitted_from_the_start_of_a_recording(fmu: Path) -> None:
+def test_it_is_fitted_from_the_start_of_a_recording(fmu):
     u = aprbs(3.0, PERIOD, 6.0, (0.1, 0.6), seed=3)
     sent = pd.DataFrame({"time_s": PERIOD * np.arange(len(u)), "force_n": u})
     recording = pamid.simulate(
@@ -146,7 +143,7 @@ def _file(fmu: Path) -> FmuFile:
     return read_fmu(fmu)
 
 
-def test_a_crash_is_a_sentence_and_nothing_else_is_lost(fmu: Path) -> None:
+def test_a_crash_is_a_sentence_and_nothing_else_is_lost(fmu):
     rig = FmuRig(_file(fmu))
     a = Assembly(rig)
     assert np.isfinite(_run(a)[0]).all()
@@ -173,12 +170,12 @@ def test_a_crash_is_a_sentence_and_nothing_else_is_lost(fmu: Path) -> None:
         ),
     ],
 )
-def test_an_fmu_that_cannot_go_says_why(fmu: Path, tmp_path: Path, change: Any, words: str) -> None:
+def test_an_fmu_that_cannot_go_says_why(fmu, tmp_path, change, words):
     with pytest.raises(PamidError, match=words):
         rig_named(str(changed(fmu, tmp_path, change)))
 
 
-def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_fmu_is_refused(tmp_path):
     (tmp_path / "text.fmu").write_text("no zip")
     with pytest.raises(PamidError, match="cannot be read as an FMU"):
         rig_named(str(tmp_path / "text.fmu"))
@@ -186,7 +183,7 @@ def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
         rig_named(str(tmp_path / "absent.fmu"))
 
 
-def test_a_recording_cannot_name_one(fmu: Path, tmp_path: Path) -> None:
+def test_a_recording_cannot_name_one(fmu, tmp_path):
     frame = pd.DataFrame({"time_s": PERIOD * np.arange(SAMPLES), "force_n": U[:, 0]})
     frame["position_m"] = 0.0
     path = tmp_path / "rec.csv"

@@ -1,8 +1,6 @@
 """Effects whose law no file of the catalogue holds: their family is named by the free form that
 takes them up, with its curve."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -195,7 +193,7 @@ each = pytest.mark.parametrize(
 
 
 @each
-def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
+def test_the_family_is_named_with_its_port(planted):
     family, port, _, _ = CASES[planted]
     d = diagnosed(planted)
     found = diagnosis_file(d, find_missing(d))
@@ -209,7 +207,7 @@ def test_the_family_is_named_with_its_port(planted: type[Effect]) -> None:
 
 
 @each
-def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
+def test_its_curve_is_the_planted_one(planted):
     """Beside what the refitted parameters of the rig can take up as well."""
     _, _, truth, beside = CASES[planted]
     form = forms_of(diagnosed(planted))[0]
@@ -220,14 +218,14 @@ def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
     assert np.all(np.array(form.curve.low) <= y) and np.all(y <= np.array(form.curve.high))
 
 
-def test_nothing_has_no_family() -> None:
+def test_nothing_has_no_family():
     d = diagnosed(Nothing)
     assert d.verdict == "no-structural-gap" and forms_of(d) == ()
     search, ports = search_of(d), list(d.evidence.rig.ports)
     assert free_forms(search, d.comparison, d.budget.baseline, ports) == []
 
 
-def test_noise_has_no_family() -> None:
+def test_noise_has_no_family():
     """A position that the push has not made: nothing takes it up where it was not fitted."""
     random = np.random.default_rng(3)
     columns = {
@@ -240,13 +238,13 @@ def test_noise_has_no_family() -> None:
     assert d.silent == ("place",) and forms_of(d) == ()
 
 
-def test_a_withheld_effect_keeps_its_family() -> None:
+def test_a_withheld_effect_keeps_its_family():
     d = diagnose(recorded("dead-time@amplifier"), {"offset": effects()["offset"]})
     assert d.verdict == "unknown-effect"
     assert [(f.family, f.port) for f in forms_of(d)] == [("command-timing", "amplifier")]
 
 
-def test_a_gap_far_above_the_floor_is_not_denied() -> None:
+def test_a_gap_far_above_the_floor_is_not_denied():
     """No curve at a port predicts it, and no effect that is known."""
     d = shaken()
     assert d.comparison.floors(d.budget.baseline) > 100.0
@@ -269,7 +267,7 @@ def stuck() -> tuple[Search, Comparison, CandidateModel]:
     return search, d.comparison, search.pool.one(work, RefitStart((named,), assembly=None))
 
 
-def test_the_remainder_beside_a_named_cause_has_a_family() -> None:
+def test_the_remainder_beside_a_named_cause_has_a_family():
     search, comparison, named = stuck()
     found = free_forms(search, comparison, named, ["guide"])
     assert [f.family for f in found] == ["stiffness"]

@@ -1,8 +1,6 @@
 """A disk that is full at any write of any command: exit code 3, nothing half-written, the old files
 as they were."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path
@@ -26,7 +24,7 @@ QUICK = (
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory) -> Path:
     """A cart's recording, a run fitted to it, and outputs of earlier commands to be replaced."""
     place = tmp_path_factory.mktemp("made")
     prepared(place)
@@ -36,9 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "command", [*QUICK, "generate-aprbs", pytest.param("fit", marks=pytest.mark.slow)]
 )
-def test_every_write_may_fail(
-    command: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_write_may_fail(command, made, tmp_path, monkeypatch, undrawn):
     place = Path(shutil.copytree(made, tmp_path / "place"))
     monkeypatch.chdir(place)
     words, together = COMMANDS[command]
@@ -51,14 +47,12 @@ def test_every_write_may_fail(
     assert not list((place / "tmp").iterdir())
 
 
-def test_the_walk_sees_what_is_half_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_walk_sees_what_is_half_written(tmp_path, monkeypatch):
     """Were files written in place, and one after the other, it would say so."""
     import pamid.base.files
     import pamid.recording.recording
 
-    def careless(files: dict[Path, bytes]) -> None:
+    def careless(files):
         for path, data in files.items():
             with open(path, "wb") as file:
                 file.write(data[:10])
@@ -78,9 +72,7 @@ def test_the_walk_sees_what_is_half_written(
     assert "neither what it was nor" in told and "some were not" in told
 
 
-def test_a_small_file_system_that_is_full(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_small_file_system_that_is_full(made, tmp_path, monkeypatch):
     """A real one, where this machine lets us mount one."""
     import subprocess
 

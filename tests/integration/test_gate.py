@@ -1,8 +1,6 @@
 """What `pamid check` calls wrong stops a fit, with or without a stated period, and stops nothing
 that is right."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -72,14 +70,14 @@ def blocking(recording: Recording, rig: Rig) -> list[QualityIssue]:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def joint(tmp_path_factory) -> Recording:
     return record(
         tmp_path_factory.mktemp("gate") / "joint.csv", 9.0, seed=3, effects=("coulomb-friction",)
     )
 
 
 @pytest.fixture(scope="module")
-def pushed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def pushed(tmp_path_factory) -> Recording:
     return read_recording(record_cart(tmp_path_factory.mktemp("cart")))
 
 
@@ -123,9 +121,7 @@ BAD: dict[str, tuple[Callable[[Columns], Columns], float, int, str, tuple[str, .
 @pytest.mark.parametrize(
     ("command", "kind"), [*(("fit", kind) for kind in BAD), ("diagnose", "radians")]
 )
-def test_what_check_calls_wrong_stops_a_fit(
-    command: str, kind: str, joint: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_check_calls_wrong_stops_a_fit(command, kind, joint, tmp_path, capsys):
     change, clock, code, word, needles = BAD[kind]
     path, output = written(tmp_path, joint, change(joint.columns), clock), tmp_path / "run"
     got = run([command, str(path), "--rig", "one-dof", "--output", str(output), "--json"])
@@ -143,7 +139,7 @@ def test_what_check_calls_wrong_stops_a_fit(
 @pytest.mark.skipif(
     not MEASURED.is_dir(), reason="the measured recordings are not beside the project"
 )
-def test_measured_recordings_are_taken_and_their_clock_is_known(tmp_path: Path) -> None:
+def test_measured_recordings_are_taken_and_their_clock_is_known(tmp_path):
     (tmp_path / "tanks.py").write_text(TANKS)
     cases = {
         MEASURED / "emps" / "estimation.csv": str(ROOT / "data/rigs/emps.py"),
@@ -160,7 +156,7 @@ def test_measured_recordings_are_taken_and_their_clock_is_known(tmp_path: Path) 
 
 
 @pytest.fixture(scope="module")
-def piston(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, str]:
+def piston(tmp_path_factory) -> tuple[Recording, str]:
     """5 cm2 that push, and a rig that takes the 5 for square metres."""
     folder, random = tmp_path_factory.mktemp("piston"), np.random.default_rng(1)
     (folder / "piston.py").write_text(PISTON)
@@ -189,18 +185,14 @@ def position_times(factor: float, r: Recording) -> Recording:
         (1e5, "1e-05"),
     ],
 )
-def test_another_unit_is_named_in_both_directions(
-    factor: float, named: str, pushed: Recording
-) -> None:
+def test_another_unit_is_named_in_both_directions(factor, named, pushed):
     rig, recording = rig_named(RIG), position_times(factor, pushed)
     (issue,) = [i for i in examine(recording, rig) if i.kind == "far-off"]
     assert "the column position_m times" in issue.hint and named in issue.hint
     assert not blocking(recording, rig)
 
 
-def test_an_effect_that_hides_another_unit_is_set_aside(
-    piston: tuple[Recording, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_effect_that_hides_another_unit_is_set_aside(piston, tmp_path, capsys):
     """A dead zone that switches the input off removes most of the error, since nothing at all is
     better than a force that is ten thousand times too large."""
     recording, rig = piston
@@ -226,7 +218,7 @@ def spring(folder: Path, force: Array, position: Array) -> Recording:
     return read_recording(folder / "rec.csv")
 
 
-def test_only_where_nothing_can_teach_is_a_recording_refused(tmp_path: Path) -> None:
+def test_only_where_nothing_can_teach_is_a_recording_refused(tmp_path):
     time, noise = 0.01 * np.arange(1200), 1e-4 * np.random.default_rng(1).standard_normal(1200)
     still, rig = np.zeros(1200), rig_named(RIG)
     rolling = spring(tmp_path, still, np.exp(-0.5 * time) * np.cos(5.0 * time) + noise)

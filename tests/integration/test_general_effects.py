@@ -1,8 +1,6 @@
 """Effects of the general catalogue: no unit and no sign of a coordinate is special to them, and
 planted ones come back with their parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -77,7 +75,7 @@ def assembled(label: str, length: float = 1.0, force: float = 1.0, time: float =
 
 
 @each
-def test_no_unit_is_special(label: str) -> None:
+def test_no_unit_is_special(label):
     """In other units the same effect, given in the sizes of its port, does the same; powers of two
     round alike."""
     length, force, time = 2.0**10, 2.0**-7, 2.0**-6
@@ -112,7 +110,7 @@ TURNED: dict[str, Callable[[dict[str, float]], dict[str, float]]] = {
 
 
 @pytest.mark.parametrize("label", [k for k, bench in BENCH.items() if bench is carts])
-def test_no_sign_of_the_coordinate_is_special(label: str) -> None:
+def test_no_sign_of_the_coordinate_is_special(label):
     """With positions and forces counted the other way, parameters within the bounds do the same."""
     assembly = assembled(label)
     places = {assembly.parameters[i].key.split(":")[1]: i for i in own(assembly)}
@@ -161,7 +159,7 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
 
 
 @pytest.mark.parametrize("label", PLANTED)
-def test_a_planted_effect_comes_back(label: str) -> None:
+def test_a_planted_effect_comes_back(label):
     values, near = PLANTED[label]
     rig, specimen = (carts(), CARTS) if BENCH[label] is carts else (tanks(), TANKS)
     names = {b.key.split(":")[1]: b.name for b in assembled(label).parameters if b.owner}
@@ -191,7 +189,7 @@ def test_a_planted_effect_comes_back(label: str) -> None:
 # ---- the lines over a position --------------------
 
 
-def test_lines_over_the_position_are_found_at_any_speed() -> None:
+def test_lines_over_the_position_are_found_at_any_speed():
     time = 0.002 * np.arange(20000)
     x = 0.3 * np.sin(2.1 * time) + 0.2 * np.sin(0.7 * time + 1.0)
     ripple = np.sin(2.0 * np.pi * x / 0.037)
@@ -205,7 +203,7 @@ def test_lines_over_the_position_are_found_at_any_speed() -> None:
 # ---- where they attach --------------------
 
 
-def test_a_signal_may_stand_in_for_another() -> None:
+def test_a_signal_may_stand_in_for_another():
     rig = carts()
     label = "signal-dependent-friction"
     slope = next(b for b in assembled(label).parameters if b.key == f"{label}:slope")
@@ -219,7 +217,7 @@ def test_a_signal_may_stand_in_for_another() -> None:
     assert label not in {a.label for a in attachments(rig, effects().values())}
 
 
-def test_two_parts_are_played_by_two_ports() -> None:
+def test_two_parts_are_played_by_two_ports():
     rig = tanks()
     assert attach(rig, "overflow-into-store", effects()).ports == ("upper_balance", "lower_balance")
     rig.ports = {"lower_balance": rig.ports["lower_balance"]}  # type: ignore[misc]
@@ -229,7 +227,7 @@ def test_two_parts_are_played_by_two_ports() -> None:
         attach(rig, "overflow-into-store", effects())
 
 
-def test_what_spills_is_caught_to_its_share() -> None:
+def test_what_spills_is_caught_to_its_share():
     assembly = assembled("overflow-into-store")
     keys = assembly.keys
     u = inputs_of(assembly.rig, SAMPLES)
@@ -247,7 +245,7 @@ def test_what_spills_is_caught_to_its_share() -> None:
 @pytest.mark.parametrize(
     "name", ["cascaded-tanks", "dc-motor", "servo-pendulum", "thermal-block", "two-masses"]
 )
-def test_no_number_of_a_joint_with_muscles_is_tried_on_another_machine(name: str) -> None:
+def test_no_number_of_a_joint_with_muscles_is_tried_on_another_machine(name):
     """Where an effect may act, its bounds follow the recordings: none is a number of seconds, of
     volts or of newtons."""
     rig = rig_named(name)
@@ -260,7 +258,7 @@ def test_no_number_of_a_joint_with_muscles_is_tried_on_another_machine(name: str
     assert not fixed
 
 
-def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
+def test_a_dead_time_acts_as_far_as_its_range_may_be_widened():
     """What is kept of the past would otherwise end it at the first guess of a range."""
     assembly, u = assembled("dead-time@amplifier"), inputs_of(carts(), SAMPLES)
     place = assembly.keys["dead-time@amplifier:delay"]
@@ -276,7 +274,7 @@ def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
     np.testing.assert_allclose(y, z, rtol=0.0, atol=1e-6 * np.abs(z).max())
 
 
-def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
+def test_general_parameters_keep_the_names_and_widen_the_bounds():
     for name in ("bouc-wen-hysteresis", "maxwell-slip-hysteresis"):
         effect = effects()[name]
         home = effect.parameters_at("actuator-force")[0]
@@ -287,7 +285,7 @@ def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
         assert effect.family_at("actuator-force") == "muscle-hysteresis"
 
 
-def test_a_leak_is_as_fast_as_its_store_unless_an_outflow_is_offered() -> None:
+def test_a_leak_is_as_fast_as_its_store_unless_an_outflow_is_offered():
     """A share of an outflow has no time in it, a share of the store is one per unit of time."""
     leak = effects()["leak"]
     of_outflow, of_store = (

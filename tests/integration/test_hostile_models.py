@@ -1,8 +1,6 @@
 """Model files of other programs that ask for too much, name a pipe, or hold a number that is not
 finite; and commands that are signalled in the middle of native code."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -66,9 +64,7 @@ def refusal(path: Path) -> FileError:
         ({"option": '<visual><map znear="nan"/></visual>'}, "NaN"),
     ],
 )
-def test_numbers_that_cannot_be_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: dict[str, str], words: str
-) -> None:
+def test_numbers_that_cannot_be_are_refused(tmp_path, monkeypatch, parts, words):
     pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
     error = refusal(model(tmp_path, **parts))
@@ -76,7 +72,7 @@ def test_numbers_that_cannot_be_are_refused(
     assert [p.name for p in tmp_path.iterdir()] == ["arm.xml"], "no log of MuJoCo's"
 
 
-def test_a_warning_of_mujoco_becomes_a_remark(tmp_path: Path) -> None:
+def test_a_warning_of_mujoco_becomes_a_remark(tmp_path):
     pytest.importorskip("mujoco")
     from pamid.rigs.simulators.mujoco_file import open_mujoco
     from pamid.rigs.simulators.mujoco_mechanism import mechanism_of
@@ -99,7 +95,7 @@ def test_a_warning_of_mujoco_becomes_a_remark(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("place", ["", "assets"])
-def test_only_regular_files_are_read(tmp_path: Path, more: str, place: str) -> None:
+def test_only_regular_files_are_read(tmp_path, more, place):
     pytest.importorskip("mujoco")
     (tmp_path / place).mkdir(exist_ok=True)
     os.mkfifo(tmp_path / place / "pipe.png")
@@ -111,13 +107,13 @@ def test_only_regular_files_are_read(tmp_path: Path, more: str, place: str) -> N
     assert error.code == "not-a-file" and "pipe.png is a pipe" in error.message
 
 
-def test_a_model_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+def test_a_model_that_is_a_pipe_is_refused(tmp_path):
     pytest.importorskip("mujoco")
     os.mkfifo(tmp_path / "arm.xml")
     assert refusal(tmp_path / "arm.xml").code == "not-a-file"
 
 
-def test_a_link_to_an_included_file_will_do(tmp_path: Path) -> None:
+def test_a_link_to_an_included_file_will_do(tmp_path):
     pytest.importorskip("mujoco")
     from pamid.rigs.simulators.mujoco_file import open_mujoco
 
@@ -138,18 +134,14 @@ def test_a_link_to_an_included_file_will_do(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_model_without_end_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: dict[str, str], words: str
-) -> None:
+def test_a_model_without_end_is_refused(tmp_path, monkeypatch, parts, words):
     pytest.importorskip("mujoco")
     monkeypatch.setattr("pamid.rigs.simulators.foreign_limits.COMPILE_S", 2.0)
     error = refusal(model(tmp_path, **parts))
     assert words in error.message and VARIABLE in error.hint
 
 
-def test_too_many_joints_are_refused_by_their_number(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_joints_are_refused_by_their_number(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setenv(VARIABLE, "0.5")
     body = '<body><joint type="hinge"/><geom size="0.01"/></body>'
@@ -194,9 +186,7 @@ def fmu(folder: Path, variables: str = "", files: int = 1, size: int = 100, pad:
         ({"pad": 2 << 20}, "its modelDescription.xml has 2 MiB"),
     ],
 )
-def test_an_fmu_that_unpacks_to_too_much_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parts: dict[str, int], words: str
-) -> None:
+def test_an_fmu_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, parts, words):
     pytest.importorskip("fmpy")
     path = fmu(tmp_path, **parts)
     assert read_fmu(path).name == "m", "within the usual limits"
@@ -206,14 +196,14 @@ def test_an_fmu_that_unpacks_to_too_much_is_refused(
     assert VARIABLE in caught.value.hint and caught.value.code == "too-large"
 
 
-def test_an_fmu_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
+def test_an_fmu_that_is_a_pipe_is_refused(tmp_path):
     pytest.importorskip("fmpy")
     os.mkfifo(tmp_path / "m.fmu")
     with pytest.raises(FileError, match="is a pipe"):
         read_fmu(tmp_path / "m.fmu")
 
 
-def test_a_factor_that_is_no_number_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_factor_that_is_no_number_is_refused(monkeypatch):
     for word in ("much", "-1", "nan", "0"):
         monkeypatch.setenv(VARIABLE, word)
         with pytest.raises(UsageError, match=VARIABLE):
@@ -227,13 +217,13 @@ class Incomparable(SimpleNamespace):
     __hash__ = None  # type: ignore[assignment]
 
 
-def test_remarks_on_variables_compare_none_of_them() -> None:
+def test_remarks_on_variables_compare_none_of_them():
     variables = [Incomparable(name=f"p{k}", causality="parameter") for k in range(100)]
     said = _remarks(variables, variables[:10], False, False, True)
     assert "left out, as no real numbers: p10, p11" in said[-1] and "and 70 more" in said[-1]
 
 
-def test_names_stay_short_where_many_are_alike() -> None:
+def test_names_stay_short_where_many_are_alike():
     taken: dict[str, int] = {}
     names = [_fresh_name("x", taken) for _ in range(2000)]
     assert names[:4] == ["x", "x_", "x_3", "x_4"]
@@ -277,7 +267,7 @@ checking.check.of = called_back
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_a_compilation(tmp_path: Path, number: int) -> None:
+def test_a_signal_ends_a_compilation(tmp_path, number):
     pytest.importorskip("mujoco")
     path = model(tmp_path, more=WITHOUT_END)
     command = ["check", str(path)]
@@ -289,13 +279,13 @@ def test_a_signal_ends_a_compilation(tmp_path: Path, number: int) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a lock of glibc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_native_code_that_hears_none(tmp_path: Path, number: int) -> None:
+def test_a_signal_ends_native_code_that_hears_none(tmp_path, number):
     halted = Halted(["check", "x.csv"], "before", "nothing", 1, stand_in=DEAF)
     code, said = halted.end(number)
     assert code == 130 and "interrupted" in said
 
 
-def test_an_interrupt_lost_in_a_callback_comes_again() -> None:
+def test_an_interrupt_lost_in_a_callback_comes_again():
     halted = Halted(["check", "x.csv"], "before", "callback", 1, stand_in=IN_CALLBACK)
     code, said = halted.end(signal.SIGTERM)
     assert code == 130 and "interrupted" in said and "Traceback" not in said

@@ -1,7 +1,5 @@
 """`pamid ingest`: raw logs in, recordings out, with every repair told; all files or none."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -39,12 +37,6 @@ def plant(t: FloatArray) -> dict[str, FloatArray]:
     return {
         name: np.array([float(f"{value:.9g}") for value in values]) for name, values in made.items()
     }
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def ran(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
@@ -132,9 +124,7 @@ def require_plant(made: Recording, t: FloatArray) -> None:
 # ---- there and back --------------------
 
 
-def test_a_recording_comes_back_from_raw_form(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_comes_back_from_raw_form(here, capsys):
     prepare()
     code, said = converted(capsys)
     assert code == 0 and said["schema"] == "pamid.ingest/1"
@@ -159,9 +149,7 @@ def test_a_recording_comes_back_from_raw_form(
     ]
 
 
-def test_guess_then_ingest_gives_the_recording_back(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_guess_then_ingest_gives_the_recording_back(here, capsys):
     t = np.arange(N) * T
     write_recording("known.csv", t, plant(t), {"recording": {"loop": "closed"}})
     guess = ("--guess", "known.csv", "--rig", "one-dof")
@@ -190,9 +178,7 @@ def late(t: FloatArray, seed: int = 0) -> FloatArray:
     return np.asarray(np.maximum.accumulate(t + wait) + 1e-9 * np.arange(t.size))
 
 
-def test_jittered_sampling_is_resampled_by_the_stamps(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_jittered_sampling_is_resampled_by_the_stamps(here, capsys):
     t = np.sort(np.arange(N) * T + np.random.default_rng(1).normal(0.0, 0.8e-3, N))
     prepare(t, t, "period_s = 0.003")
     code, said = converted(capsys)
@@ -207,9 +193,7 @@ def test_jittered_sampling_is_resampled_by_the_stamps(
     assert "the data speak against late-stamps" in capsys.readouterr().err
 
 
-def test_where_the_data_do_not_tell_it_is_asked(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_the_data_do_not_tell_it_is_asked(here, capsys):
     t = np.arange(N) * T
     write_log(Path("log.csv"), raw(np.zeros(N), late(t)))
     Path("map.toml").write_text(MAPPING.format(time=""), encoding="utf-8")
@@ -223,9 +207,7 @@ def test_where_the_data_do_not_tell_it_is_asked(
     assert code == 3 and 'time.repair is "none"' in error["message"]
 
 
-def test_gaps_and_long_empty_runs_split_and_short_ones_are_filled(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_gaps_and_long_empty_runs_split_and_short_ones_are_filled(here, capsys):
     k = np.arange(N)
     t = k * T + (k >= 800) * 1.2345
     log = raw(t, t)
@@ -272,7 +254,7 @@ def made_of(channels: list[Channel], signals: dict[str, str], **time: Any) -> Co
     return convert(Log(Path("log.mf4"), "mdf", tuple(channels)), mapping, ONE_DOF, "map.toml")
 
 
-def test_every_channel_comes_to_the_common_base_in_its_own_way() -> None:
+def test_every_channel_comes_to_the_common_base_in_its_own_way():
     """Events, a slow pressure and a fast angle with a line that must not alias."""
     slow, mid, fast = (np.arange(0.0, 12.0, period) for period in (0.01, 0.003, 0.001))
     events = np.array([0.0, 2.0005, 5.1, 9.3])
@@ -298,7 +280,7 @@ def test_every_channel_comes_to_the_common_base_in_its_own_way() -> None:
     assert list(columns) == ["reference_deg", "command", "angle_deg", "pressure_1_kpa"]
 
 
-def test_a_stated_period_decimates_with_the_filter() -> None:
+def test_a_stated_period_decimates_with_the_filter():
     t = np.arange(12000) * 1e-3
     angle = plant(t)["angle_deg"] + 0.35 * np.sin(2 * np.pi * 310 * t)
     made = made_of(
@@ -315,9 +297,7 @@ def test_a_stated_period_decimates_with_the_filter() -> None:
 # ---- files --------------------
 
 
-def test_nothing_is_replaced_without_being_told(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_replaced_without_being_told(here, capsys):
     prepare()
     Path("rec.toml").write_text("precious")
     assert converted(capsys)[1]["message"] == "rec.toml exists already."
@@ -330,9 +310,7 @@ def test_nothing_is_replaced_without_being_told(
     assert code == 3 and "neither a .csv file nor a folder" in error["message"]
 
 
-def test_what_a_killed_ingest_left_is_swept_by_the_next(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_killed_ingest_left_is_swept_by_the_next(here, capsys):
     prepare()
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()

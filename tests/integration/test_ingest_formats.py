@@ -1,13 +1,10 @@
 """Every kind of raw log, written by a tool of its own and read back; what is wrong with a file is
 said, not raised."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +109,7 @@ def write_mat(path: Path, **options: Any) -> Path:
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_mat_of_every_layout(tmp_path: Path, compressed: bool) -> None:
+def test_mat_of_every_layout(tmp_path, compressed):
     log = read_log(write_mat(tmp_path / "rig.mat", do_compression=compressed))
     assert log.kind == "mat"
     matches(log, "t", TIME)
@@ -154,7 +151,7 @@ def write_tables(path: Path, version: str) -> Path:
 
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
-def test_mat_tables_and_timetables(tmp_path: Path, version: str) -> None:
+def test_mat_tables_and_timetables(tmp_path, version):
     log = read_log(write_tables(tmp_path / "rig.mat", version))
     matches(log, "tt/angle", ANGLE, LATE)
     matches(log, "tt/p1", PRESSURE, LATE)
@@ -168,7 +165,7 @@ def test_mat_tables_and_timetables(tmp_path: Path, version: str) -> None:
     ("option", "name"),
     [*((form, "o.mat") for form in ("-v7", "-v6", "-v4", "-text", "-hdf5")), ("-hdf5", "o.h5")],
 )
-def test_what_octave_saves(tmp_path: Path, option: str, name: str) -> None:
+def test_what_octave_saves(tmp_path, option, name):
     path = tmp_path / name
     code = (
         f"t = (0:{N - 1})' * 0.003; u = [t, 40 * sin(7 * t)]; row = 300 + 50 * cos(5 * t'); "
@@ -204,7 +201,7 @@ def write_hdf5(path: Path) -> Path:
     return path
 
 
-def test_hdf5_with_groups_units_compounds_and_traps(tmp_path: Path) -> None:
+def test_hdf5_with_groups_units_compounds_and_traps(tmp_path):
     log = read_log(write_hdf5(tmp_path / "rig.h5"))
     matches(log, "rig/time", TIME)
     matches(log, "rig/angle", ANGLE, unit="deg")
@@ -214,7 +211,7 @@ def test_hdf5_with_groups_units_compounds_and_traps(tmp_path: Path) -> None:
         assert said(log, "left out", name)
 
 
-def test_parquet(tmp_path: Path) -> None:
+def test_parquet(tmp_path):
     import pyarrow
     import pyarrow.parquet
 
@@ -285,7 +282,7 @@ def write_tdms(path: Path) -> Path:
     return path
 
 
-def test_tdms_waveforms_that_begin_at_different_times(tmp_path: Path) -> None:
+def test_tdms_waveforms_that_begin_at_different_times(tmp_path):
     log = read_log(write_tdms(tmp_path / "rig.tdms"))
     matches(log, "rig/angle", ANGLE, TIME, "deg")
     matches(log, "rig/force", FORCE, 0.0045 + SLOW, "N")
@@ -319,7 +316,7 @@ def write_mdf(path: Path, version: str = "4.10") -> Path:
 
 
 @pytest.mark.parametrize(("version", "suffix"), [("4.10", "mf4"), ("3.30", "mdf")])
-def test_mdf_keeps_the_stamps_of_every_group(tmp_path: Path, version: str, suffix: str) -> None:
+def test_mdf_keeps_the_stamps_of_every_group(tmp_path, version, suffix):
     log = read_log(write_mdf(tmp_path / f"rig.{suffix}", version))
     matches(log, "angle", ANGLE, LATE, "deg")
     # a common table would have filled it to the rate of the angle
@@ -331,9 +328,7 @@ def test_mdf_keeps_the_stamps_of_every_group(tmp_path: Path, version: str, suffi
     assert said(log, "left out", "formula", "code")
 
 
-def test_mdf_never_evaluates_the_formula_of_a_clock(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mdf_never_evaluates_the_formula_of_a_clock(tmp_path, monkeypatch):
     """Whoever reads a channel reads the stamps of its group, by that channel's own conversion."""
     from asammdf import MDF, Signal
     from asammdf.blocks import v4_blocks
@@ -395,7 +390,7 @@ def write_ros(path: Path, form: str) -> Path:
 
 
 @pytest.mark.parametrize("form", ["bag", "sqlite3", "mcap"])
-def test_ros_bags_by_header_stamp(tmp_path: Path, form: str) -> None:
+def test_ros_bags_by_header_stamp(tmp_path, form):
     path = write_ros(tmp_path / ("rig.bag" if form == "bag" else "rig"), form)
     alone = [path] if form == "bag" else [path, *path.glob("*.db3"), *path.glob("*.mcap")]
     for one in alone:
@@ -411,7 +406,7 @@ def test_ros_bags_by_header_stamp(tmp_path: Path, form: str) -> None:
 # what is no log
 
 
-def test_kinds_are_told_by_content_and_by_name(tmp_path: Path) -> None:
+def test_kinds_are_told_by_content_and_by_name(tmp_path):
     table = "t,angle\n" + "".join(f"{a:.9f},{b:.9f}\n" for a, b in zip(TIME, ANGLE, strict=True))
     for name in ("rig.csv", "rig.TXT", "rig.dat"):
         (tmp_path / name).write_text(table)
@@ -446,9 +441,7 @@ def stub(folder: Path, monkeypatch: pytest.MonkeyPatch, package: str, code: str)
     [kind for kind in known_kinds().values() if kind.extra and kind.suffixes],
     ids=lambda kind: kind.name,
 )
-def test_a_missing_package_is_named_with_its_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Any
-) -> None:
+def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, kind):
     path = tmp_path / f"rig{kind.suffixes[0]}"
     path.write_bytes(kind.marks[0] + b"5.0 MAT-file".ljust(109) + b"\1" + bytes(600))
     package = kind.packages[0]
@@ -467,9 +460,7 @@ def test_a_missing_package_is_named_with_its_extra(
         ("bytearray(1 << 40)", "not enough memory"),
     ],
 )
-def test_a_reader_that_crashes_or_hangs_is_an_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, words: str
-) -> None:
+def test_a_reader_that_crashes_or_hangs_is_an_error(tmp_path, monkeypatch, code, words):
     if "sleep" in code:
         monkeypatch.setattr("pamid.intake.logs.log_reader.PATIENCE", 1.0)
     stub(tmp_path, monkeypatch, "nptdms", code)
@@ -478,14 +469,14 @@ def test_a_reader_that_crashes_or_hangs_is_an_error(
         read_log(tmp_path / "rig.tdms")
 
 
-def test_nothing_that_a_file_brings_is_executed(tmp_path: Path) -> None:
+def test_nothing_that_a_file_brings_is_executed(tmp_path):
     import pickle
 
     import h5py
     import pandas
 
     class Trap:
-        def __reduce__(self) -> tuple[Any, ...]:
+        def __reduce__(self):
             return Path.touch, (tmp_path / "sprung",)
 
     bomb = pickle.dumps(Trap())
@@ -569,9 +560,7 @@ for path in paths:
         ("csv", "csv", text),
     ],
 )
-def test_damaged_files_are_refused_or_read_right(
-    tmp_path: Path, suffix: str, kind: str, write: Callable[[Path], Path]
-) -> None:
+def test_damaged_files_are_refused_or_read_right(tmp_path, suffix, kind, write):
     """Cut: a FileError, or a beginning of the true values. Bitten: a FileError or channels. Empty:
     a FileError."""
     whole = write(tmp_path / f"whole.{suffix}")

@@ -7,8 +7,6 @@ A sprung cart with dry friction of another form than the catalogue's (tests/supp
 diagnosed as it is and once more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -133,30 +131,30 @@ def require_same_figures(one: DiagnosisFile, other: DiagnosisFile, time: float =
         pytest.param(Written(sign=-1.0), id="sign-turned"),
     ],
 )
-def test_no_unit_and_no_sign_is_special(written: Written) -> None:
+def test_no_unit_and_no_sign_is_special(written):
     other = diagnosed([recorded(written)], written)
     require_same(plain(), other, written)
 
 
-def test_a_column_that_says_nothing_changes_nothing() -> None:
+def test_a_column_that_says_nothing_changes_nothing():
     require_same(plain(), diagnosed([recorded(room=np.full(SAMPLES, 21.5))]))
 
 
-def test_columns_and_recordings_come_in_any_order() -> None:
+def test_columns_and_recordings_come_in_any_order():
     require_same(in_two(), diagnosed([turned_about(half(1)), turned_about(half(0))]))
 
 
-def test_a_recording_cut_in_two_says_the_same() -> None:
+def test_a_recording_cut_in_two_says_the_same():
     require_alike(plain(), in_two())
 
 
 @pytest.mark.slow
-def test_recordings_in_several_files_say_the_same() -> None:
+def test_recordings_in_several_files_say_the_same():
     """Each file begins in a state of its own, and three tenths of each are held out."""
     require_alike(plain(), diagnosed([piece(k, 3) for k in range(3)]))
 
 
-def test_either_half_may_be_held_out() -> None:
+def test_either_half_may_be_held_out():
     one, other = (diagnosed([half(k)], held_out=(half(1 - k),)) for k in range(2))
     for found in (one, other):
         (cause,) = found.causes
@@ -166,11 +164,11 @@ def test_either_half_may_be_held_out() -> None:
     ]
 
 
-def test_another_sampling_says_the_same() -> None:
+def test_another_sampling_says_the_same():
     require_alike(plain(), diagnosed([recorded(every=1)]))
 
 
-def test_other_states_say_the_same() -> None:
+def test_other_states_say_the_same():
     written = replace(PLAIN, state="momentum")
     require_alike(plain(), diagnosed([recorded(written)], written))
 
@@ -208,9 +206,7 @@ LEAKS = ("orifice-loss", "first-order-loss", "overflow")
         ),
     ],
 )
-def test_no_pace_is_special(
-    bench: Callable[..., Rig], effect: str, catalogue: tuple[str, ...], family: str, time: float
-) -> None:
+def test_no_pace_is_special(bench, effect, catalogue, family, time):
     """A line of a spectrum, a rate of loss: what has a time in its parameters."""
     one, other = (elsewhere(bench, effect, catalogue, unit) for unit in (1.0, time))
     for found in (one, other):
@@ -245,7 +241,7 @@ def late(every: int) -> DiagnosisFile:
     return diagnosis_file(diagnose(given.evidence, known))
 
 
-def test_a_dead_time_is_as_long_however_fast_it_is_sampled() -> None:
+def test_a_dead_time_is_as_long_however_fast_it_is_sampled():
     """The range that is looked at first is one of samples; a fit that ends there goes on."""
     for found in (late(1), late(2)):
         assert [c.effect for c in found.causes] == ["dead-time@amplifier"], found.sentence

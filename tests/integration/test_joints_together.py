@@ -2,8 +2,6 @@
 the joints that have it and in no other, what a file states as zero is fitted, and play in a servo
 is found by an encoder behind it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -111,9 +109,7 @@ def levels(d: Diagnosis) -> Mapping[str, float]:
     [(2, (0.0, 0.15)), pytest.param(3, (0.5, 0.0, 0.06), marks=pytest.mark.slow)],
     ids=["one of two", "two of three"],
 )
-def test_friction_is_named_at_the_joints_that_have_it(
-    joints: int, losses: tuple[float, ...], tmp_path: Path
-) -> None:
+def test_friction_is_named_at_the_joints_that_have_it(joints, losses, tmp_path):
     d = found(tmp_path, arm_text(joints, mass=1.1), arm_log(joints, losses))
     planted = {f"j{k + 1}": loss for k, loss in enumerate(losses) if loss}
     assert levels(d) == pytest.approx(planted, rel=0.15)
@@ -121,17 +117,15 @@ def test_friction_is_named_at_the_joints_that_have_it(
     assert sum("coulomb-friction" in c.label for c in d.ranking) == 1
 
 
-def test_a_joint_that_no_model_without_friction_follows_is_searched(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_joint_that_no_model_without_friction_follows_is_searched(tmp_path, monkeypatch):
     explained, lagged = pipeline.explained_channels, pipeline.lagged_response
     judged: list[Any] = []
 
-    def first_not(*given: Any) -> Any:
+    def first_not(*given):
         judged.append(explained(*given))
         return judged[-1] & np.array([True, len(judged) > 1])
 
-    def nothing_linear(*given: Any) -> Any:
+    def nothing_linear(*given):
         response = lagged(*given)
         assert response is not None
         return replace(response, forward=np.array([response.forward[0], np.inf]))
@@ -164,7 +158,7 @@ def bare_case(truth: ModuleType, folder: Path, shares: Sequence[float]) -> tuple
     return machine, found(folder, truth.model_text(replace(machine, links=links)), log)
 
 
-def test_what_the_file_states_as_zero_is_fitted(truth: ModuleType, tmp_path: Path) -> None:
+def test_what_the_file_states_as_zero_is_fitted(truth, tmp_path):
     """A missing armature is no gain of a sensor."""
     machine, d = bare_case(truth, tmp_path, ())
     base = d.budget.baseline
@@ -177,7 +171,7 @@ def test_what_the_file_states_as_zero_is_fitted(truth: ModuleType, tmp_path: Pat
     assert not families & {"friction", "sensor-gain", "stiffness"}
 
 
-def test_a_bare_model_of_an_arm_that_rubs_lacks_friction(truth: ModuleType, tmp_path: Path) -> None:
+def test_a_bare_model_of_an_arm_that_rubs_lacks_friction(truth, tmp_path):
     machine, d = bare_case(truth, tmp_path, (0.05, 0.06))
     first, second = machine.links
     planted = {first.joint: 0.05 * first.limit, second.joint: 0.06 * second.limit}
@@ -189,7 +183,7 @@ def test_a_bare_model_of_an_arm_that_rubs_lacks_friction(truth: ModuleType, tmp_
 
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is not there")
-def test_both_joints_of_a_real_double_pendulum_rub() -> None:
+def test_both_joints_of_a_real_double_pendulum_rub():
     """Published: 0.16 and 0.12 N m."""
     from pamid.recording.recording import read_recording
 
@@ -248,7 +242,7 @@ def servo_log() -> Recording:
     return recording_of(PERIOD_S * np.arange(len(sent)), columns)
 
 
-def test_play_is_found_by_an_encoder_behind_it(tmp_path: Path) -> None:
+def test_play_is_found_by_an_encoder_behind_it(tmp_path):
     names = ("load-side-backlash", "backlash", "play", "dead-zone", "coulomb-friction", "dead-time")
     d = found(tmp_path, servo_text(0.28), servo_log(), names)
     assert d.cause is not None and [a.effect.name for a in d.cause.attached] == [names[0]]

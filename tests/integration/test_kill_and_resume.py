@@ -1,15 +1,12 @@
 """A diagnosis that is killed or interrupted goes on with --resume: nothing finished is done again,
 no bit differs."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import signal
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 from disturbed import EVERY_STEP, QUICK_CASES, Halted, leftovers, quick_examine
@@ -27,12 +24,12 @@ FILES = [
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
 @pytest.fixture(scope="module")
-def undisturbed(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def undisturbed(recording, tmp_path_factory) -> Path:
     """Run folder of the same diagnosis without a disturbance."""
     folder = tmp_path_factory.mktemp("undisturbed") / "run"
     assert frame.run(words(recording, folder, "--jobs", "1")) == 0
@@ -59,15 +56,7 @@ def results(folder: Path) -> int:
     ("jobs", "when", "number"),
     [pytest.param(1, "after", 6, marks=pytest.mark.slow), (2, "before", 12)],
 )
-def test_killed_and_resumed(
-    jobs: int,
-    when: str,
-    number: int,
-    recording: Path,
-    undisturbed: Path,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_killed_and_resumed(jobs, when, number, recording, undisturbed, tmp_path, capfd):
     folder, whole = tmp_path / "run", read_json(undisturbed / "run.json")["jobs"]
     halted = Halted(words(recording, folder, "--jobs", str(jobs)), when, ".npz", number)
     halted.end(signal.SIGKILL)  # the main process alone
@@ -106,9 +95,7 @@ def test_killed_and_resumed(
     ("number", "everyone"),
     [(signal.SIGINT, True), pytest.param(signal.SIGTERM, False, marks=pytest.mark.slow)],
 )
-def test_interrupted_and_resumed(
-    number: int, everyone: bool, recording: Path, undisturbed: Path, tmp_path: Path
-) -> None:
+def test_interrupted_and_resumed(number, everyone, recording, undisturbed, tmp_path):
     """Ctrl-C, which a terminal sends to all processes, and the signal of a shutdown, which comes to
     one."""
     folder = tmp_path / "run"
@@ -123,7 +110,7 @@ def test_interrupted_and_resumed(
     assert read_json(folder / "run.json")["jobs"]["kept"] == 9 and same_files(undisturbed, folder)
 
 
-def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
+def test_killed_before_there_was_a_run(recording, tmp_path):
     """Nothing but the beginning of run.json is there: the folder is as good as empty."""
     fitted = ["fit", str(recording), "--rig", RIG, "--output"]
     Halted([*fitted, str(tmp_path / "run")], "before", "run.json", 1).end(signal.SIGKILL)
@@ -139,12 +126,18 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
         }
 
 
+def journalled(store: Store) -> Counter[str]:
+    """How often each job was worked out."""
+    lines = (store.folder / "journal.jsonl").read_text().splitlines()
+    return Counter(json.loads(line)["key"] for line in lines)
+
+
 def test_what_was_damaged_meanwhile_is_worked_out_again(
-    recording: Path, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    recording, undisturbed, tmp_path, monkeypatch
+):
     import pamid.diagnosis.verdict.diagnosis_run as whole
 
-    def broken(*_: Any) -> None:
+    def broken(*_):
         raise RuntimeError("in the end")
 
     folder, store = tmp_path / "run", Store(tmp_path / "run" / "jobs")
@@ -152,7 +145,7 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
         patched.setattr(whole, "with_experiment", broken)
         assert frame.run(words(recording, folder)) == 1
     assert read_json(folder / "run.json")["outcome"] == "failed"
-    done = Counter(line["key"] for line in store.journal())
+    done = journalled(store)
     assert (
         set(done.values()) == {1}
         and len(done) == read_json(undisturbed / "run.json")["jobs"]["worked"]
@@ -163,23 +156,16 @@ def test_what_was_damaged_meanwhile_is_worked_out_again(
     with monkeypatch.context() as patched:
         patched.setattr(whole, "with_experiment", broken)
         assert frame.run(words(recording, folder, "--resume")) == 1
-    again = Counter(line["key"] for line in store.journal())
-    assert again - done == Counter({files[0].stem: 1, files[2].stem: 1})
+    assert journalled(store) - done == Counter({files[0].stem: 1, files[2].stem: 1})
     assert frame.run(words(recording, folder, "--resume")) == 0 and same_files(undisturbed, folder)
 
 
-def test_a_failed_job_is_told_and_tried_again(
-    recording: Path,
-    undisturbed: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_a_failed_job_is_told_and_tried_again(recording, undisturbed, tmp_path, monkeypatch, capfd):
     from pamid.diagnosis import search
 
     screen, folder = search.screen, tmp_path / "run"
 
-    def failing(evidence: Any, ground: Any, attachment: Any, *more: Any) -> Any:
+    def failing(evidence, ground, attachment, *more):
         if attachment.label == "quadratic-drag":
             os.kill(os.getpid(), signal.SIGKILL)
         return screen(evidence, ground, attachment, *more)
@@ -205,8 +191,8 @@ def test_a_failed_job_is_told_and_tried_again(
     }, "its screening, further steps and refit, and the next experiment, for one model more"
 
 
-def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path) -> None:
-    def fitted(folder: Path, *more: str) -> list[str]:
+def test_a_bootstrap_goes_on_where_it_was_killed(recording, tmp_path):
+    def fitted(folder, *more):
         words = ["--rig", RIG, "--bootstrap", "12", "--output", str(folder)]
         return ["fit", str(recording), *words, *more]
 
@@ -222,10 +208,8 @@ def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path
 @pytest.mark.parametrize(
     "number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGTERM]
 )
-def test_a_training_goes_on_where_it_was_disturbed(
-    number: int, recording: Path, tmp_path: Path
-) -> None:
-    def trained(folder: Path, *more: str) -> list[str]:
+def test_a_training_goes_on_where_it_was_disturbed(number, recording, tmp_path):
+    def trained(folder, *more):
         words = ["--hidden", "2", "--iterations", "8", "--jobs", "1"]
         return ["train-residual", str(folder), *words, *more]
 
@@ -244,10 +228,8 @@ def test_a_training_goes_on_where_it_was_disturbed(
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_trial_goes_on_where_it_was_disturbed(
-    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def tried(folder: Path, *more: str) -> list[str]:
+def test_a_trial_goes_on_where_it_was_disturbed(number, tmp_path, monkeypatch):
+    def tried(folder, *more):
         return ["trial", "--output", str(folder), "--cases", "6", "--jobs", "1", *more]
 
     whole, folder = tmp_path / "whole", tmp_path / "run"
@@ -259,7 +241,7 @@ def test_a_trial_goes_on_where_it_was_disturbed(
     assert len(list((folder / "cases").glob("[0-9]*.json"))) == 3
     again: list[int] = []
 
-    def examine(case: Any, place: Path) -> Any:
+    def examine(case, place):
         again.append(case.number)
         return quick_examine(case, place)
 

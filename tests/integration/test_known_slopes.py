@@ -1,9 +1,6 @@
 """Slopes of what is stepped are worked out once and used again where they hold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -45,7 +42,7 @@ def recording() -> Recording:
 
 
 @pytest.fixture
-def problem(recording: Recording) -> Problem:
+def problem(recording) -> Problem:
     evidence = split_recordings(SteppedTwin(), [recording], [])
     a = Assembly(evidence.rig, outputs=evidence.channels).for_fitting()
     tracks = evidence.tracks(a)
@@ -53,12 +50,12 @@ def problem(recording: Recording) -> Problem:
 
 
 @pytest.fixture
-def copies(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+def copies(monkeypatch) -> Iterator[list[int]]:
     """How many steps of a simulation were asked for, call by call."""
     asked: list[int] = []
     steps = SteppedTwin.steps
 
-    def counted(self: Any, x: Array, *given: Any) -> tuple[Array, Array]:
+    def counted(self, x, *given):
         asked.append(len(x))
         return steps(self, x, *given)
 
@@ -78,9 +75,7 @@ def _run(problem: Problem, runner: Runner, p: Array) -> tuple[Array, Array]:
     return np.concatenate(y), np.concatenate(by)
 
 
-def test_slopes_that_are_known_are_those_that_were_worked_out(
-    problem: Problem, copies: list[int]
-) -> None:
+def test_slopes_that_are_known_are_those_that_were_worked_out(problem, copies):
     runner = Runner(problem.assembly, problem.tracks[0], Stepping(SUBSTEPS), problem.free)
     keeping, p = runner.keeping(), problem.start()
     assert keeping.known is not None
@@ -97,9 +92,7 @@ def test_slopes_that_are_known_are_those_that_were_worked_out(
         assert np.abs(found[1] - by).max() <= 1e-9 * np.abs(by).max()
 
 
-def test_slopes_by_forces_are_worked_out_where_they_are_pushed(
-    recording: Recording, problem: Problem, copies: list[int]
-) -> None:
+def test_slopes_by_forces_are_worked_out_where_they_are_pushed(recording, problem, copies):
     """Of what follows the recorded command alone none are needed; an effect at the rail adds its
     own to the slopes that the rig without it has left, and no others."""
     bare = Runner(problem.assembly, problem.tracks[0], Stepping(1), problem.free).keeping()
@@ -135,17 +128,17 @@ def _table() -> KnownSlopes:
     return found
 
 
-def test_what_lies_behind_a_stop_is_not_foretold() -> None:
+def test_what_lies_behind_a_stop_is_not_foretold():
     none, known, after = np.zeros(0), _table(), np.empty(1)
     scales = StepScales(0.0, none, none, none, np.zeros(0, np.int64), none, np.ones(1))
 
-    def step(x: float) -> Array:
+    def step(x):
         return np.array([x + 0.1 * max(x - 1.0, 0.0)])
 
-    def check(x: float) -> None:
+    def check(x):
         stepped_kernel._check(scales, known, 0, np.array([x]), none, step(x))
 
-    def predicted(x: float) -> bool:
+    def predicted(x):
         return bool(stepped_kernel._predict(scales, known, 0, np.array([x]), none, after))
 
     known.slopes[0] = 1.1
@@ -159,9 +152,7 @@ def test_what_lies_behind_a_stop_is_not_foretold() -> None:
     assert predicted(0.8) and np.array_equal(after, step(0.8))  # the very same step
 
 
-def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
-    problem: Problem, copies: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fit_that_keeps_slopes_ends_where_one_without_does(problem, copies, monkeypatch):
     ended, cost = list[Fit](), list[int]()
     for most in (known_slopes.MOST_NUMBERS, 0):
         monkeypatch.setattr(known_slopes, "MOST_NUMBERS", most)
@@ -179,9 +170,7 @@ def test_a_fit_that_keeps_slopes_ends_where_one_without_does(
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_smoothing_begins_with_slopes_along_the_replay(
-    recording: Recording, moving: bool, copies: list[int]
-) -> None:
+def test_smoothing_begins_with_slopes_along_the_replay(recording, moving, copies):
     evidence = split_recordings(SteppedTwin(), [recording], [])
     a = Assembly(evidence.rig, outputs=evidence.channels).for_fitting()
     (track,) = evidence.tracks(a, held_out=True)

@@ -1,10 +1,6 @@
 """A reading that ends at the limits of its sensor: the states behind it are found, and the limits
 are named."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -84,7 +80,7 @@ def split(recording: Recording) -> DataSplit:
 @pytest.mark.parametrize(
     "ends", [(0.25, 0.75), (0.0, 0.6), pytest.param((0.3, 1.0), marks=pytest.mark.slow)]
 )
-def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]) -> None:
+def test_the_states_behind_a_limited_reading_are_found(ends):
     """Beyond the limits the reading does not show where the machine is; windows that begin there
     find it all the same."""
     recording = recorded(*ends)
@@ -108,7 +104,7 @@ def test_the_states_behind_a_limited_reading_are_found(ends: tuple[float, float]
 
 
 @pytest.mark.parametrize("ends", [(0.25, 0.75), (0.0, 1.0)])
-def test_the_limits_of_a_sensor_are_named(ends: tuple[float, float], tmp_path: Path) -> None:
+def test_the_limits_of_a_sensor_are_named(ends, tmp_path):
     recording = recorded(*ends)
     clipped = ends != (0.0, 1.0)
     assert bool([i for i in examine(recording) if i.kind == "clipped"]) == clipped

@@ -1,7 +1,5 @@
 """Many short recordings at once, each as short as a fit takes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +29,10 @@ def recorded(folder: Path, count: int) -> list[str]:
     return paths
 
 
-def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_several_are_diagnosed(tmp_path, monkeypatch):
     paths, read = recorded(tmp_path, 5), []
 
-    def watched(path: Path) -> object:
+    def watched(path):
         read.append(str(path))
         return read_recording(path)
 
@@ -51,7 +49,7 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.slow
-def test_two_hundred_are_diagnosed(tmp_path: Path) -> None:
+def test_two_hundred_are_diagnosed(tmp_path):
     paths = recorded(tmp_path, 200)
     words = ["--rig", RIG, *others(), "--output", str(tmp_path / "run")]
     assert frame.run(["diagnose", *paths, *words]) == 0

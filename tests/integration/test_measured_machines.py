@@ -1,8 +1,6 @@
 """Machines of others, with rig files written the natural way: what is named first, on recordings
 that nobody fitted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,7 @@ def found(rig: str, fitted: list[str], held_out: list[str]) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_the_seal_of_a_piston_rubs_more_under_pressure() -> None:
+def test_the_seal_of_a_piston_rubs_more_under_pressure():
     """Reachable from area times pressure: Coulomb 75 %, with a level that follows the pressure
     82 % (RMS)."""
     said = found(
@@ -44,7 +42,7 @@ def test_the_seal_of_a_piston_rubs_more_under_pressure() -> None:
 
 
 @pytest.mark.slow
-def test_the_spring_of_an_oscillator_hardens() -> None:
+def test_the_spring_of_an_oscillator_hardens():
     said = found(
         "oscillator.py",
         ["silverbox/multisine.csv"],
@@ -55,7 +53,7 @@ def test_the_spring_of_an_oscillator_hardens() -> None:
 
 
 @pytest.mark.slow
-def test_a_tank_that_spills_is_named() -> None:
+def test_a_tank_that_spills_is_named():
     """Reachable: 61 % (RMS of a free run, the loss of both tanks against none)."""
     said = found("tanks.py", ["cascaded_tanks/estimation.csv", "cascaded_tanks/validation.csv"], [])
     assert said["causes"][0]["effect"] == "overflow-into-store"
@@ -63,7 +61,7 @@ def test_a_tank_that_spills_is_named() -> None:
 
 
 @pytest.mark.slow
-def test_a_tank_that_spills_leads_on_a_record_of_its_own() -> None:
+def test_a_tank_that_spills_leads_on_a_record_of_its_own():
     """Fitted to one record. Windows that begin anew hide most of what spills, so that its share is
     at the edge of three standard errors."""
     said = found("tanks.py", ["cascaded_tanks/estimation.csv"], ["cascaded_tanks/validation.csv"])

@@ -1,8 +1,6 @@
 """Measured force maps of two fluidic muscles through a user rig: the ideal braid law's gap is the
 bladder's."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -40,7 +38,7 @@ def bladder_named(found: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_six_lengths_of_a_10_mm_muscle(maps: ModuleType) -> None:
+def test_six_lengths_of_a_10_mm_muscle(maps):
     """24 held-out runs, six specimens taken for one; the plan's figures are 33.1 N and 19.4 N."""
     outcome, _ = maps.run_case("pooled")
     bladder_named(outcome.found)
@@ -50,7 +48,7 @@ def test_six_lengths_of_a_10_mm_muscle(maps: ModuleType) -> None:
 
 
 @pytest.mark.slow
-def test_map_of_a_20_mm_muscle(maps: ModuleType) -> None:
+def test_map_of_a_20_mm_muscle(maps):
     """Every third pressure held out; the plan's figures are 110.9 N and 28.7 N."""
     outcome, _ = maps.run_case("map")
     bladder_named(outcome.found)
@@ -61,7 +59,7 @@ def test_map_of_a_20_mm_muscle(maps: ModuleType) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", ["plateaus", "logs"])
-def test_with_end_factor_and_as_logged(maps: ModuleType, case: str) -> None:
+def test_with_end_factor_and_as_logged(maps, case):
     """The lengths told apart, where the plan has 12.5 N; and the samples of one specimen as they
     were logged."""
     outcome, _ = maps.run_case(case)

@@ -1,12 +1,8 @@
 """Meshes of a model file: where they are looked for, and what becomes of a model without them."""
 
-from __future__ import annotations
-
 import os
 import struct
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli import frame
@@ -78,14 +74,12 @@ def refusal(path: Path) -> FileError:
 
 
 @pytest.fixture(autouse=True)
-def no_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_packages(monkeypatch) -> None:
     for variable in (PACKAGES_VARIABLE, "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         monkeypatch.delenv(variable, raising=False)
 
 
 # ---- where a mesh is looked for ------------------------------------------------------------------
-
-Place = Callable[[Path, pytest.MonkeyPatch], Any]
 
 
 def _package_xml(folder: Path, name: str) -> None:
@@ -146,9 +140,7 @@ def _stated(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "stated",
     ],
 )
-def test_packages_are_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str, place: Place
-) -> None:
+def test_packages_are_found(tmp_path, monkeypatch, model, place):
     place(tmp_path, monkeypatch)
     scheme = "model" if model.startswith("archive") else "package"
     name = f"{scheme}://lever_description/meshes/lever.stl"
@@ -156,9 +148,7 @@ def test_packages_are_found(
     assert file.model.ngeom == 1 and not notes(file)
 
 
-def test_a_stated_package_goes_before_one_that_lies_near(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stated_package_goes_before_one_that_lies_near(tmp_path, monkeypatch):
     tetrahedron(tmp_path / "lever_description" / "lever.stl", 0.2)
     tetrahedron(tmp_path / "mine" / "lever.stl", 0.4)
     path = urdf(tmp_path / "lever.urdf", "package://lever_description/lever.stl", inertial="")
@@ -181,21 +171,21 @@ def test_a_stated_package_goes_before_one_that_lies_near(
         "../{folder}/parts/my lever.stl",
     ],
 )
-def test_paths_of_files_are_found(tmp_path: Path, name: str) -> None:
+def test_paths_of_files_are_found(tmp_path, name):
     tetrahedron(tmp_path / "parts" / "my lever.stl")
     path = urdf(tmp_path / "lever.urdf", name.format(root=tmp_path, folder=tmp_path.name))
     file = open_mujoco(path)
     assert file.model.ngeom == 1 and not notes(file)
 
 
-def test_a_path_of_another_machine_is_sought_by_its_last_part(tmp_path: Path) -> None:
+def test_a_path_of_another_machine_is_sought_by_its_last_part(tmp_path):
     tetrahedron(tmp_path / "lever.stl")
     for name in (r"C:\robots\lever.stl", "/home/nobody/ws/lever.stl", "file:///C:/x/lever.stl"):
         file = open_mujoco(urdf(tmp_path / "lever.urdf", name))
         assert file.model.ngeom == 1, name
 
 
-def test_meshes_of_the_same_name_stay_apart(tmp_path: Path) -> None:
+def test_meshes_of_the_same_name_stay_apart(tmp_path):
     tetrahedron(tmp_path / "a" / "lever.stl", 0.1)
     tetrahedron(tmp_path / "b" / "lever.stl", 0.3)
     text = URDF.format(
@@ -207,9 +197,7 @@ def test_meshes_of_the_same_name_stay_apart(tmp_path: Path) -> None:
     assert model.body_mass[-1] == pytest.approx(1000.0 * (0.1**3 + 0.3**3) / 6.0)
 
 
-def test_the_working_folder_does_not_matter(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_working_folder_does_not_matter(tmp_path, monkeypatch):
     tetrahedron(tmp_path / "ws" / "lever_description" / "lever.stl")
     urdf(tmp_path / "robots" / "lever.urdf", "package://lever_description/lever.stl")
     monkeypatch.chdir(tmp_path / "ws")
@@ -217,14 +205,14 @@ def test_the_working_folder_does_not_matter(
     assert open_mujoco("../robots/lever.urdf").model.ngeom == 1
 
 
-def test_a_pipe_in_a_package_is_refused(tmp_path: Path) -> None:
+def test_a_pipe_in_a_package_is_refused(tmp_path):
     (tmp_path / "lever_description").mkdir()
     os.mkfifo(tmp_path / "lever_description" / "lever.stl")
     error = refusal(urdf(tmp_path / "lever.urdf", "package://lever_description/lever.stl"))
     assert error.code == "not-a-file" and "is a pipe" in error.message
 
 
-def test_a_package_is_a_name_and_a_folder(tmp_path: Path) -> None:
+def test_a_package_is_a_name_and_a_folder(tmp_path):
     assert split_package("a_b=x=y") == ("a_b", "x=y")
     for pair in ("a_b", "=x", "a_b=", "a/b=x"):
         with pytest.raises(UsageError, match="NAME=DIR"):
@@ -236,7 +224,7 @@ def test_a_package_is_a_name_and_a_folder(tmp_path: Path) -> None:
         pass
 
 
-def test_packages_hold_within_their_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_hold_within_their_block(tmp_path, monkeypatch):
     tetrahedron(tmp_path / "ws" / "a" / "lever.stl")
     path = urdf(tmp_path / "robots" / "lever.urdf", "package://lever/lever.stl", inertial="")
     monkeypatch.chdir(tmp_path / "ws")
@@ -247,9 +235,7 @@ def test_packages_hold_within_their_block(tmp_path: Path, monkeypatch: pytest.Mo
     assert PACKAGES_VARIABLE not in os.environ and "'lever' is not found" in refusal(path).message
 
 
-def test_commands_take_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_take_packages(tmp_path, monkeypatch, capsys):
     tetrahedron(tmp_path / "parts" / "lever.stl")
     urdf(tmp_path / "robots" / "lever.urdf", "package://lever/lever.stl", inertial="")
     monkeypatch.chdir(tmp_path)
@@ -264,7 +250,7 @@ def test_commands_take_packages(
     assert "NAME=DIR" in capsys.readouterr().err
 
 
-def test_every_command_that_takes_a_model_takes_packages() -> None:
+def test_every_command_that_takes_a_model_takes_packages():
     for command in every_command():
         takes_rig = any("--rig" in p.opts for p in command.params)
         takes_packages = any("--package" in p.opts for p in command.params)
@@ -274,7 +260,7 @@ def test_every_command_that_takes_a_model_takes_packages() -> None:
 # ---- meshes that are not needed, and those that are ----------------------------------------------
 
 
-def test_a_collision_mesh_that_nothing_depends_on_is_left_out(tmp_path: Path) -> None:
+def test_a_collision_mesh_that_nothing_depends_on_is_left_out(tmp_path):
     whole = urdf(tmp_path / "whole.urdf", str(tetrahedron(tmp_path / "whole.stl")))
     path = urdf(tmp_path / "lever.urdf", "package://lost/lever.stl")
     file = open_mujoco(path)
@@ -285,7 +271,7 @@ def test_a_collision_mesh_that_nothing_depends_on_is_left_out(tmp_path: Path) ->
     assert read_mechanism(path).bodies[-1].inertia == read_mechanism(whole).bodies[-1].inertia
 
 
-def test_one_note_names_the_meshes(tmp_path: Path) -> None:
+def test_one_note_names_the_meshes(tmp_path):
     shape = '<collision><geometry><mesh filename="part_{}.stl"/></geometry></collision>'
     shapes = "".join(map(shape.format, range(9)))
     path = urdf(tmp_path / "lever.urdf", "part_9.stl", inertial=INERTIAL + shapes)
@@ -302,9 +288,7 @@ def test_one_note_names_the_meshes(tmp_path: Path) -> None:
         ("lever.glb", b"glTF", "no decoder found for mesh file 'lever.glb'"),
     ],
 )
-def test_a_mesh_that_cannot_be_read_is_left_out(
-    tmp_path: Path, name: str, content: bytes, words: str
-) -> None:
+def test_a_mesh_that_cannot_be_read_is_left_out(tmp_path, name, content, words):
     (tmp_path / name).write_bytes(content)
     file = open_mujoco(urdf(tmp_path / "lever.urdf", name))
     assert file.model.ngeom == 0 and name in notes(file) and words in notes(file)
@@ -312,7 +296,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out(
     assert "'lever' has no <inertial>" in error.message and words in error.message
 
 
-def test_visual_meshes_that_are_kept_do_not_block(tmp_path: Path) -> None:
+def test_visual_meshes_that_are_kept_do_not_block(tmp_path):
     tetrahedron(tmp_path / "lever.stl")
     more = '<mujoco><compiler discardvisual="false"/></mujoco>'
     file = open_mujoco(urdf(tmp_path / "lever.urdf", "lever.stl", more=more))
@@ -320,7 +304,7 @@ def test_visual_meshes_that_are_kept_do_not_block(tmp_path: Path) -> None:
     assert "package://nowhere/lever.dae" in notes(file) and "contacts" not in notes(file)
 
 
-def test_a_mesh_that_gives_the_mass_is_needed(tmp_path: Path) -> None:
+def test_a_mesh_that_gives_the_mass_is_needed(tmp_path):
     error = refusal(urdf(tmp_path / "lever.urdf", "package://lost/lever.stl", inertial=""))
     assert "'lever' has no <inertial>, so its mass comes from the mesh" in error.message
     assert "package 'lost' is not found" in error.message
@@ -329,7 +313,7 @@ def test_a_mesh_that_gives_the_mass_is_needed(tmp_path: Path) -> None:
     assert "no such file" in error.message and "Put the file in its place" in error.hint
 
 
-def test_a_mesh_of_what_stands_still_is_not_needed(tmp_path: Path) -> None:
+def test_a_mesh_of_what_stands_still_is_not_needed(tmp_path):
     tetrahedron(tmp_path / "lever.stl")
     table = '<link name="table"><collision><geometry><mesh filename="table.stl"/></geometry>'
     table += '</collision></link><joint name="feet" type="fixed"><parent link="base"/>'
@@ -347,7 +331,7 @@ MJCF = """<mujoco>
 <geom type="mesh" mesh="lever" material="paint"/></body></worldbody></mujoco>"""
 
 
-def test_an_mjcf_goes_without_what_it_only_shows(tmp_path: Path) -> None:
+def test_an_mjcf_goes_without_what_it_only_shows(tmp_path):
     path = tmp_path / "lever.xml"
     path.write_text(MJCF.format(mesh="lever.stl", compiler=""))
     file = open_mujoco(path)
@@ -362,7 +346,7 @@ def test_an_mjcf_goes_without_what_it_only_shows(tmp_path: Path) -> None:
     assert open_mujoco(path).model.ngeom == 1
 
 
-def test_inertia_from_shapes_needs_them(tmp_path: Path) -> None:
+def test_inertia_from_shapes_needs_them(tmp_path):
     (tmp_path / "lever.xml").write_text(
         MJCF.format(mesh="lever.stl", compiler='inertiafromgeom="true"')
     )
@@ -376,9 +360,7 @@ def test_inertia_from_shapes_needs_them(tmp_path: Path) -> None:
     ("name", "plain"), [("lever.urdf.xacro", "lever.urdf"), ("lever.xacro", "lever.plain.urdf"),
                         ("lever.urdf", "lever.plain.urdf")],
 )  # fmt: skip
-def test_a_text_for_xacro_is_refused_with_the_command(
-    tmp_path: Path, name: str, plain: str
-) -> None:
+def test_a_text_for_xacro_is_refused_with_the_command(tmp_path, name, plain):
     path = urdf(tmp_path / name, "x.stl", more='<xacro:include filename="$(find x)/y.xacro"/>')
     path.write_text(path.read_text().replace("<robot", '<robot xmlns:xacro="http://ros.org"'))
     error = refusal(path)
@@ -386,7 +368,7 @@ def test_a_text_for_xacro_is_refused_with_the_command(
     assert f"xacro {path} > {tmp_path / plain}" in error.hint
 
 
-def test_a_urdf_that_xacro_wrote_is_read(tmp_path: Path) -> None:
+def test_a_urdf_that_xacro_wrote_is_read(tmp_path):
     path = urdf(tmp_path / "lever.urdf", "x.stl")
     path.write_text(path.read_text().replace("<robot", '<robot xmlns:xacro="http://ros.org"'))
     assert open_mujoco(path).model.njnt == 1
@@ -400,7 +382,7 @@ def test_a_urdf_that_xacro_wrote_is_read(tmp_path: Path) -> None:
         ('<inertial><mass value="1"/></inertial>', "Add <inertia>"),
     ],
 )
-def test_inertias_that_mujoco_refuses_have_a_cure(tmp_path: Path, inertial: str, hint: str) -> None:
+def test_inertias_that_mujoco_refuses_have_a_cure(tmp_path, inertial, hint):
     path = urdf(tmp_path / "lever.urdf", "x.stl", inertial=inertial)
     shape = '<collision><geometry><mesh filename="x.stl"/></geometry></collision>'
     path.write_text(path.read_text().replace(shape, ""))
@@ -415,7 +397,7 @@ FINGER = """<link name="finger">{inertial}</link>
 <mimic joint="hinge" multiplier="0.5" offset="0"/></joint>"""
 
 
-def test_a_joint_that_mimics_another_has_no_drive(tmp_path: Path) -> None:
+def test_a_joint_that_mimics_another_has_no_drive(tmp_path):
     more = FINGER.format(inertial=INERTIAL)
     mechanism = read_mechanism(urdf(tmp_path / "lever.urdf", "lever.stl", more=more))
     assert list(mechanism.inputs) == ["hinge_torque_nm"]
@@ -428,14 +410,14 @@ def test_a_joint_that_mimics_another_has_no_drive(tmp_path: Path) -> None:
     ("first", "held"), [('<link name="base"/>', False),
                         (f'<link name="base">{INERTIAL}</link>', True)],
 )  # fmt: skip
-def test_a_first_link_with_a_mass_is_said_to_stand(tmp_path: Path, first: str, held: bool) -> None:
+def test_a_first_link_with_a_mass_is_said_to_stand(tmp_path, first, held):
     path = urdf(tmp_path / "lever.urdf", "lever.stl")
     path.write_text(path.read_text().replace('<link name="base"/>', first))
     found = [str(f) for f in read_mechanism(path).findings if "stands still" in f.text]
     assert len(found) == held and all("link 'base', line 3" in text for text in found)
 
 
-def test_sensors_that_cannot_be_read_leave_those_of_the_joints(tmp_path: Path) -> None:
+def test_sensors_that_cannot_be_read_leave_those_of_the_joints(tmp_path):
     (tmp_path / "lever.xml").write_text(
         '<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>'
         '<geom size="0.1" mass="1"/></body></worldbody><sensor><clock name="c"/></sensor></mujoco>'
@@ -468,9 +450,7 @@ SHAPED = """<mujoco>
         ('<compiler assetdir="../shared"/>', "lever.stl", "../shared/lever.stl"),
     ],
 )
-def test_relative_paths_lead_from_the_folder_of_an_exported_model(
-    tmp_path: Path, compiler: str, mesh: str, place: str
-) -> None:
+def test_relative_paths_lead_from_the_folder_of_an_exported_model(tmp_path, compiler, mesh, place):
     file, new = tmp_path / "robot" / "arm.xml", tmp_path / "out" / "deep" / "arm.xml"
     tetrahedron(tmp_path / "robot" / place)
     more = tmp_path / "robot" / "more" / "sensors.xml"
@@ -487,7 +467,7 @@ def test_relative_paths_lead_from_the_folder_of_an_exported_model(
     assert model.model.nmesh == 1 and model.model.nsensor == 1 and not model.left_out
 
 
-def test_meshes_of_a_urdf_lead_from_the_folder_of_an_exported_model(tmp_path: Path) -> None:
+def test_meshes_of_a_urdf_lead_from_the_folder_of_an_exported_model(tmp_path):
     tetrahedron(tmp_path / "robot" / "meshes" / "lever.stl")
     file = urdf(tmp_path / "robot" / "lever.urdf", "meshes/lever.stl", visual="meshes/lever.stl")
     new = tmp_path / "out" / "lever.urdf"
@@ -496,13 +476,13 @@ def test_meshes_of_a_urdf_lead_from_the_folder_of_an_exported_model(tmp_path: Pa
     assert open_mujoco(new).model.nmesh == 1 and not open_mujoco(new).left_out
 
 
-def test_an_included_file_that_states_folders_is_named(tmp_path: Path) -> None:
+def test_an_included_file_that_states_folders_is_named(tmp_path):
     (tmp_path / "more.xml").write_text('<mujoco><compiler meshdir="meshes"/></mujoco>')
     text = b'<mujoco><include file="more.xml"/></mujoco>'
     assert "more.xml" in relocated_text(text, tmp_path / "arm.xml", tmp_path / "out")[1]
 
 
-def test_copies_of_a_stepped_model_are_without_shapes_for_pictures(tmp_path: Path) -> None:
+def test_copies_of_a_stepped_model_are_without_shapes_for_pictures(tmp_path):
     """Their meshes take megabytes; the motion is the same to the last bit."""
     tetrahedron(tmp_path / "lever.stl")
     file = tmp_path / "arm.xml"

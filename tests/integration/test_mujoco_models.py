@@ -1,22 +1,17 @@
 """MuJoCo and URDF models as rigs: what `pamid check` says of them, what is refused and how, and the
 way from a recording to a model file that plain MuJoCo runs."""
 
-from __future__ import annotations
-
-import json
 import sys
-from pathlib import Path
 from typing import Any
 
 import mechanisms
 import numpy as np
 import pytest
-from pamid_cli import frame
+from mechanisms import written
 
 from pamid.base.errors import FileError, PamidError
 from pamid.base.trust import MODEL_ENDINGS
-from pamid.model.model_file import model_kinds
-from pamid.model.registry import rig_named, rig_of
+from pamid.model.registry import model_readers, rig_named, rig_of
 from pamid.recording.recording import read_recording
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 from pamid.rigs.simulators.write_back import write_back
@@ -42,18 +37,6 @@ URDF = """<robot name="lever">
 PERIOD_S, STEPS, SAMPLES = 0.004, 4, 3000
 
 
-def pamid(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    """The JSON that a command prints."""
-    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def written(folder: Path, text: str, name: str = "model.xml") -> Path:
-    file = folder / name
-    file.write_text(text)
-    return file
-
-
 def body(inside: str, beside: str = "", head: str = "") -> str:
     """A model of one body with a ball's mass."""
     return (
@@ -62,17 +45,15 @@ def body(inside: str, beside: str = "", head: str = "") -> str:
     )
 
 
-def test_every_ending_of_a_model_file_is_known_to_be_one() -> None:
-    assert set(model_kinds()) == set(MODEL_ENDINGS)
+def test_every_ending_of_a_model_file_is_known_to_be_one():
+    assert set(model_readers()) == set(MODEL_ENDINGS)
 
 
-def test_check_says_how_it_goes_and_what_is_left_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_says_how_it_goes_and_what_is_left_out(tmp_path, cli):
     text = mechanisms.TWO.replace(
         'name="elbow"   axis', 'name="elbow" range="-1 2" limited="true" axis'
     ).replace("</sensor>", '<framepos name="tip" objtype="body" objname="forearm"/></sensor>')
-    said = pamid(capsys, "check", written(tmp_path, text))
+    said = cli("check", written(tmp_path, text))
     assert (said["kind"], said["ok"], said["rigs"]) == ("rig", True, ["model"])
     remarks = [f["detail"] for f in said["findings"] if f["check"] == "remark"]
     assert "compiled into equations (2 joints, 2 actuators, 2 sensors" in remarks[0]
@@ -94,16 +75,14 @@ def test_check_says_how_it_goes_and_what_is_left_out(
         ("not xml at all", ("MuJoCo cannot read it",)),
     ],
 )  # fmt: skip
-def test_what_cannot_be_read_is_named(
-    text: str, told: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_read_is_named(text, told, tmp_path, cli):
     file = written(tmp_path, text)
     with pytest.raises(FileError) as raised:
         rig_named(str(file))
     for words in told:
         assert words in str(raised.value)
     assert str(file) in str(raised.value)
-    assert not pamid(capsys, "check", file, code=3)["ok"]
+    assert not cli("check", file, code=3)["ok"]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +103,7 @@ def test_what_cannot_be_read_is_named(
               "</fixed></tendon></mujoco>"), "a spring that yields"),
     ],
 )  # fmt: skip
-def test_why_a_model_is_not_compiled_is_said(text: str, told: str, tmp_path: Path) -> None:
+def test_why_a_model_is_not_compiled_is_said(text, told, tmp_path):
     """It is stepped by MuJoCo, or refused where that cannot be done either."""
     file = written(tmp_path, text)
     try:
@@ -134,21 +113,19 @@ def test_why_a_model_is_not_compiled_is_said(text: str, told: str, tmp_path: Pat
     assert told in said
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(PamidError, match="no such file"):
         rig_named(str(tmp_path / "arm.xml"))
 
 
-def test_without_the_extra_one_sentence_names_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_extra_one_sentence_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(FileError, match=r"pip install 'pamid\[mujoco\]'") as raised:
         rig_named(str(written(tmp_path, mechanisms.ONE)))
     assert raised.value.code == "missing-extra"
 
 
-def test_a_recording_that_names_a_model_file_does_not_open_it(tmp_path: Path) -> None:
+def test_a_recording_that_names_a_model_file_does_not_open_it(tmp_path):
     rows = "\n".join(f"{0.01 * k:.2f},{k % 3}" for k in range(50))
     written(tmp_path, f"time_s,angle_rad\n{rows}\n", "rec.csv")
     written(tmp_path, '[recording]\nrig = "arm.xml"\n', "rec.toml")
@@ -157,7 +134,7 @@ def test_a_recording_that_names_a_model_file_does_not_open_it(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("text", [mechanisms.TREE, mechanisms.TERMS], ids=["tree", "terms"])
-def test_every_value_goes_back_or_is_told(text: str, tmp_path: Path) -> None:
+def test_every_value_goes_back_or_is_told(text, tmp_path):
     before = read_mechanism(written(tmp_path, text))
     wanted = {p.parameter.name: 1.1 * p.parameter.value * p.parameter.factor
               for p in before.parameters}  # fmt: skip
@@ -174,7 +151,7 @@ def test_every_value_goes_back_or_is_told(text: str, tmp_path: Path) -> None:
         assert now[name] == old[name]
 
 
-def test_what_is_not_fitted_stays_as_it_is_written(tmp_path: Path) -> None:
+def test_what_is_not_fitted_stays_as_it_is_written(tmp_path):
     file = written(tmp_path, mechanisms.TWO)
     mechanism = read_mechanism(file)
     values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
@@ -187,7 +164,7 @@ def test_what_is_not_fitted_stays_as_it_is_written(tmp_path: Path) -> None:
     assert done.text.decode() == expected
 
 
-def test_urdf_is_read_and_written(tmp_path: Path) -> None:
+def test_urdf_is_read_and_written(tmp_path):
     mechanism = read_mechanism(written(tmp_path, URDF, "lever.urdf"))
     assert mechanism.inputs == {"pivot_torque_nm": "N m"}
     values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
@@ -212,9 +189,7 @@ def _recorded(model: Any, commands: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_a_recording_to_a_model_that_plain_mujoco_runs(tmp_path, cli):
     text = mechanisms.TWO.replace("damping='0.08'", "damping='0.08' frictionloss='0.1'")
     file, random = written(tmp_path, text, "arm.xml"), np.random.default_rng(5)
     truth = mujoco.MjModel.from_xml_path(str(file))
@@ -231,7 +206,7 @@ def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
     header = "time_s,m1_command,m2_command,shoulder_angle_rad,elbow_angle_rad"
     np.savetxt(tmp_path / "rec.csv", table, "%.9g", ",", header=header, comments="")
 
-    said = pamid(capsys, "fit", tmp_path / "rec.csv", "--rig", file, "--output", tmp_path / "run")
+    said = cli("fit", tmp_path / "rec.csv", "--rig", file, "--output", tmp_path / "run")
     wanted = {
         "upper_mass_kg": 1.2 * 1.15,
         "forearm_mass_kg": 0.7 * 0.87,
@@ -242,7 +217,7 @@ def test_from_a_recording_to_a_model_that_plain_mujoco_runs(
         assert said["parameters"][name]["value"] == pytest.approx(value, rel=0.02), name
 
     new = tmp_path / "new.xml"
-    made = pamid(capsys, "export", tmp_path / "run", "--rig", file, "--to", "mjcf", "--output", new)
+    made = cli("export", tmp_path / "run", "--rig", file, "--to", "mjcf", "--output", new)
     assert made["notes"] == []
     assert "<!-- the one that squeaks -->" in new.read_text()
     found = _recorded(mujoco.MjModel.from_xml_path(str(new)), commands)

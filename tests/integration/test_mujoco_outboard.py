@@ -1,8 +1,6 @@
 """A link behind a spring or a gap, as MuJoCo has it with two joints on one axis, against the
 effects at the transmission of the model that lacks it: the weight is borne by the link."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -67,7 +65,7 @@ def in_pamid(folder: Path, name: str = "", **values: float) -> Array:
     return y[:, 0]
 
 
-def test_a_link_behind_a_spring_bears_its_weight(tmp_path: Path) -> None:
+def test_a_link_behind_a_spring_bears_its_weight(tmp_path):
     stiffness = INERTIA * (2.0 * math.pi * 5.0) ** 2
     damping = 2.0 * 0.05 * math.sqrt(stiffness * INERTIA)
     truth = in_mujoco(
@@ -79,7 +77,7 @@ def test_a_link_behind_a_spring_bears_its_weight(tmp_path: Path) -> None:
     assert np.abs(found - truth).mean() < 1e-6 * np.abs(rigid - truth).mean()
 
 
-def test_a_link_behind_a_gap_lies_on_one_side_of_it(tmp_path: Path) -> None:
+def test_a_link_behind_a_gap_lies_on_one_side_of_it(tmp_path):
     truth = in_mujoco(
         '<joint name="link" axis="0 1 0" range="-0.015 0.015" limited="true" '
         'solreflimit="0.02 0.7"/>'
@@ -92,7 +90,7 @@ def test_a_link_behind_a_gap_lies_on_one_side_of_it(tmp_path: Path) -> None:
     assert np.abs(found - truth).mean() < 0.3 * np.abs(rigid - truth).mean()
 
 
-def test_an_encoder_behind_a_gap_reads_the_link(tmp_path: Path) -> None:
+def test_an_encoder_behind_a_gap_reads_the_link(tmp_path):
     """The servo's own loop sees its motor."""
     truth = in_mujoco(
         '<joint name="link" axis="0 1 0" range="-0.015 0.015" limited="true" '
@@ -108,7 +106,7 @@ def test_an_encoder_behind_a_gap_reads_the_link(tmp_path: Path) -> None:
     assert np.abs(closed - truth).mean() > 2.0 * np.abs(found - truth).mean()
 
 
-def test_without_an_outboard_part_nothing_changes(tmp_path: Path) -> None:
+def test_without_an_outboard_part_nothing_changes(tmp_path):
     found = in_pamid(tmp_path, "two-mass", share=0.0, frequency_hz=5.0, damping=0.05)
     assert np.array_equal(found, in_pamid(tmp_path))
 
@@ -138,9 +136,7 @@ ARM = """<mujoco>
 
 
 @pytest.mark.parametrize(("joint", "stiffness"), [("shoulder", 200.0), ("elbow", 15.0)])
-def test_what_is_behind_a_spring_takes_the_other_joint_along(
-    joint: str, stiffness: float, tmp_path: Path
-) -> None:
+def test_what_is_behind_a_spring_takes_the_other_joint_along(joint, stiffness, tmp_path):
     joints = ("shoulder", "elbow")
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(shoulder="", elbow=""))
@@ -182,7 +178,7 @@ def test_what_is_behind_a_spring_takes_the_other_joint_along(
 
 
 @pytest.mark.parametrize("name", ["two-mass", "backlash"])
-def test_sensitivities_in_a_twisted_arm(name: str, tmp_path: Path) -> None:
+def test_sensitivities_in_a_twisted_arm(name, tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(shoulder="", elbow=""))
     rig = CompiledMechanism(read_mechanism(path))
@@ -195,7 +191,7 @@ def test_sensitivities_in_a_twisted_arm(name: str, tmp_path: Path) -> None:
     random = np.random.default_rng(2)
     u = np.repeat(random.uniform(-1.0, 1.0, (20, 2)) * [4.0, 1.0], 20, axis=0)
 
-    def run(p: Array, width: int = 0) -> tuple[Array, Array]:
+    def run(p, width=0):
         memory = a.program.memory(a.start(p), width, stepping=Stepping(2), period_s=PERIOD)
         columns = np.arange(width) if width else None
         y, s, bad = a.program.run(

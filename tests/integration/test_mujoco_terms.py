@@ -1,8 +1,6 @@
 """Motors with windings, springs that yield, couplings, free joints: trajectories of plain MuJoCo at
 small steps as the judge, and what is said of such models."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import written
 from numpy.typing import NDArray
 
 from pamid.engine.sampled_inputs import SampledInputs
@@ -44,12 +43,6 @@ MIMIC = """<robot name="gripper">
 """
 
 
-def written(folder: Path, text: str, name: str = "model.xml") -> Path:
-    file = folder / name
-    file.write_text(text)
-    return file
-
-
 def run(file: Path, u: Array, substeps: int = 1) -> tuple[Assembly, Array]:
     """The readings of the equations under these commands, from the start of the file."""
     a = Assembly(rig_named(str(file)))
@@ -74,7 +67,7 @@ def plain(text: str, u: Array, substeps: int) -> Array:
     return np.array(found)
 
 
-def test_motors_springs_and_couplings_move_as_in_mujoco_at_small_steps(tmp_path: Path) -> None:
+def test_motors_springs_and_couplings_move_as_in_mujoco_at_small_steps(tmp_path):
     """Of first order in its step: a quarter of the step leaves a quarter of the difference."""
     t = PERIOD * np.arange(400)
     u = np.column_stack(
@@ -89,7 +82,7 @@ def test_motors_springs_and_couplings_move_as_in_mujoco_at_small_steps(tmp_path:
     assert {s.name for s in a.rig.states} >= {"shoulder_spring_reference", "servo_current"}
 
 
-def test_a_motor_has_its_resistance_in_ohm(tmp_path: Path) -> None:
+def test_a_motor_has_its_resistance_in_ohm(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TERMS, tmp_path)
     units = {p.name: (p.unit, p.fitted) for p in rig.parameters}
     assert units["servo_resistance"] == ("Ohm", False)
@@ -99,7 +92,7 @@ def test_a_motor_has_its_resistance_in_ohm(tmp_path: Path) -> None:
     assert "rub_resistance" not in units  # no current flows without a motor constant
 
 
-def test_a_mimic_joint_follows(tmp_path: Path) -> None:
+def test_a_mimic_joint_follows(tmp_path):
     file = written(tmp_path, MIMIC, "gripper.urdf")
     mechanism = read_mechanism(file)
     assert [c.coefficients[:2] for c in mechanism.couplings] == [(0.1, -2.0)]
@@ -113,7 +106,7 @@ def test_a_mimic_joint_follows(tmp_path: Path) -> None:
     assert np.abs(follower - (0.1 - 2.0 * driver))[200:].max() < 0.02
 
 
-def test_a_floating_base_moves_as_its_free_joint(tmp_path: Path) -> None:
+def test_a_floating_base_moves_as_its_free_joint(tmp_path):
     t = PERIOD * np.arange(300)
     u = np.column_stack([6 + np.sin(9 * t), 6 + np.cos(8 * t), 0.3 * np.sin(20 * t)])
     a, y = run(written(tmp_path, mechanisms.DRONE), u)
@@ -125,7 +118,7 @@ def test_a_floating_base_moves_as_its_free_joint(tmp_path: Path) -> None:
     assert (np.abs(y - expected).max(axis=0) < 1e-5 * np.maximum(size, 1.0)).all()
 
 
-def test_free_joints_are_noted_and_hinder_nothing(tmp_path: Path) -> None:
+def test_free_joints_are_noted_and_hinder_nothing(tmp_path):
     mechanism = read_mechanism(written(tmp_path, mechanisms.DRONE))
     said = [str(f) for f in mechanism.findings]
     line = 1 + mechanisms.DRONE[: mechanisms.DRONE.index('name="drone" pos')].count("\n")
@@ -141,7 +134,7 @@ def test_free_joints_are_noted_and_hinder_nothing(tmp_path: Path) -> None:
     assert {p.name for p in mechanism.ports if p.kind == "transmission"} == {"gimbal_transmission"}
 
 
-def test_an_unread_base_is_said(tmp_path: Path) -> None:
+def test_an_unread_base_is_said(tmp_path):
     text = re.sub("<framequat .*?/>", "", mechanisms.DRONE)
     said = [str(f) for f in read_mechanism(written(tmp_path, text)).findings]
     assert any("no sensor reads where the floating base is: add <framepos>" in s for s in said)
@@ -149,7 +142,7 @@ def test_an_unread_base_is_said(tmp_path: Path) -> None:
     assert not any("floating base" in str(f) for f in whole)
 
 
-def test_a_base_without_sensors_is_read_by_place_and_quaternion(tmp_path: Path) -> None:
+def test_a_base_without_sensors_is_read_by_place_and_quaternion(tmp_path):
     text = mechanisms.DRONE[: mechanisms.DRONE.index("  <sensor>")] + "</mujoco>"
     file = written(tmp_path, text)
     a, y = run(file, np.tile([6.0, 7.0, 0.1], (100, 1)))
@@ -165,7 +158,7 @@ def test_a_base_without_sensors_is_read_by_place_and_quaternion(tmp_path: Path) 
     assert found[0, 0] == pytest.approx(expected, abs=1e-12) and abs(expected[2]) > 0.01
 
 
-def test_a_touched_object_is_held_while_mujoco_steps(tmp_path: Path) -> None:
+def test_a_touched_object_is_held_while_mujoco_steps(tmp_path):
     """The arm rests on a box that would fall: what stays where it is must be what is stepped."""
     text = """<mujoco><option timestep="0.001"/><worldbody>
       <body name="arm"><joint name="hinge" axis="0 1 0" damping="0.1"/>
@@ -187,7 +180,7 @@ def test_a_touched_object_is_held_while_mujoco_steps(tmp_path: Path) -> None:
     assert y[-1, 0] == pytest.approx(data.qpos[0], abs=1e-3) and y[-1, 0] > 0.05
 
 
-def test_all_states_are_carried_from_step_to_step(tmp_path: Path) -> None:
+def test_all_states_are_carried_from_step_to_step(tmp_path):
     rig = SteppedMechanism(read_mechanism(written(tmp_path, MOVING)))
     model = mujoco.MjModel.from_xml_string(MOVING)
     model.opt.tolerance, data = 1e-13, mujoco.MjData(model)

@@ -1,19 +1,17 @@
 """Rigs to start from: each is excited, simulated and checked by name alone; `pamid new-rig` makes a
 file of one's own of them."""
 
-from __future__ import annotations
-
 import ast
 import json
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conformance_rules import excitation, plain_run
 from conformance_rules import run as run_rig
+from conftest import Cli
 from pamid_cli import frame
 
 import pamid
@@ -31,56 +29,39 @@ from pamid.recording.recording import Recording, read_recording, recording_of, w
 EXAMPLES = sorted(examples())
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, Any]:
-    capsys.readouterr()
-    found = frame.run([*words, "--json"])
-    said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert found == code, said
-    return said
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def record(rig: str, capsys: pytest.CaptureFixture[str]) -> Recording:
+def record(rig: str, cli: Cli) -> Recording:
     """A virtual recording as a newcomer makes one: nothing said but the rig. A rig without inputs
     is simulated over the length of a recording."""
     kind = rig_named(rig)
     if kind.inputs:
         words = ("--duration", f"{20 * kind.hold_s[1]}", "--output", "u.csv")
-        run(capsys, "generate-aprbs", "--rig", rig, *words)
+        cli("generate-aprbs", "--rig", rig, *words)
     else:
         time = kind.period_s * np.arange(1000)
         write_recording("u.csv", time, {name: np.cos(time) for name in kind.outputs})
-    run(capsys, "simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
+    cli("simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
     return read_recording("rec.csv")
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_each_tells_its_story(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    story = run(capsys, "rigs", name)["rig"]["story"]
+def test_each_tells_its_story(name, cli):
+    story = cli("rigs", name)["rig"]["story"]
     assert all(len(story[section]) > 30 for section in RIG_SECTIONS)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_a_file_like_the_rig_is_the_rig(
-    name: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = record(name, capsys)
+def test_a_file_like_the_rig_is_the_rig(name, here, cli):
+    recording = record(name, cli)
     assert recording.sampling_period_s == pytest.approx(rig_named(name).period_s)
-    assert run(capsys, "check", "rec.csv", "--rig", name)["ok"]
-    said = run(capsys, "new-rig", "rec.csv")
+    assert cli("check", "rec.csv", "--rig", name)["ok"]
+    said = cli("new-rig", "rec.csv")
     assert (said["like"], said["rig"], said["unused"]) == (name, "my-rig", [])
     assert {c["by"] for c in said["columns"]} == {"name"}
     assert not any(c["scaled"] for c in said["columns"])
-    assert run(capsys, "check", "my_rig.py")["ok"]
-    assert run(capsys, "check", "rec.csv", "--rig", "my_rig.py")["ok"]
+    assert cli("check", "my_rig.py")["ok"]
+    assert cli("check", "rec.csv", "--rig", "my_rig.py")["ok"]
     for rig in (name, "my_rig.py"):
-        run(
-            capsys,
+        cli(
             *("simulate", "--rig", rig, "--excitation", "u.csv", "--noise", "none"),
             *("--output", "again.csv", "--overwrite"),
         )
@@ -100,7 +81,7 @@ def shown(name: str) -> list[tuple[str, tuple[str, ...]]]:
 @pytest.mark.parametrize(
     ("name", "part"), [case for name in EXAMPLES for case in shown(name)], ids=str
 )
-def test_what_no_recording_shows_is_left_out(name: str, part: tuple[str, ...], here: Path) -> None:
+def test_what_no_recording_shows_is_left_out(name, part, here):
     """No output, state, port or parameter on which no recorded column depends; what is left
     computes what the whole rig does."""
     whole, sent, read = rig_named(name), excitation(name), plain_run(name)
@@ -138,7 +119,7 @@ def wave(seed: int) -> np.ndarray:
     return np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 20), 20)
 
 
-def test_other_units_are_converted(here: Path) -> None:
+def test_other_units_are_converted(here):
     given = small({"position_m": wave(1), "pressure_kpa": 300.0 + wave(2), "force_kn": wave(3)})
     made = pamid.new_rig(given, output=here / "bench.py")
     assert made.like == "cylinder-bench" and made.name == "bench"
@@ -152,10 +133,8 @@ def test_other_units_are_converted(here: Path) -> None:
     assert sheet["preload"].spread == 60.0
 
 
-def test_a_raw_signal_gets_a_gain_that_is_fitted(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = record("cascaded-tanks", capsys)
+def test_a_raw_signal_gets_a_gain_that_is_fitted(here, cli):
+    recording = record("cascaded-tanks", cli)
     volts = {
         "pump_v": recording.columns["pump_v"],
         "level_v": 0.2 * recording.columns["level_cm"],
@@ -164,7 +143,7 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
         else np.resize(wave(4), len(recording)),
     }
     write_recording("volts.csv", recording.time, volts)
-    said = run(capsys, "new-rig", "volts.csv", "--like", "cascaded-tanks", "--output", "tanks.py")
+    said = cli("new-rig", "volts.csv", "--like", "cascaded-tanks", "--output", "tanks.py")
     assert said["like"] == "cascaded-tanks" and said["unrecorded"] == ["upper_level_cm"]
     assert said["unused"] == ["comment_n"]
     assert [c["scaled"] for c in said["columns"]] == [False, True]
@@ -178,7 +157,7 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
 
 
 @pytest.mark.parametrize("name", ["x); import os #_n", "lambda", '"""_n', "a\nb_n"])
-def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
+def test_a_name_that_is_no_word_is_never_code(name, here):
     """As an input it is refused; where it is not used it stands in a comment, quoted. (Names that
     no file can hold are put into a recording by hand.)"""
     plain = small({"force_n": wave(3), "position_1_mm": wave(2)})
@@ -205,7 +184,7 @@ def like_of(folder: Path, **columns: np.ndarray) -> str:
     return pamid.new_rig(small(columns), output=folder / "mine.py", overwrite=True).like
 
 
-def test_torque_servos_belts_and_velocities_have_a_rig(here: Path) -> None:
+def test_torque_servos_belts_and_velocities_have_a_rig(here):
     servo = {"torque_nm": held(1), "angle_rad": moving(2), "velocity_rad_per_s": moving(3)}
     assert like_of(here, **servo) == "servo-axis"
     assert like_of(here, motor_torque_nm=held(1), speed_rpm=moving(2)) == "servo-axis"

@@ -1,8 +1,6 @@
 """Recordings that no model of the rig could have made: nothing is explained, whatever an effect
 happens to improve."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +40,7 @@ def diagnosed(folder: Path, position: Array, force: Array) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Array]:
+def rubbing(tmp_path_factory) -> tuple[Path, Array, Array]:
     """A cart that rubs, its encoder of 0.5 mm and its force."""
     folder = tmp_path_factory.mktemp("cart")
     force = aprbs(SAMPLES * PERIOD_S, PERIOD_S, 3.0, (0.2, 0.8), seed=1)
@@ -71,9 +69,7 @@ def nonsense(kind: str, seed: int) -> Array:
 
 
 @pytest.mark.parametrize("kind", ["white noise", "a random walk", "at rest"])
-def test_no_cause_is_found_in_what_the_input_did_not_make(
-    kind: str, rubbing: tuple[Path, Array, Array]
-) -> None:
+def test_no_cause_is_found_in_what_the_input_did_not_make(kind, rubbing):
     folder, force, _ = rubbing
     found = diagnosed(folder, nonsense(kind, 1), force)
     assert found["verdict"] == "cannot-tell" and found["causes"] == []
@@ -86,7 +82,7 @@ def test_no_cause_is_found_in_what_the_input_did_not_make(
     assert shown.startswith(found["remark"]) and "Where" not in shown and "shrinkage" not in shown
 
 
-def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -> None:
+def test_the_recording_itself_is_explained(rubbing):
     folder, force, real = rubbing
     found = diagnosed(folder, real, force)
     assert found["verdict"] == "explained" and found["remark"] == ""
@@ -101,28 +97,28 @@ OTHER = ("shuffled rows", "foreign output", "output half a recording late", "for
 
 @pytest.mark.parametrize("rig", ["cart", pytest.param("thermal-block", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", [*SMOOTH, *OTHER, "noisy echo"])
-def test_nonsense_of_the_suite_is_rejected(kind: str, rig: str, tmp_path: Path) -> None:
+def test_nonsense_of_the_suite_is_rejected(kind, rig, tmp_path):
     outcome = SUITE.outcome_of(rig, kind, False, tmp_path)
     assert outcome.word in ("refused", "called nonsense"), outcome.sentence
 
 
-def test_rows_in_reverse_order_of_time_are_reported(tmp_path: Path) -> None:
+def test_rows_in_reverse_order_of_time_are_reported(tmp_path):
     outcome = SUITE.outcome_of("thermal-block", "reversed time", False, tmp_path)
     assert outcome.word == "called nonsense" and "reverse order of time" in outcome.sentence
 
 
 @pytest.mark.slow
-def test_one_foreign_channel_of_several_is_named(tmp_path: Path) -> None:
+def test_one_foreign_channel_of_several_is_named(tmp_path):
     kind = "sine in the last channel"
     outcome = SUITE.outcome_of("cascaded-tanks", kind, False, tmp_path)
     assert "upper_level_cm does not respond to pump_v" in outcome.sentence
     assert "Without it the others can be diagnosed" in outcome.sentence
 
 
-def test_a_silent_input_is_named(tmp_path: Path) -> None:
+def test_a_silent_input_is_named(tmp_path):
     outcome = SUITE.outcome_of("cart", "ramp", False, tmp_path)
     assert "position_m does not respond to force_n" in outcome.sentence
 
 
-def test_the_genuine_partner_of_a_ramp_is_answered(tmp_path: Path) -> None:
+def test_the_genuine_partner_of_a_ramp_is_answered(tmp_path):
     assert SUITE.outcome_of("thermal-block", "ramp", True, tmp_path).word == "right"

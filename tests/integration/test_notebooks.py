@@ -1,8 +1,6 @@
 """Every story in notebooks/ runs as a plain script and leaves nothing behind; its notebook is what
 jupytext makes of it, and runs in a kernel."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -35,7 +33,7 @@ def files_of_the_repository() -> set[Path]:
 
 
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.stem)
-def test_a_notebook_is_its_story(story: Path) -> None:
+def test_a_notebook_is_its_story(story):
     told = story.read_text(encoding="utf-8")
     assert not re.search(r"(from|import) (pamid\.|pamid_cli)", told), "it takes pamid from its face"
     for target in re.findall(r"\]\((pictures/[^)]+)\)", told):
@@ -47,7 +45,7 @@ def test_a_notebook_is_its_story(story: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_notebook_runs_and_shows_cards_and_figures(tmp_path: Path) -> None:
+def test_a_notebook_runs_and_shows_cards_and_figures(tmp_path):
     notebook = nbformat.reads(notebook_text(STORIES[0]), as_version=4)
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": tmp_path}}).execute()
     shown = {
@@ -60,7 +58,7 @@ def test_a_notebook_runs_and_shows_cards_and_figures(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("story", RUNS)
-def test_story_runs(story: Path, tmp_path: Path) -> None:
+def test_story_runs(story, tmp_path):
     own = tmp_path / "tmp"
     own.mkdir()
     before = files_of_the_repository()

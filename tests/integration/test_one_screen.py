@@ -1,9 +1,6 @@
 """What `pamid check` and `pamid rigs` print of rigs with many ports: one screen, the rest with
 --all and --json."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +26,7 @@ def ranged() -> str:
     return mechanisms.SEVEN.replace("<joint ", '<joint range="-1 1" limited="true" ')
 
 
-def test_a_model_of_seven_joints_is_checked_on_one_screen(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_of_seven_joints_is_checked_on_one_screen(tmp_path, capsys):
     path = tmp_path / "seven.xml"
     path.write_text(ranged())
     short = printed(capsys, "check", path)
@@ -50,18 +45,17 @@ def test_a_model_of_seven_joints_is_checked_on_one_screen(
     assert not any("sensitivities" in line for line in whole)
 
 
-def test_json_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_is_complete(tmp_path, cli):
     path = tmp_path / "seven.xml"
     path.write_text(ranged())
-    assert frame.run(["check", str(path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = cli("check", path)
     rig = pamid.check(path)
     assert {row["port"] for row in found["ports"]} == {r["port"] for r in rig.to_dict()["ports"]}
     assert len(found["ports"]) > 25 and all(row["passes"] for row in found["ports"])
     assert sum("is not enforced" in f["detail"] for f in found["findings"]) == 7
 
 
-def test_a_rig_that_fits_the_screen_is_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rig_that_fits_the_screen_is_shown_whole(capsys):
     cart = Path(__file__).parents[2] / "data" / "rigs" / "cart.py"
     assert printed(capsys, "check", cart) == printed(capsys, "check", cart, "--all")
     motor = Path(__file__).parents[2] / "pamid" / "rigs" / "dc_motor.py"
@@ -78,7 +72,7 @@ def finding(check: str, detail: str, **more: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("ports", [1, 60])
 @pytest.mark.parametrize("notes", [1, 60])
-def test_no_number_of_ports_and_notes_exceeds_the_screen(ports: int, notes: int) -> None:
+def test_no_number_of_ports_and_notes_exceeds_the_screen(ports, notes):
     words = [f"{'ab' * (k + 1)} differs" for k in range(notes)]
     said: dict[str, Any] = {
         "file": "rig.py",
@@ -111,9 +105,7 @@ def test_no_number_of_ports_and_notes_exceeds_the_screen(ports: int, notes: int)
     assert "ok     equations: built" in lines
 
 
-def test_a_long_story_of_a_rig_groups_ports_and_leaves_equations_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_long_story_of_a_rig_groups_ports_and_leaves_equations_out(tmp_path, capsys):
     path = tmp_path / "seven.xml"
     path.write_text(ranged())
     short, whole = printed(capsys, "rigs", path), printed(capsys, "rigs", path, "--all")

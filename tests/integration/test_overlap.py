@@ -1,16 +1,12 @@
 """Samples that stand in two recordings are found by content, in whatever form; repeated experiments
 are not."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pamid_cli.frame import run
 from small_cart import RIG
 
 from pamid.recording.overlap import overlaps
@@ -92,9 +88,7 @@ def radians(columns: dict[str, Array]) -> dict[str, Array]:
         "columns turned",
     ],
 )
-def test_a_copy_is_found_in_every_form(
-    other: dict[str, object], samples: int, tmp_path: Path
-) -> None:
+def test_a_copy_is_found_in_every_form(other, samples, tmp_path):
     first, second = made(tmp_path, "a"), made(tmp_path, "b", **other)  # type: ignore[arg-type]
     for recordings in ([first, second], [second, first]):
         (found,) = overlaps(OUTPUTS, recordings)
@@ -103,7 +97,7 @@ def test_a_copy_is_found_in_every_form(
 
 @pytest.mark.parametrize("noise", [0.0, 0.04])
 @pytest.mark.parametrize("step", [0.0, 0.2])
-def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_path: Path) -> None:
+def test_a_stretch_shared_by_two_slices_is_found(noise, step, tmp_path):
     a = made(tmp_path, "a", noise=noise, step=step, last=5000)
     b = made(tmp_path, "b", noise=noise, step=step, first=3500)
     (found,) = overlaps(OUTPUTS, [a, b])
@@ -112,10 +106,10 @@ def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_
 
 
 @pytest.mark.parametrize("kind", [{"noise": 0.0}, {"noise": 0.0, "step": 0.2}])
-def test_a_doubled_response_is_no_copy(kind: dict[str, float], tmp_path: Path) -> None:
+def test_a_doubled_response_is_no_copy(kind, tmp_path):
     """Without noise a linear machine answers a doubled input with a scaled copy."""
 
-    def doubled(columns: dict[str, Array]) -> dict[str, Array]:
+    def doubled(columns):
         return {k: np.round(2.0 * v / step) * step if step else 2.0 * v for k, v in columns.items()}
 
     step = kind.get("step", 0.0)
@@ -133,9 +127,7 @@ def test_a_doubled_response_is_no_copy(kind: dict[str, float], tmp_path: Path) -
         {"noise": 0.04, "digits": 4},
     ],
 )
-def test_the_same_experiment_made_again_is_another_recording(
-    kind: dict[str, float], tmp_path: Path
-) -> None:
+def test_the_same_experiment_made_again_is_another_recording(kind, tmp_path):
     again = [made(tmp_path, f"r{seed}", seed=seed, **kind) for seed in range(4)]  # type: ignore[arg-type]
     assert not list(overlaps(OUTPUTS, again))
 
@@ -158,9 +150,7 @@ def cart(folder: Path, name: str, seed: int, first: int = 0, last: int | None = 
 
 @pytest.mark.parametrize("role", ["fitted twice", "held out", "held out twice"])
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_the_commands_refuse_it_naming_both(
-    command: str, role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_refuse_it_naming_both(command, role, tmp_path, cli):
     one, other, new = (
         cart(tmp_path, "one", 1),
         cart(tmp_path, "other", 1, 200),
@@ -172,8 +162,7 @@ def test_the_commands_refuse_it_naming_both(
         "held out twice": [new, "--held-out", one, "--held-out", other],
     }[role]
     output = tmp_path / "run"
-    assert run([command, *map(str, given), "--rig", RIG, "--output", str(output), "--json"]) == 4
-    said = json.loads(capsys.readouterr().out)
+    said = cli(command, *given, "--rig", RIG, "--output", output, code=4)
     assert said["code"] == "overlap" and not output.exists()
     assert "one.csv (2 .. 11.99 s)" in said["message"] and "other.csv" in said["message"]
     assert "10 s of them" in said["message"]

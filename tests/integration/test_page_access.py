@@ -5,8 +5,6 @@ axe-core, of the package axe-core-python or of the file axe.min.js that PAMID_AX
 pages of a diagnosis, a trial and a comparison as well.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -47,7 +45,7 @@ def chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(tmp_path_factory) -> Path:
     """A diagnosis with its diagram; the other pictures take the time."""
     run = load_run(make_run(tmp_path_factory.mktemp("run") / "RUN", "partly-explained"))
     drawing = rig_drawing(run.diagnosis)
@@ -59,7 +57,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pages(page: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def pages(page, tmp_path_factory) -> dict[str, Path]:
     """One of every kind that people look at, as the command writes it."""
     place = tmp_path_factory.mktemp("pages")
     first, second = make_run(place / "first"), make_run(place / "second", "unknown-effect")
@@ -83,7 +81,7 @@ def opened(chromium: Browser, page: Path, width: int = 1280, *, dark: bool = Fal
     return tab
 
 
-def test_three_answers_and_what_to_do_stand_above_the_fold(page: Path, chromium: Browser) -> None:
+def test_three_answers_and_what_to_do_stand_above_the_fold(page, chromium):
     tab = opened(chromium, page)
     boxes = tab.evaluate(
         "[...document.querySelectorAll('.card')].map(c => { const r = c.getBoundingClientRect(); "
@@ -100,7 +98,7 @@ def test_three_answers_and_what_to_do_stand_above_the_fold(page: Path, chromium:
     )
 
 
-def test_a_block_shows_what_is_known_of_it(page: Path, chromium: Browser) -> None:
+def test_a_block_shows_what_is_known_of_it(page, chromium):
     tab = opened(chromium, page)
     assert tab.evaluate(SHOWN) == ["at-joint"]
     x, y = tab.evaluate(
@@ -120,7 +118,7 @@ def test_a_block_shows_what_is_known_of_it(page: Path, chromium: Browser) -> Non
 @pytest.mark.skipif(AXE is None, reason="neither axe-core-python nor PAMID_AXE is there")
 @pytest.mark.parametrize("look", ["1280", "1280 dark", "390"])
 @pytest.mark.parametrize("kind", ["partly-explained", "unknown-effect", "trial", "comparison"])
-def test_axe_finds_nothing(kind: str, look: str, pages: dict[str, Path], chromium: Browser) -> None:
+def test_axe_finds_nothing(kind, look, pages, chromium):
     assert AXE is not None
     wide, _, dark = look.partition(" ")
     tab = opened(chromium, pages[kind], int(wide), dark=bool(dark))

@@ -1,12 +1,8 @@
 """`pamid reproduce-paper`: the twin misses what the paper's model missed, and the table says what
 it is."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli import frame
@@ -42,13 +38,13 @@ WRITTEN = (
 
 
 @pytest.fixture
-def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_effects(monkeypatch) -> None:
     """A catalogue small enough for a test."""
     names = ("two-mass", "coulomb-friction")
     monkeypatch.setattr(paper, "effects", lambda: {name: effects()[name] for name in names})
 
 
-def test_the_analytic_model_misses_the_twin_by_the_published_errors() -> None:
+def test_the_analytic_model_misses_the_twin_by_the_published_errors():
     found = calibration(Twin())
     assert found == pytest.approx({"6.4 Jn": 1.2890, "Jn": 1.1706}, abs=0.02)
     for case, published in paper.PUBLISHED["analytic model"].items():
@@ -56,7 +52,7 @@ def test_the_analytic_model_misses_the_twin_by_the_published_errors() -> None:
 
 
 @pytest.mark.slow
-def test_a_quick_run(few_effects: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_quick_run(few_effects, tmp_path, capsys):
     folder = tmp_path / "paper"
     assert frame.run([*SMALL.split(), "--output", str(folder)]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -90,21 +86,16 @@ def test_a_quick_run(few_effects: None, tmp_path: Path, capsys: pytest.CaptureFi
     assert "--overwrite" in json.loads(capsys.readouterr().out)["hint"]
 
 
-def test_an_interrupted_training_is_kept_and_goes_on(
-    few_effects: None,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def stopped(residual: Any, *, options: Any) -> Any:
-        def report(step: Any, start: int) -> None:
+def test_an_interrupted_training_is_kept_and_goes_on(few_effects, tmp_path, monkeypatch, capsys):
+    def stopped(residual, *, options):
+        def report(step, start):
             options.progress(step, start)
             if step.iteration == 2:
                 raise KeyboardInterrupt
 
         return unpatched(residual, options=replace(options, progress=report))
 
-    def stop(*given: Any) -> Any:
+    def stop(*given):
         raise KeyboardInterrupt
 
     unpatched = paper.train_correction

@@ -1,12 +1,9 @@
 """A payload on an arm: mass, centre and inertia of the last link are found within their intervals,
 and the written file is the machine in plain MuJoCo."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mechanisms
 import numpy as np
@@ -72,16 +69,9 @@ def recorded(folder: Path, *free: str) -> Path:
     return log
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def test_a_payload_is_found_within_the_intervals_and_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_payload_is_found_within_the_intervals_and_written(tmp_path, cli):
     log, model, new = recorded(tmp_path), tmp_path / "arm.xml", tmp_path / "new.xml"
-    found = run(capsys, "fit", log, "--rig", model, "--output", tmp_path / "run")
+    found = cli("fit", log, "--rig", model, "--output", tmp_path / "run")
     assert found["converged"]
     mass, centre, inertia = truth()
     shape = shapes_of(read_mechanism(model))[-1]
@@ -105,7 +95,7 @@ def test_a_payload_is_found_within_the_intervals_and_written(
 
     ranges = tmp_path / "ranges.yaml"
     export = ("export", tmp_path / "run", "--rig", model, "--to", "mjcf", "--output", new)
-    written = run(capsys, *export, "--randomise", ranges)
+    written = cli(*export, "--randomise", ranges)
     assert "stretch" not in ranges.read_text() and f"{GROUP}_xx" in ranges.read_text()
     for errors in written["plain_mujoco"]["channels"].values():
         assert errors["now"] < 1.2 * errors["stated"] < 0.1 * errors["before"]
@@ -120,9 +110,7 @@ def _last_body(path: Path) -> Body:
 
 
 @pytest.mark.slow
-def test_a_mass_of_known_shape_does_not_explain_the_payload(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mass_of_known_shape_does_not_explain_the_payload(tmp_path, capsys):
     log = recorded(tmp_path, f"{GROUP} = 1e-3")
     words = ("fit", log, "--rig", tmp_path / "arm.xml", "--output", tmp_path / "run")
     assert frame.run([*map(str, words), "--json"]) in (0, 5)

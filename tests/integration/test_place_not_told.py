@@ -1,7 +1,5 @@
 """An effect that would do the same at another port: the answer names both places."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -45,7 +43,7 @@ ASKED = ("offset", "constant-offset", "cubic-drag", "dead-zone")
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def found(tmp_path_factory) -> RunData:
     """Of a sledge that is pulled to one side: nothing tells a command that is off from a force."""
     folder, random = tmp_path_factory.mktemp("sledge"), np.random.default_rng(3)
     rig = folder / "sledge.py"
@@ -74,7 +72,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     return load_run(folder / "run")
 
 
-def test_both_places_are_named(found: RunData) -> None:
+def test_both_places_are_named(found):
     assert found.diagnosis is not None
     (cause,) = found.diagnosis.causes
     assert cause.family == "offset"

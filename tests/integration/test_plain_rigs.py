@@ -1,11 +1,8 @@
 """Rigs without states, and without parameters: they are checked, simulated, fitted, diagnosed and
 exported as any other."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +26,7 @@ class StaticMap(pamid.Rig):
     period_s = 0.01
     excited = {"drive_v": 2.0}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"force_n": port("cell", 2.0 * port("drive", u.drive_v))}
 
 
@@ -47,11 +44,11 @@ class Follower(pamid.Rig):
     period_s = 0.01
     excited = {"drive_v": 2.0}
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         push = 10.0 * (port("drive", u.drive_v) - x.speed)
         return {"speed": port("push", push, velocity=x.speed)}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"speed_m_per_s": x.speed}
 
 
@@ -62,12 +59,12 @@ class Imposed(pamid.Rig):
     outputs = {"velocity_m_per_s": "m/s"}
     ports = {"reading": pamid.Port("reading", "m/s")}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"velocity_m_per_s": port("reading", rate_of(u.position_mm))}
 
 
 @pytest.mark.parametrize("substeps", [1, 2, 5])
-def test_rate_of_is_the_difference_of_samples(substeps: int) -> None:
+def test_rate_of_is_the_difference_of_samples(substeps):
     assembly = Assembly(Imposed())
     u = np.cumsum(np.random.default_rng(0).normal(size=(50, 1)), axis=0)
     step = Stepping(substeps)
@@ -82,10 +79,7 @@ def test_rate_of_is_the_difference_of_samples(substeps: int) -> None:
 @pytest.mark.parametrize(
     ("rig", "effect"), [(StaticMap, "offset@cell"), (Follower, "saturation")], ids=["map", "lag"]
 )
-def test_without_parameters(
-    rig: type[pamid.Rig], effect: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_without_parameters(rig, effect, here):
     assert pamid.check(rig).ok
     u = pamid.aprbs(20.0, 0.01, 2.0, seed=1)
     pamid.write_recording("u.csv", 0.01 * np.arange(len(u)), {"drive_v": u})
@@ -99,10 +93,7 @@ def test_without_parameters(
     pamid.report(found)
 
 
-def test_a_force_bench_is_diagnosed_and_exported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_force_bench_is_diagnosed_and_exported(here, capsys):
     for words in (
         ("generate-aprbs", "--rig", "cylinder-bench", "--duration", "60", "--output", "u.csv"),
         (

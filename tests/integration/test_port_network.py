@@ -1,12 +1,9 @@
 """`pamid train-residual --port PORT`: what is missing at a port, a network for it, and its value
 inside the equations."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +33,7 @@ Copy = Callable[[], Path]
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
+def place(tmp_path_factory) -> tuple[Path, GreyBox]:
     """A folder with a run fitted to 20 s of a virtual joint whose valves have a dead band, and its
     model."""
     folder = tmp_path_factory.mktemp("joint")
@@ -53,13 +50,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
 
 
 @pytest.fixture
-def run(place: tuple[Path, GreyBox], tmp_path: Path) -> Copy:
+def run(place, tmp_path) -> Copy:
     """Fresh copies of the fitted run."""
     numbers = iter(range(100))
     return lambda: Path(shutil.copytree(place[0] / "run", tmp_path / f"run{next(numbers)}"))
 
 
-def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, GreyBox]) -> None:
+def test_what_is_missing_there_brings_the_model_to_its_data(place):
     model, entry = place[1], Entry("command", "")
     fitted = tuple(
         replay_track(model.assembly, model.fit.p, t, model.fit.stepping, model.evidence.noise)
@@ -69,7 +66,7 @@ def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, G
     held = np.zeros(len(model.held_out[0].track))
     before = channel_mae(list(fitted))
 
-    def error(values: np.ndarray, p: np.ndarray = p) -> np.ndarray:
+    def error(values, p=p):
         return channel_mae(Corrected(model, entry, p).replayed(np.concatenate([values, held]))[:1])
 
     np.testing.assert_allclose(error(0.0 * missing, model.fit.p), before, rtol=1e-9)
@@ -84,9 +81,7 @@ def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, G
     assert 0.04 < np.median(taken[(np.abs(command) > 0.08) & (np.abs(command) < 0.3)]) < 0.12
 
 
-def test_beside_it_stands_the_network_at_the_output(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_beside_it_stands_the_network_at_the_output(run, capsys):
     one, other = run(), run()
     names, *lines = (other / "residual.csv").read_text().splitlines()
     keep = [i for i, n in enumerate(names.split(",")) if "loop" not in n and n != "reference_deg"]
@@ -106,7 +101,7 @@ def test_beside_it_stands_the_network_at_the_output(
 
 
 @pytest.mark.slow
-def test_same_bytes_and_resuming(run: Copy) -> None:
+def test_same_bytes_and_resuming(run):
     one, other, third = run(), run(), run()
     options = ("--hidden", "3", "--at", "joint", "--iterations")
     assert (
@@ -120,12 +115,10 @@ def test_same_bytes_and_resuming(run: Copy) -> None:
 
 
 @pytest.mark.slow
-def test_interrupted_beside_it_keeps_what_it_has(
-    run: Copy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_interrupted_beside_it_keeps_what_it_has(run, monkeypatch, capsys):
     folder = run()
 
-    def interrupted(*_: Any, **__: Any) -> None:
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:

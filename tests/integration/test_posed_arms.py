@@ -1,10 +1,7 @@
 """Arms in any pose: plain MuJoCo makes the recording, the same model has to follow it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mechanisms
 import numpy as np
@@ -14,7 +11,7 @@ from posed_arms import FOUR_HINGES, SEVEN_HINGES, SIX_HINGES, Link, arm_text, re
 from pamid.estimation import robust_fit
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
-from pamid.estimation.problem import Fit, Problem
+from pamid.estimation.problem import Fit
 from pamid.estimation.robust_fit import fit_robustly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording
@@ -58,9 +55,7 @@ def off_the_truth(found: GreyBox, links: tuple[Link, ...]) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("seed", "swing"), [(10, 0.6), pytest.param(31, 1.0, marks=pytest.mark.slow)]
 )
-def test_undamped_arm_of_four_hinges_is_fitted_away_from_zero(
-    seed: int, swing: float, tmp_path: Path
-) -> None:
+def test_undamped_arm_of_four_hinges_is_fitted_away_from_zero(seed, swing, tmp_path):
     """Its masses are those of the machine, from ones that are 8 to 15 % off."""
     mechanisms.needs_mujoco()
     pose = np.array([-1.2, 0.5, -1.5, -0.8])
@@ -76,16 +71,14 @@ def test_undamped_arm_of_four_hinges_is_fitted_away_from_zero(
     assert np.sqrt(np.mean(left**2)) < 1.2, "the noise alone is left of what was fitted"
 
 
-def test_the_shape_of_the_last_body_is_fitted_last(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_shape_of_the_last_body_is_fitted_last(tmp_path, monkeypatch):
     """On a motion that the other parameters do not follow yet, it leads into a local minimum."""
     mechanisms.needs_mujoco()
     recording = record_about(FOUR_HINGES, np.zeros(4), SECONDS, 3, tmp_path / "rec.csv", 0.3)
     (tmp_path / "arm.xml").write_text(arm_text(FOUR_HINGES))
     fits: list[Fit] = []
 
-    def recorded(problem: Problem, **options: Any) -> Fit:
+    def recorded(problem, **options):
         fits.append(fit_robustly(problem, **options))
         return fits[-1]
 
@@ -102,7 +95,7 @@ def test_the_shape_of_the_last_body_is_fitted_last(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("links", [SIX_HINGES, SEVEN_HINGES], ids=["six", "seven"])
-def test_arms_of_robots_are_fitted_in_any_pose(links: tuple[Link, ...], tmp_path: Path) -> None:
+def test_arms_of_robots_are_fitted_in_any_pose(links, tmp_path):
     """The model is the machine, in five random poses: errors at the floor, masses within 2 %."""
     mechanisms.needs_mujoco()
     model = tmp_path / "arm.xml"

@@ -1,18 +1,14 @@
 """What an experiment would show is what it shows: visibility foretold, and that of a fit; what
 parameters take up does not show; the command, its picture and its refusals."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pamid_cli.frame import run as run_command
 
 import pamid
-from pamid.base.schemas.power_file import ShownEffect
+from pamid.base.schemas.command_files import ShownEffect
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, recording_of
@@ -31,7 +27,7 @@ def excitation() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def found(excitation: Recording) -> pamid.PowerResult:
+def found(excitation) -> pamid.PowerResult:
     return pamid.power(excitation, PENDULUM, noise=NOISE, progress=False)
 
 
@@ -39,15 +35,13 @@ def effect(found: pamid.PowerResult, label: str) -> ShownEffect:
     return next(e for e in found.effects if e.effect == label)
 
 
-def test_what_a_parameter_takes_up_does_not_show(found: pamid.PowerResult) -> None:
+def test_what_a_parameter_takes_up_does_not_show(found):
     """A gain of the voltage is another constant of the motor, more damping another damping."""
     assert {"gain-error@driver", "viscous-friction"} <= set(found.hidden)
     assert "coulomb-friction" in found.showing
 
 
-def test_the_visibility_that_is_foretold_is_that_of_a_fit(
-    found: pamid.PowerResult, excitation: Recording
-) -> None:
+def test_the_visibility_that_is_foretold_is_that_of_a_fit(found, excitation):
     told = effect(found, "coulomb-friction")
     assert told.amount is not None
     planted = f"coulomb-friction:{told.amount.parameter}={told.amount.usual!r}"
@@ -63,9 +57,7 @@ def test_the_visibility_that_is_foretold_is_that_of_a_fit(
     assert above[0] == pytest.approx(above[1], rel=0.25) and above[1] > 0.5
 
 
-def test_the_command_says_it_and_draws_it(
-    excitation: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_it_and_draws_it(excitation, tmp_path, capsys, cli):
     sent, picture = tmp_path / "levels.csv", tmp_path / "power.png"
     pamid.write_recording(
         sent,
@@ -74,8 +66,7 @@ def test_the_command_says_it_and_draws_it(
         {"recording": {"sampling_period_s": PERIOD_S, "loop": "open"}},
     )
     asked = ["power", "--rig", PENDULUM, "--excitation", str(sent), "--jobs", "1"]
-    assert run_command([*asked, "--figure", str(picture), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli(*asked, "--figure", picture)
     assert said["schema"] == "pamid.power/1" and len(said["effects"]) > 20
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert run_command([*asked, "--figure", str(tmp_path / "power.gif")]) == 2

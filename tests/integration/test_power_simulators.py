@@ -1,8 +1,6 @@
 """What an experiment would show of somebody's simulation: a MuJoCo model as equations, the same
 model stepped by MuJoCo, and a step in Python, through one interface."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +40,7 @@ def _power(excitation: Recording, rig: Rig | str) -> dict[str, tuple[float, ...]
     return {e.effect: e.visible for e in found.effects}
 
 
-def test_a_mujoco_model_shows_the_same_as_equations_and_stepped(tmp_path: Path) -> None:
+def test_a_mujoco_model_shows_the_same_as_equations_and_stepped(tmp_path):
     from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
     from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 
@@ -61,7 +59,7 @@ def test_a_mujoco_model_shows_the_same_as_equations_and_stepped(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("name", ["stepped_pendulum.py"])
-def test_a_step_in_python(name: str) -> None:
+def test_a_step_in_python(name):
     path = Path(__file__).parents[2] / "data" / "rigs" / name
     found = _power(_excitation("force_n", 6.0), str(path))
     assert {"coulomb-friction@rail", "quantisation@encoder"} <= set(found)

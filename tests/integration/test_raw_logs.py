@@ -1,8 +1,6 @@
 """Raw logs of many kinds, as people send them: `pamid ingest --guess` maps each, or asks for what
 the log does not say."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io
@@ -538,7 +536,7 @@ def through(folder: Path, raw: Raw) -> tuple[GuessedMapping, IngestResult]:
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_a_raw_log_becomes_recordings(name: str, tmp_path: Path) -> None:
+def test_a_raw_log_becomes_recordings(name, tmp_path):
     raw = LOGS[name]
     guessed, made = through(tmp_path, raw)
     assert set(guessed.open) == raw.asked
@@ -554,9 +552,7 @@ def test_a_raw_log_becomes_recordings(name: str, tmp_path: Path) -> None:
         assert recording.columns[last] == pytest.approx(wanted, rel=1e-7, abs=1e-6), last
 
 
-def test_an_unanswered_period_is_asked_for_like_a_unit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unanswered_period_is_asked_for_like_a_unit(tmp_path, capsys):
     raw = LOGS["two columns without a clock"]
     raw.write(tmp_path / "dryer.dat")
     mapping = tmp_path / "map.toml"
@@ -582,7 +578,7 @@ LATER = 7e-3  # s, of the second signal of a log in which signals take turns
         "{t:.4f},17,cmd,{u:.15g},\n{later:.4f},18,state,,{y:.15g}",
     ],
 )
-def test_signals_that_take_turns_have_their_own_clocks(form: str, tmp_path: Path) -> None:
+def test_signals_that_take_turns_have_their_own_clocks(form, tmp_path):
     wide = "cmd" in form
     head = "time_s,id,message,drive_v,angle_deg\n" if wide else "time_s,signal,value\n"
     log, mapping = tmp_path / "bus.csv", tmp_path / "map.toml"
@@ -667,7 +663,7 @@ NO_LOGS = {
 
 
 @pytest.mark.parametrize("name", NO_LOGS)
-def test_no_log_is_refused_with_the_cure(name: str, tmp_path: Path) -> None:
+def test_no_log_is_refused_with_the_cure(name, tmp_path):
     file, content, what, cure = NO_LOGS[name]
     (tmp_path / file).write_bytes(content)
     with pytest.raises(FileError) as caught:
@@ -676,7 +672,7 @@ def test_no_log_is_refused_with_the_cure(name: str, tmp_path: Path) -> None:
     assert " FILE." not in caught.value.hint  # the command names the file
 
 
-def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:
+def test_a_large_json_is_refused_before_it_is_read(tmp_path):
     (tmp_path / "log.json").write_text(json.dumps(records()))
     with pytest.raises(FileError, match="--memory-limit"):
         pamid.guess_mapping(tmp_path / "log.json", memory_limit=0.0005)
@@ -690,7 +686,7 @@ def test_a_large_json_is_refused_before_it_is_read(tmp_path: Path) -> None:
         ("[" * 100_000, "cannot be read as json"),
     ],
 )
-def test_json_that_is_no_log_is_refused(text: str, why: str, tmp_path: Path) -> None:
+def test_json_that_is_no_log_is_refused(text, why, tmp_path):
     path = tmp_path / "log.json"
     path.write_text(text)
     with pytest.raises(FileError, match=why):

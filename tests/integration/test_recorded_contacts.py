@@ -1,8 +1,5 @@
 """A model whose geoms can touch: as equations where they do not in the recordings, else stepped."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +95,7 @@ def of_angles(shoulder: Array, elbow: Array) -> pamid.Recording:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory) -> Path:
     """The arm, a recording in which it stays clear of the wall, and one in which it hits it."""
     folder = tmp_path_factory.mktemp("contacts")
     written(folder)
@@ -108,19 +105,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(place: Path) -> Path:
+def run(place) -> Path:
     """A fit of the clear recording."""
     done = pamid.fit(place / "clear.csv", place / "arm.xml", output=place / "run", progress=False)
     return done.folder
 
 
-def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> Any:
-    """The JSON that a command prints."""
-    assert frame.run([*map(str, words), "--json"]) == 0, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def test_the_recordings_decide_the_form(place: Path) -> None:
+def test_the_recordings_decide_the_form(place):
     rig = rig_named(str(place / "arm.xml"))
     clear, hits = (read_recording(place / f"{name}.csv") for name in ("clear", "hits"))
     free = as_recorded(rig, [clear])
@@ -136,7 +127,7 @@ def test_the_recordings_decide_the_form(place: Path) -> None:
     assert as_recorded(free, [hits]) is free
 
 
-def test_the_nearest_pair_is_that_of_all_poses(place: Path) -> None:
+def test_the_nearest_pair_is_that_of_all_poses(place):
     mechanism = read_mechanism(place / "arm.xml")
     t = np.arange(800) * PERIOD_S
     angles = of_angles(0.5 * np.sin(3.0 * t), 0.4 * np.sin(5.0 * t + 1.0))
@@ -152,7 +143,7 @@ def test_the_nearest_pair_is_that_of_all_poses(place: Path) -> None:
     assert found.distance_m == pytest.approx(min(distances), rel=0.06)
 
 
-def test_a_touch_of_one_sample_is_seen(place: Path) -> None:
+def test_a_touch_of_one_sample_is_seen(place):
     """Poses are skipped, but none in which geoms can have met."""
     mechanism = read_mechanism(place / "arm.xml")
     shoulder = np.zeros(5000)
@@ -164,14 +155,14 @@ def test_a_touch_of_one_sample_is_seen(place: Path) -> None:
     assert recorded_contacts(mechanism, [of_angles(shoulder, shoulder)]).free
 
 
-def test_an_end_of_a_range_counts_as_a_contact(place: Path) -> None:
+def test_an_end_of_a_range_counts_as_a_contact(place):
     mechanism = read_mechanism(place / "arm.xml")
     rest = np.zeros(100)
     found = recorded_contacts(mechanism, [of_angles(np.linspace(0.0, -3.01, 100), rest)])
     assert not found.free and "'shoulder' is at an end of its range, -3 .. 3 rad" in found.limit
 
 
-def test_positions_follow_from_readings_of_actuators_and_tendons(tmp_path: Path) -> None:
+def test_positions_follow_from_readings_of_actuators_and_tendons(tmp_path):
     text = ARM.format(mass=1.0).replace(
         '<jointpos name="elbow_angle" joint="elbow"/>', '<tendonpos name="elbow_angle" tendon="t"/>'
     )
@@ -191,7 +182,7 @@ def test_positions_follow_from_readings_of_actuators_and_tendons(tmp_path: Path)
     assert not unread and np.abs(found - q).max() < 1e-12
 
 
-def test_without_a_position_contacts_stay_possible(place: Path) -> None:
+def test_without_a_position_contacts_stay_possible(place):
     rig = rig_named(str(place / "arm.xml"))
     clear = read_recording(place / "clear.csv")
     columns = {n: v for n, v in clear.columns.items() if n != ANGLES[1]}
@@ -204,16 +195,14 @@ def test_without_a_position_contacts_stay_possible(place: Path) -> None:
     assert as_recorded(rig, [excitation]) is rig
 
 
-def test_a_model_without_pairs_has_one_form(tmp_path: Path) -> None:
+def test_a_model_without_pairs_has_one_form(tmp_path):
     alone = ARM.format(mass=1.0).replace(
         "<compiler", '<option><flag contact="disable"/></option><compiler'
     )
     assert rig_named(str(written(tmp_path, alone))).forms is None
 
 
-def test_a_run_keeps_the_form_and_says_so(
-    place: Path, run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_keeps_the_form_and_says_so(place, run, capsys, undrawn):
     found = read_json(run / "fit.json")
     assert found["model"]["form"] == "equations"
     assert found["notes"][0].startswith("Written as equations: no geoms touch")
@@ -226,23 +215,21 @@ def test_a_run_keeps_the_form_and_says_so(
     capsys.readouterr()
 
 
-def test_a_recording_that_touches_is_named(
-    place: Path, run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_touches_is_named(place, run, cli):
     arm = place / "arm.xml"
-    found = asked(capsys, "score", run, place / "hits.csv", "--rig", arm)
+    found = cli("score", run, place / "hits.csv", "--rig", arm)
     assert any("hits.csv" in text and "without contacts" in text for text in found["notes"])
     # likewise the motion that a run simulates
     sent = pd.read_csv(place / "hits.csv")[["time_s", "push_command", "bend_command"]]
     sent.to_csv(place / "sent.csv", index=False)
     made = pamid.simulate(place / "sent.csv", model=run, rig=arm)
     assert any("touch" in text and "simulated motion" in text for text in made.warnings)
-    checked = asked(capsys, "check", place / "hits.csv", "--rig", arm)
+    checked = cli("check", place / "hits.csv", "--rig", arm)
     forms = [f for f in checked["findings"] if f["check"] == "form"]
     assert len(forms) == 1 and forms[0]["advice"] and "Stepped by MuJoCo" in forms[0]["detail"]
 
 
-def test_a_run_of_an_unknown_form_is_refused(place: Path, run: Path, tmp_path: Path) -> None:
+def test_a_run_of_an_unknown_form_is_refused(place, run, tmp_path):
     found = read_json(run / "fit.json")
     before = (run / "fit.json").read_bytes()
     try:
@@ -253,16 +240,14 @@ def test_a_run_of_an_unknown_form_is_refused(place: Path, run: Path, tmp_path: P
         (run / "fit.json").write_bytes(before)
 
 
-def test_check_without_a_log_says_that_recordings_decide(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_without_a_log_says_that_recordings_decide(place, cli):
     mechanism: Mechanism = read_mechanism(place / "arm.xml")
     assert mechanism.collides
-    found = asked(capsys, "check", place / "arm.xml")
+    found = cli("check", place / "arm.xml")
     assert any("recordings decide" in f["detail"] for f in found["findings"])
 
 
-def test_the_base_of_a_urdf_does_not_touch_the_link_on_it(tmp_path: Path) -> None:
+def test_the_base_of_a_urdf_does_not_touch_the_link_on_it(tmp_path):
     """MuJoCo makes the base a part of the world, which it lets collide with its neighbours."""
     inertial = (
         '<inertial><mass value="1"/><origin xyz="0 0 0.2"/>'

@@ -1,8 +1,6 @@
 """Three views of a run: free over the whole recording, its worst window, the error over the signal
 that explains it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -21,14 +19,14 @@ MOST_BYTES = 60_000
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def run(tmp_path_factory) -> RunData:
     return load_run(make_run(tmp_path_factory.mktemp("views") / "run"))
 
 
 # ---- the free run ---------------------------------------------
 
 
-def test_the_whole_recording_is_drawn_with_its_free_runs(run: RunData) -> None:
+def test_the_whole_recording_is_drawn_with_its_free_runs(run):
     assert run.residual is not None
     drawing = free_run_drawing(run, run.residual, "angle_deg")
     assert drawing is not None and flat(drawing.title) == (
@@ -80,9 +78,7 @@ def moved() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return position, np.gradient(position, time), noise
 
 
-def test_an_error_that_follows_the_velocity_is_found_to_do_so(
-    moved: tuple[np.ndarray, np.ndarray, np.ndarray],
-) -> None:
+def test_an_error_that_follows_the_velocity_is_found_to_do_so(moved):
     position, velocity, noise = moved
     found = error_over_signal(table(0.1 * np.sign(velocity) + noise, position, noise), "position_m")
     assert found is not None and (found.signal, found.unit) == ("velocity", "m/s")
@@ -91,9 +87,7 @@ def test_an_error_that_follows_the_velocity_is_found_to_do_so(
     assert np.corrcoef(found.values, velocity[2000:])[0, 1] > 0.99
 
 
-def test_the_picture_says_what_the_cause_removes(
-    run: RunData, moved: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> None:
+def test_the_picture_says_what_the_cause_removes(run, moved):
     position, velocity, noise = moved
     residual = table(0.1 * np.sign(velocity) + noise, position, noise)
     drawing = error_signal_drawing(replace(run, residual=residual), "position_m")

@@ -1,11 +1,7 @@
 """The report of synthetic runs: every verdict, missing parts, damaged and hostile files, same
 bytes, no network."""
 
-from __future__ import annotations
-
-import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +9,7 @@ import matplotlib
 import pytest
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
-from report_pages import VERDICTS, Outline, flat, outline_of, scripts_of, text_of
+from report_pages import VERDICTS, Outline, blank, flat, outline_of, scripts_of, text_of
 from synthetic_run import (
     CHANNELS,
     diagnosis_json,
@@ -27,32 +23,27 @@ from pamid.base.errors import FileError
 from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.report.channel_errors import errors_of
 from pamid.report.load import load_run
-from pamid.report.page import page_script
-from pamid.report.player import player_script
-from pamid.report.style import Drawing, Picture
+from pamid.report.page import asset
 from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
 
 
-def blank(drawing: Drawing) -> Picture:
-    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", b"\x89PNG")
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures take the time; they are left blank for tests of what stands beside them."""
-    monkeypatch.setattr("pamid.report.writing.render", blank)
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory) -> Path:
+    """A run with its report, pictures included."""
+    folder = make_run(tmp_path_factory.mktemp("run") / "RUN")
+    write_report(folder)
+    return folder
 
 
 @pytest.fixture(scope="module", params=VERDICTS)
-def reported(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[str, Path, Outline]:
+def reported(request, drawn, tmp_path_factory) -> tuple[str, Path, Outline]:
+    """`test_text_of_files_never_becomes_markup` draws the figures of an unknown effect."""
+    if request.param == "explained":
+        return request.param, drawn, outline_of(drawn / "report.html")
     folder = make_run(tmp_path_factory.mktemp("run") / "RUN", request.param)
     with pytest.MonkeyPatch.context() as patch:
-        # `test_text_of_files_never_becomes_markup` draws the figures of an unknown effect
-        if request.param != "explained":
-            patch.setattr("pamid.report.writing.render", blank)
+        patch.setattr("pamid.report.writing.render", blank)
         return request.param, folder, outline_of(write_report(folder).page)
 
 
@@ -92,7 +83,7 @@ SAID = {
 }
 
 
-def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outline]) -> None:
+def test_three_answers_come_before_the_evidence(reported):
     verdict, _, page = reported
     text = flat(page.text)
     places = [
@@ -105,7 +96,7 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
     assert ("with cause" in text or "with the cause" in text) == (verdict in CAUSED)
 
 
-def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, Outline]) -> None:
+def test_nothing_is_loaded_and_only_our_scripts_run(reported):
     _, folder, page = reported
     assert not {"link", "iframe", "object", "embed", "base", "form", "img"} & set(page.elements)
     for name, value in page.attributes:
@@ -113,12 +104,12 @@ def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, O
         assert not name.startswith("on")
         assert name.startswith("xmlns") or "//" not in value, (name, value)
     source = (folder / "report.html").read_text(encoding="utf-8")
-    assert scripts_of(source) == [page_script(), player_script(), *traces_scripts()]
+    assert scripts_of(source) == [asset("page.js"), asset("player.js"), *traces_scripts()]
     assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", source))
     assert "@import" not in source
 
 
-def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
+def test_every_axis_names_its_unit(reported):
     _, folder, _ = reported
     run = load_run(folder)
     for drawing in drawings_of(run, errors_of(run)):
@@ -147,9 +138,7 @@ def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
         ("residual.csv", "pamid fit"),
     ],
 )
-def test_a_missing_part_names_the_command_that_adds_it(
-    missing: str, command: str, tmp_path: Path
-) -> None:
+def test_a_missing_part_names_the_command_that_adds_it(missing, command, tmp_path):
     assert command in text_of(make_run(tmp_path / "RUN", without=(missing,)))
 
 
@@ -166,9 +155,7 @@ def poison(value: Any, kept: tuple[str, ...]) -> Any:
 
 
 @pytest.mark.parametrize("verdict", ["explained", "unknown-effect"])
-def test_text_of_files_never_becomes_markup(
-    verdict: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_text_of_files_never_becomes_markup(verdict, tmp_path, request):
     if verdict != "unknown-effect":  # its figures are those of the other, but for one
         request.getfixturevalue("undrawn")
     content = {
@@ -187,25 +174,23 @@ def test_text_of_files_never_becomes_markup(
     folder = make_run(tmp_path / "RUN", verdict, **parts)
     page = outline_of(write_report(folder).page)
     source = (folder / "report.html").read_text(encoding="utf-8")
-    assert scripts_of(source) == [page_script(), *traces_scripts()]
+    assert scripts_of(source) == [asset("page.js"), *traces_scripts()]
     assert "img" not in page.elements
     assert not any(name.startswith("on") for name, _ in page.attributes)
     assert "<script>alert('x')</script>" in page.text
     assert "\u202e" not in source
 
 
-def test_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
-    first = make_run(tmp_path / "first", without=("residual.csv", "trace.csv"))
-    second = Path(shutil.copytree(first, tmp_path / "elsewhere" / "second"))
-    write_report(first)
+def test_same_inputs_give_the_same_bytes(drawn, tmp_path):
+    again = make_run(tmp_path / "elsewhere" / "again")
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "svg.hashsalt": None}):
-        write_report(second)
-    for path in [first / "report.html", *(first / "figures").iterdir()]:
-        assert path.read_bytes() == (second / path.relative_to(first)).read_bytes(), path.name
+        write_report(again)
+    for path in [drawn / "report.html", *(drawn / "figures").iterdir()]:
+        assert path.read_bytes() == (again / path.relative_to(drawn)).read_bytes(), path.name
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
+def test_output_elsewhere_never_replaces_a_stranger(tmp_path):
     folder = make_run(tmp_path / "RUN", without=("residual.csv",))
     page, notes = tmp_path / "pages" / "one.html", tmp_path / "notes.html"
     for _ in range(2):
@@ -221,10 +206,9 @@ def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_one_object(tmp_path, capsys, cli):
     folder = make_run(tmp_path / "RUN")
-    assert run_command(["report", str(folder), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = cli("report", folder)
     assert told["schema"] == "pamid.report/1"
     assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
     assert len(told["figures"]) == 14 and all(Path(path).is_file() for path in told["figures"])
@@ -247,5 +231,4 @@ def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFix
         "0.110",
         "0.0500",
     ]
-    assert run_command(["report", str(tmp_path / "nowhere"), "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["code"] == "not-a-run"
+    assert cli("report", tmp_path / "nowhere", code=3)["code"] == "not-a-run"

@@ -1,8 +1,6 @@
 """The page in a browser: it loads offline without a complaint, its plots zoom together and show the
 numbers of residual.csv; colours, phone, print, no scripts, tables that can be copied; its size."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,17 +41,17 @@ def written(run: RunData, path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def run(tmp_path_factory) -> RunData:
     return load_run(make_run(tmp_path_factory.mktemp("run") / "RUN"))
 
 
 @pytest.fixture(scope="module")
-def page(run: RunData, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(run, tmp_path_factory) -> Path:
     return written(run, tmp_path_factory.mktemp("page") / "report.html")
 
 
 @pytest.fixture(scope="module")
-def tab(page: Path, chromium: Browser) -> Page:
+def tab(page, chromium) -> Page:
     opened = chromium.page()
     opened.open(page)
     opened.evaluate("document.getElementById('samples').scrollIntoView()")
@@ -64,7 +62,7 @@ def tab(page: Path, chromium: Browser) -> Page:
 # ---- plots --------------------
 
 
-def test_it_loads_offline_without_a_complaint(tab: Page, page: Path) -> None:
+def test_it_loads_offline_without_a_complaint(tab, page):
     assert tab.complaints == []
     assert tab.requested == [page.resolve().as_uri()]
     shown = tab.evaluate("pamid.panels.map(p => p.box.dataset.column)")
@@ -86,7 +84,7 @@ def test_it_loads_offline_without_a_complaint(tab: Page, page: Path) -> None:
     ]
 
 
-def test_every_sample_is_there_within_half_a_step(tab: Page, run: RunData) -> None:
+def test_every_sample_is_there_within_half_a_step(tab, run):
     assert run.residual is not None
     columns = run.residual.columns
     time, *traces = tab.evaluate("pamid.panels[0].chart.data.map(one => [...one])")
@@ -102,7 +100,7 @@ def test_every_sample_is_there_within_half_a_step(tab: Page, run: RunData) -> No
     )
 
 
-def test_a_drag_zooms_every_plot_and_a_double_click_resets(tab: Page) -> None:
+def test_a_drag_zooms_every_plot_and_a_double_click_resets(tab):
     whole = tab.evaluate("pamid.view")
     left, top, width = tab.evaluate(OVER.format(0))
     tab.drag(left + 0.25 * width, top + 60, left + 0.5 * width)
@@ -122,7 +120,7 @@ def test_a_drag_zooms_every_plot_and_a_double_click_resets(tab: Page) -> None:
 
 
 @pytest.mark.parametrize("kind", ["explained", "unknown-effect", "fit", "trial"])
-def test_a_phone_never_scrolls_sideways(kind: str, tmp_path: Path, chromium: Browser) -> None:
+def test_a_phone_never_scrolls_sideways(kind, tmp_path, chromium):
     if kind == "trial":
         trial = read_trial(make_trial(tmp_path / "TRIAL") / "trial.json")
         assert trial is not None
@@ -146,7 +144,7 @@ def test_a_phone_never_scrolls_sideways(kind: str, tmp_path: Path, chromium: Bro
         assert tab.evaluate(SIDEWAYS) == 0
 
 
-def test_tables_are_taken_along(tab: Page, chromium: Browser) -> None:
+def test_tables_are_taken_along(tab, chromium):
     table = (
         "[...document.querySelectorAll('table')].find(t => "
         "t.rows[0].innerText.startsWith('channel'))"

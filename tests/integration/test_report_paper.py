@@ -1,7 +1,5 @@
 """Reports on paper: the PDF of a page, and the pages of the two reproduced papers."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -16,7 +14,7 @@ from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_run, run_json
 
 from pamid.base.errors import FileError
-from pamid.report.page import page_script
+from pamid.report.page import asset
 from pamid.report.pdf import installed_browser
 from pamid.report.writing import write_report
 
@@ -30,14 +28,14 @@ def text_of(pdf: Path) -> str:
 
 
 @pytest.fixture
-def few_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def few_files(tmp_path, monkeypatch) -> Path:
     """A run without pictures, which take the time."""
     monkeypatch.setattr("pamid.report.writing.drawings_of", lambda run, rows: [])
     return make_run(tmp_path / "RUN", without=("residual.csv", "trace.csv", "network.json"))
 
 
 @needs_browser
-def test_the_pdf_holds_the_answers_and_the_folded_evidence(few_files: Path) -> None:
+def test_the_pdf_holds_the_answers_and_the_folded_evidence(few_files):
     report = write_report(few_files, pdf=few_files / "report.pdf")
     assert report.pdf is not None
     printed = text_of(report.pdf)
@@ -52,22 +50,17 @@ def test_the_pdf_holds_the_answers_and_the_folded_evidence(few_files: Path) -> N
 
 
 @needs_browser
-def test_the_command_writes_a_pdf_beside_the_page_or_elsewhere(
-    few_files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_a_pdf_beside_the_page_or_elsewhere(few_files, tmp_path, capsys, cli):
     folder = few_files
     for _ in range(2):  # a PDF of ours is replaced
-        assert run_command(["report", str(folder), "--pdf", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["pdf"] == str(folder / "report.pdf")
+        assert cli("report", folder, "--pdf")["pdf"] == str(folder / "report.pdf")
     assert (folder / "report.pdf").read_bytes().startswith(b"%PDF")
     assert run_command(["report", str(folder), "--pdf", str(tmp_path / "deep" / "one.pdf")]) == 0
     assert f"PDF:  {tmp_path / 'deep' / 'one.pdf'}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("browser, code", [(None, "no-browser"), (sys.executable, "not-printed")])
-def test_without_a_browser_nothing_is_written(
-    browser: str | None, code: str, few_files: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_browser_nothing_is_written(browser, code, few_files, monkeypatch):
     """sys.executable: a program that starts, and prints no page."""
     monkeypatch.setattr("pamid.report.pdf.installed_browser", lambda: browser)
     with pytest.raises(FileError) as raised:
@@ -202,9 +195,7 @@ def make_paper(folder: Path, name: str, content: dict[str, Any]) -> Path:
         ),
     ],
 )
-def test_a_reproduced_paper_has_a_page(
-    name: str, content: dict[str, Any], told: list[str], tmp_path: Path
-) -> None:
+def test_a_reproduced_paper_has_a_page(name, content, told, tmp_path):
     folder = make_paper(tmp_path / "RUN", name, content)
     still = "steps" if name == "paper.json" else "gravity"
     before = (folder / "figures" / f"{still}.png").read_bytes()
@@ -213,7 +204,7 @@ def test_a_reproduced_paper_has_a_page(
     text = flat(page.text)
     for sentence in told:
         assert sentence in text, sentence
-    assert scripts_of(report.page.read_text(encoding="utf-8")) == [page_script()]
+    assert scripts_of(report.page.read_text(encoding="utf-8")) == [asset("page.js")]
     sources = [value for key, value in page.attributes if key == "src"]
     assert len(sources) == 1 and sources[0].startswith("data:image/png;base64,")
     assert (folder / "figures" / f"{still}.png").read_bytes() == before

@@ -1,8 +1,6 @@
 """The page of a trial: figures against their targets, reliability, confusion, strata; damaged and
 hostile files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -12,7 +10,7 @@ from matplotlib.figure import Figure
 from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_trial, share_json
 
-from pamid.report.page import page_script
+from pamid.report.page import asset
 from pamid.report.trial_figures import (
     confusion_drawing,
     reliability_drawing,
@@ -25,20 +23,20 @@ NAMES = ["targets", "reliability", "confusion", "strata"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     made = make_trial(tmp_path_factory.mktemp("trial") / "TRIAL")
     write_report(made)
     return made
 
 
 @pytest.fixture(scope="module")
-def trial(folder: Path) -> Trial:
+def trial(folder) -> Trial:
     found = read_trial(folder / "trial.json")
     assert found is not None
     return found
 
 
-def test_one_page_with_four_figures(folder: Path) -> None:
+def test_one_page_with_four_figures(folder):
     page = outline_of(folder / "report.html")
     shown = [
         value for name, value in page.attributes if name == "id" and value.startswith("figure-")
@@ -61,10 +59,10 @@ def test_one_page_with_four_figures(folder: Path) -> None:
     assert not {"link", "img", "b"} & set(page.elements)
     links = [value for name, value in page.attributes if name == "href"]
     assert links and all(value.startswith("#") for value in links)
-    assert scripts_of((folder / "report.html").read_text(encoding="utf-8")) == [page_script()]
+    assert scripts_of((folder / "report.html").read_text(encoding="utf-8")) == [asset("page.js")]
 
 
-def test_reliability_shows_what_was_said_and_what_was_right(trial: Trial) -> None:
+def test_reliability_shows_what_was_said_and_what_was_right(trial):
     drawing = reliability_drawing(trial)
     assert drawing is not None and "(target ≤ 0.05)" in drawing.title
     figure = Figure()
@@ -75,7 +73,7 @@ def test_reliability_shows_what_was_said_and_what_was_right(trial: Trial) -> Non
     assert [text.get_text() for text in figure.axes[0].texts] == ["10", "15", "24", "60"]
 
 
-def test_confusion_counts_every_case_once(trial: Trial) -> None:
+def test_confusion_counts_every_case_once(trial):
     drawing = confusion_drawing(trial)
     assert drawing is not None
     everything = sum(sum(row.values()) for row in trial.file.confusion.values())
@@ -91,7 +89,7 @@ def test_confusion_counts_every_case_once(trial: Trial) -> None:
     assert [t.get_text() for t in figure.axes[0].get_xticklabels()][-1] == "(unknown effect)"
 
 
-def test_a_trial_without_cases_makes_a_page(tmp_path: Path) -> None:
+def test_a_trial_without_cases_makes_a_page(tmp_path):
     empty = {row.key: share_json(0, 0) for row in JOINT_ROWS if row.section == "rates"}
     figures = {
         row.key: {"value": None, "low": None, "high": None, "of": 0}

@@ -1,10 +1,6 @@
 """A fit that ended in a trap goes on from starts estimated anew; one that did not stays as it
 was."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
@@ -39,13 +35,13 @@ def sticking() -> DataSplit:
 
 
 @pytest.fixture(scope="module")
-def model(sticking: DataSplit) -> GreyBox:
+def model(sticking) -> GreyBox:
     return fit_model(
         sticking, tuple(a for a, _ in attach_specs(sticking.rig, ("coulomb-friction",)))
     )
 
 
-def test_friction_that_sticks_is_fitted_to_the_end(model: GreyBox) -> None:
+def test_friction_that_sticks_is_fitted_to_the_end(model):
     """Before, the fit ended at 1.23 kg (1.200 .. 1.260) and 0.787 N, eighty times above the error
     it can reach."""
     found = {b.full_name: e for b, e in estimates(model.fit).items()}
@@ -56,7 +52,7 @@ def test_friction_that_sticks_is_fitted_to_the_end(model: GreyBox) -> None:
     assert float(np.abs(left).mean()) < 5e-4
 
 
-def test_the_cost_falls_by_far(sticking: DataSplit, model: GreyBox) -> None:
+def test_the_cost_falls_by_far(sticking, model):
     assembly = model.assembly
     tracks = sticking.tracks(assembly)
     trapped = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
@@ -66,7 +62,7 @@ def test_the_cost_falls_by_far(sticking: DataSplit, model: GreyBox) -> None:
     assert rms[1] < 0.1 * TRAPPED * rms[0]
 
 
-def test_a_fit_that_is_in_no_trap_stays(tmp_path: Path) -> None:
+def test_a_fit_that_is_in_no_trap_stays(tmp_path):
     evidence = cart_evidence(record_cart(tmp_path))
     for effects in ((), ("coulomb-friction",)):
         model = fit_model(evidence, tuple(a for a, _ in attach_specs(evidence.rig, effects)))

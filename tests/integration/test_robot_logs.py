@@ -1,8 +1,6 @@
 """Logs of robots against the model of the robot, end to end: MuJoCo moves an arm of two joints, its
 JointState bag and its LeRobot data set are ingested for the model file, checked and fitted."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -11,8 +9,8 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
-from pamid_cli import frame
 
 from pamid.base.errors import FileError
 from pamid.intake.logs.log_reader import read_log
@@ -102,74 +100,61 @@ def data_set(root: Path, episodes: list[tuple[Array, Array]], fps: float, **info
 
 
 @pytest.fixture
-def arm(tmp_path: Path) -> Path:
+def arm(tmp_path) -> Path:
     path = tmp_path / "arm.xml"
     path.write_text(mechanisms.TWO)
     return path
 
 
-def pamid(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    """The JSON that a command prints."""
-    capsys.readouterr()
-    assert frame.run([*map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def ingested(
-    capsys: pytest.CaptureFixture[str], log: Path, arm: Path, *more: str
-) -> tuple[dict[str, Any], list[Path]]:
+def ingested(cli: Cli, log: Path, arm: Path, *more: str) -> tuple[dict[str, Any], list[Path]]:
     """What a guess and the mapping that it writes make of a log."""
     mapping = log.with_suffix(".map")
-    guessed = pamid(capsys, "ingest", "--guess", log, "--rig", arm, *more, "--output", mapping)
+    guessed = cli("ingest", "--guess", log, "--rig", arm, *more, "--output", mapping)
     assert guessed["open"] == []
-    made = pamid(capsys, "ingest", log, "--mapping", mapping, "--rig", arm, "--output",
+    made = cli("ingest", log, "--mapping", mapping, "--rig", arm, "--output",
                  log.with_suffix(".csv"))  # fmt: skip
     accounts = made.get("recordings") or [made]
     return guessed, [Path(one["recording"]["path"]) for one in accounts]
 
 
-def fitted(capsys: pytest.CaptureFixture[str], arm: Path, *recordings: Path) -> dict[str, Any]:
+def fitted(cli: Cli, arm: Path, *recordings: Path) -> dict[str, Any]:
     run = arm.parent / "run"
-    return dict(pamid(capsys, "fit", *recordings, "--rig", arm, "--output", run)["parameters"])
+    return dict(cli("fit", *recordings, "--rig", arm, "--output", run)["parameters"])
 
 
-def test_a_joint_state_bag_becomes_a_fit(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_joint_state_bag_becomes_a_fit(tmp_path, arm, cli):
     u, q, v, torque = moved(0.005, 3000)
     q = q + np.random.default_rng(1).normal(0.0, 2e-4, q.shape)
 
-    def state(k: int) -> list[State]:
+    def state(k):
         order = [0, 1] if k % 3 else [1, 0]  # of the joints is the sender's business
         speed = v[k][order] if k % 2 else []
         return [(0.005 * k, [JOINTS[j] for j in order], q[k][order], speed, torque[k][order])]
 
     guessed, (recording,) = ingested(
-        capsys, bag(tmp_path / "log", 3000, {"/joint_states": state}), arm
+        cli, bag(tmp_path / "log", 3000, {"/joint_states": state}), arm
     )
     assert guessed["notes"] == []
     made = read_recording(recording)
     np.testing.assert_allclose(made.columns["shoulder_angle_rad"], q[:, 0], atol=1e-6)
     np.testing.assert_allclose(made.columns["m2_command"], u[:, 1], atol=1e-6)
-    assert pamid(capsys, "check", recording, "--rig", arm)["ok"]
-    mass = fitted(capsys, arm, recording)["upper_mass_kg"]
+    assert cli("check", recording, "--rig", arm)["ok"]
+    mass = fitted(cli, arm, recording)["upper_mass_kg"]
     assert abs(mass["value"] - 1.35) < 0.01 and mass["low"] <= 1.351 and mass["high"] >= 1.349
 
 
-def test_a_lerobot_data_set_becomes_a_fit(
-    tmp_path: Path, arm: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_lerobot_data_set_becomes_a_fit(tmp_path, arm, cli):
     runs = [moved(0.02, 400, seed)[:2] for seed in range(3)]
     log = data_set(tmp_path / "set", runs, 50.0)
-    guessed, recordings = ingested(capsys, log, arm, "--angles", "rad")
+    guessed, recordings = ingested(cli, log, arm, "--angles", "rad")
     assert guessed["notes"] == [] and len(recordings) == 3
     for (u, q), path in zip(runs, recordings, strict=True):
         made = read_recording(path)
         np.testing.assert_allclose(made.columns["elbow_angle_rad"], q[:, 1], atol=1e-6)
         np.testing.assert_allclose(made.columns["m1_command"], u[:, 0], atol=1e-6)
         assert made.sampling_period_s == 0.02
-    assert pamid(capsys, "check", recordings[0], "--rig", arm)["ok"]
-    mass = fitted(capsys, arm, *recordings)["upper_mass_kg"]
+    assert cli("check", recordings[0], "--rig", arm)["ok"]
+    mass = fitted(cli, arm, *recordings)["upper_mass_kg"]
     assert abs(mass["value"] - 1.35) < 0.01
     # one episode by itself, named as its data set names it
     alone = read_log(log / "data/chunk-000/episode_000001.parquet")
@@ -185,10 +170,8 @@ def test_a_lerobot_data_set_becomes_a_fit(
         (["shoulder", "elbow"], [0.1, 0.2, 0.3], "different numbers of values and names"),
     ],
 )
-def test_damaged_joint_states_are_refused(
-    tmp_path: Path, names: list[str], positions: list[float], said: str
-) -> None:
-    def state(k: int) -> list[State]:
+def test_damaged_joint_states_are_refused(tmp_path, names, positions, said):
+    def state(k):
         return [(0.01 * k, names, positions, [], [])]
 
     with pytest.raises(FileError, match=said):

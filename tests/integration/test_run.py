@@ -1,7 +1,5 @@
 """Run folders: claimed once, closed at the end, whole files only."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -24,7 +22,7 @@ def _create(folder: Path, **settings: object) -> Run:
     return Run.create(folder, **arguments)  # type: ignore[arg-type]
 
 
-def test_a_run_from_begin_to_end(tmp_path: Path) -> None:
+def test_a_run_from_begin_to_end(tmp_path):
     data = tmp_path / "rec.csv"
     data.write_text("x")
     run = _create(tmp_path / "a" / "run", inputs=[data], options={"jobs": 2})
@@ -37,13 +35,12 @@ def test_a_run_from_begin_to_end(tmp_path: Path) -> None:
         and record["options"] == {"jobs": 2}
         and record["begun"]
     )
-    assert not run.finished
     run.finish("done")
-    assert Run.open(run.folder).finished and run.record["outcome"] == "done"
+    assert Run.open(run.folder).record["ended"] and run.record["outcome"] == "done"
     assert run.path("figures/gap.svg").parent.is_dir()
 
 
-def test_a_taken_folder_is_refused(tmp_path: Path) -> None:
+def test_a_taken_folder_is_refused(tmp_path):
     _create(tmp_path / "empty")
     with pytest.raises(FileError, match="already holds a run"):
         _create(tmp_path / "empty")
@@ -62,7 +59,7 @@ def test_a_taken_folder_is_refused(tmp_path: Path) -> None:
         _create(tmp_path / "file" / "below")
 
 
-def test_overwriting_removes_old_results_and_nothing_else(tmp_path: Path) -> None:
+def test_overwriting_removes_old_results_and_nothing_else(tmp_path):
     run = _create(tmp_path / "run")
     write_json(run.path("diagnosis.json"), {})
     run.path("figures/gap.svg").write_text("old")
@@ -89,7 +86,7 @@ def _files(folder: Path) -> list[str]:
     )
 
 
-def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path, unchecked: None) -> None:
+def test_overwriting_follows_no_link_out_of_the_run(tmp_path, unchecked):
     away = tmp_path / "away"
     away.mkdir()
     for name in ("gap.png", f"{'a' * 64}.npz", "journal.jsonl", "thesis.tex"):
@@ -126,7 +123,7 @@ def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path, unchecked: N
     assert len(_files(away)) == 4
 
 
-def test_a_run_without_a_list_is_not_replaced(tmp_path: Path) -> None:
+def test_a_run_without_a_list_is_not_replaced(tmp_path):
     """Runs of older versions, and those whose run.json is damaged: what is theirs is not known."""
     for old in ('{"schema": "pamid.run/1"}', '{"schema": "pamid.run/1", "files": "all"}', "{"):
         folder = tmp_path / f"run{len(old)}"
@@ -140,7 +137,7 @@ def test_a_run_without_a_list_is_not_replaced(tmp_path: Path) -> None:
         assert _files(folder) == before and (folder / "run.json").read_text() == old
 
 
-def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
     (tmp_path / "target").write_text("mine")
     (tmp_path / "link").symlink_to(tmp_path / "target")
     (tmp_path / "device").symlink_to("/dev/null")
@@ -153,7 +150,7 @@ def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
     assert (tmp_path / "device").is_symlink() and len(list(tmp_path.iterdir())) == 4
 
 
-def test_opening_what_is_no_run(tmp_path: Path) -> None:
+def test_opening_what_is_no_run(tmp_path):
     with pytest.raises(FileError, match="not a run folder"):
         Run.open(tmp_path)
     (tmp_path / "run.json").write_text("[]")
@@ -164,7 +161,7 @@ def test_opening_what_is_no_run(tmp_path: Path) -> None:
         Run.open(tmp_path)
 
 
-def test_json_is_strict_and_takes_numpy(tmp_path: Path) -> None:
+def test_json_is_strict_and_takes_numpy(tmp_path):
     path = tmp_path / "a.json"
     write_json(
         path,
@@ -198,7 +195,7 @@ def test_json_is_strict_and_takes_numpy(tmp_path: Path) -> None:
         (b"[" * 100000, "nested"),
     ],
 )
-def test_broken_json_is_located(tmp_path: Path, content: bytes, words: str) -> None:
+def test_broken_json_is_located(tmp_path, content, words):
     path = tmp_path / "fit.json"
     path.write_bytes(content)
     with pytest.raises(FileError, match=words):
@@ -207,10 +204,8 @@ def test_broken_json_is_located(tmp_path: Path, content: bytes, words: str) -> N
         read_json(tmp_path / "other.json")
 
 
-def test_an_interrupt_leaves_no_temporary_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: object) -> None:
+def test_an_interrupt_leaves_no_temporary_file(tmp_path, monkeypatch):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fsync", interrupt)
@@ -233,7 +228,7 @@ for count in range(10**6):
 """
 
 
-def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path: Path) -> None:
+def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path):
     folder = tmp_path / "run"
     for wait in (0.02, 0.045, 0.07, 0.11):
         child = subprocess.Popen(
@@ -251,7 +246,7 @@ def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path: Path) -> None:
         rows = (folder / "residual.csv").read_bytes().split(b"\n")
         assert len(rows) == 30001 and len(set(rows[:-1])) == 1 and len(rows[0]) == 7
         run = Run.open(folder)
-        assert run.record["ended"] is None and not run.finished
+        assert run.record["ended"] is None
         assert {item.name for item in folder.iterdir() if not item.name.endswith(".tmp")} == {
             "run.json",
             "fit.json",
@@ -269,7 +264,7 @@ def test_kill_9_in_the_middle_leaves_whole_files_only(tmp_path: Path) -> None:
             item.unlink()
 
 
-def test_what_a_kill_after_the_end_left_is_cleared_by_resuming(tmp_path: Path) -> None:
+def test_what_a_kill_after_the_end_left_is_cleared_by_resuming(tmp_path):
     """A kill may fall between the last write of run.json and the clearing of the jobs."""
     run = _create(tmp_path / "run", resume=False)
     run.finish()

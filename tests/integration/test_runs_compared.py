@@ -1,12 +1,9 @@
 """`pamid runs` and `pamid report --compare`: runs at a glance and side by side."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pamid_cli.frame import run
@@ -15,21 +12,14 @@ from synthetic_run import make_run, make_trial
 
 from pamid.report.pdf import installed_browser
 
-Capture = pytest.CaptureFixture[str]
 
-
-def told(capsys: Capture, *words: str) -> dict[str, Any]:
-    assert run([*words, "--json"]) == 0
-    return dict(json.loads(capsys.readouterr().out))
-
-
-def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) -> None:
+def test_runs_are_listed_with_their_verdicts(tmp_path, capsys, cli):
     make_run(tmp_path / "a" / "first")
     make_run(tmp_path / "second", "no-structural-gap")
     make_run(tmp_path / "fitted", without=("diagnosis.json",))
     make_trial(tmp_path / "trial")
     (tmp_path / "empty").mkdir()
-    found = told(capsys, "runs", str(tmp_path))
+    found = cli("runs", str(tmp_path))
     rows = {Path(one["path"]).name: one for one in found["runs"]}
     assert list(rows) == ["first", "fitted", "second", "trial"]
     assert rows["first"]["verdict"] == "explained"
@@ -50,7 +40,7 @@ def test_runs_are_listed_with_their_verdicts(tmp_path: Path, capsys: Capture) ->
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> tuple[Path, Path]:
+def pair(tmp_path) -> tuple[Path, Path]:
     """Two runs of other recordings; one parameter moved beyond its intervals, one cause other."""
     first = make_run(tmp_path / "monday" / "RUN")
     second = tmp_path / "friday" / "RUN"
@@ -66,10 +56,10 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
     return first, second
 
 
-def test_runs_side_by_side(pair: tuple[Path, Path], tmp_path: Path, capsys: Capture) -> None:
+def test_runs_side_by_side(pair, tmp_path, cli):
     page = tmp_path / "both.html"
     words = ("report", "--compare", *map(str, pair), "--output", str(page))
-    found = told(capsys, *words)
+    found = cli(*words)
     assert found["changed"] == ["recordings", "content (sha256)"]
     assert [one["causes"] for one in found["runs"]] == [["coulomb-friction"], ["stribeck-friction"]]
     text = flat(outline_of(page).text)

@@ -1,8 +1,6 @@
 """An excitation of a MuJoCo or URDF model keeps its joints' ranges, speeds and forces, and its
 bodies apart: judged by MuJoCo itself, with its limits in force, on what was written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -80,7 +78,7 @@ def run(path: Path, sent: dict[str, Array]) -> tuple[Array, Array, set[str]]:
     return q, f, touched
 
 
-def test_what_keeps_all_limits_is_sent_as_it_is(tmp_path: Path) -> None:
+def test_what_keeps_all_limits_is_sent_as_it_is(tmp_path):
     sent = drawn(sizes=(0.1, 0.1))
     sent["m2_command_rad"] = sent["m2_command_rad"] + 0.5 * (sent["m2_command_rad"] != 0.0)
     made = within_limits(arm(tmp_path), sent, PERIOD_S, centres={"m2_command_rad": 0.5})
@@ -89,7 +87,7 @@ def test_what_keeps_all_limits_is_sent_as_it_is(tmp_path: Path) -> None:
     assert "It is within all limits without changes." in made.sentences()
 
 
-def test_ranges_move_positions_and_shrink_torques(tmp_path: Path) -> None:
+def test_ranges_move_positions_and_shrink_torques(tmp_path):
     path, sent = arm(tmp_path, high=0.35), drawn()
     assert run(path, sent)[0][:, 0].max() > 0.35 and run(path, sent)[0][:, 1].min() < -0.2
     made = within_limits(path, sent, PERIOD_S)
@@ -106,7 +104,7 @@ def test_ranges_move_positions_and_shrink_torques(tmp_path: Path) -> None:
     assert abs(np.corrcoef(inner)[0, 1]) < 0.6
 
 
-def test_forces_are_never_asked_for_beyond_their_range(tmp_path: Path) -> None:
+def test_forces_are_never_asked_for_beyond_their_range(tmp_path):
     path, sent = arm(tmp_path, force='forcerange="-3 3"'), drawn()
     assert np.abs(run(path, sent)[1][:, 1]).max() == 3.0  # clipped
     made = within_limits(path, sent, PERIOD_S)
@@ -115,7 +113,7 @@ def test_forces_are_never_asked_for_beyond_their_range(tmp_path: Path) -> None:
     assert np.abs(run(path, dict(made.columns))[1][:, 1]).max() < 3.0
 
 
-def test_bodies_do_not_touch(tmp_path: Path) -> None:
+def test_bodies_do_not_touch(tmp_path):
     path, sent = arm(tmp_path, post=0.42), drawn()
     assert run(path, sent)[2] >= {"post"}
     made = within_limits(path, sent, PERIOD_S)
@@ -123,7 +121,7 @@ def test_bodies_do_not_touch(tmp_path: Path) -> None:
     assert any("post would touch" in why for one in made.commands for why in one.why)
 
 
-def test_bodies_that_touch_at_the_start_may_go_on(tmp_path: Path) -> None:
+def test_bodies_that_touch_at_the_start_may_go_on(tmp_path):
     path = arm(tmp_path, post=0.04)
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
@@ -134,7 +132,7 @@ def test_bodies_that_touch_at_the_start_may_go_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.2])
-def test_a_urdfs_speed_and_effort(tmp_path: Path, speed: float) -> None:
+def test_a_urdfs_speed_and_effort(tmp_path, speed):
     path = tmp_path / "lever.urdf"
     path.write_text(LEVER.format(speed=speed))
     sent = {"pivot_1_torque_nm": aprbs(6.0, PERIOD_S, 2.0, seed=1)}
@@ -150,7 +148,7 @@ def test_a_urdfs_speed_and_effort(tmp_path: Path, speed: float) -> None:
     assert kept is not None and np.abs(kept.columns["pivot_1_torque_nm"]).max() <= 10.0
 
 
-def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
+def test_where_nothing_is_left_it_is_said(tmp_path):
     path = arm(tmp_path)
     with pytest.raises(DataError, match="no signal is possible for m1_command") as caught:
         within_limits(path, drawn(4.0), PERIOD_S, speed_limits={"shoulder": 1e-4})
@@ -169,14 +167,11 @@ def test_where_nothing_is_left_it_is_said(tmp_path: Path) -> None:
     assert within_limits("dc-motor", {"voltage_v": np.zeros(9)}, PERIOD_S) is None
 
 
-def test_the_command_writes_and_says_what_was_done(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_and_says_what_was_done(tmp_path, capsys, cli):
     path, output = arm(tmp_path, post=0.42, high=0.35), tmp_path / "sent.csv"
     words = ["generate-aprbs", "--rig", str(path), "--duration", "6", "--seed", "3", "--period",
              str(PERIOD_S), "--output", str(output)]  # fmt: skip
-    assert frame.run([*words, "--json"]) == 0
-    note = json.loads(capsys.readouterr().out)
+    note = cli(*words)
     limits, sent = note["limits"], read_recording(output)
     assert [one["column"] for one in limits["commands"]] == list(COLUMNS)
     q, _, touched = run(path, {c: sent.columns[c] for c in COLUMNS})
@@ -191,7 +186,7 @@ def test_the_command_writes_and_says_what_was_done(
     assert "Write elbow=2." in capsys.readouterr().err
 
 
-def test_a_urdf_is_excited_without_naming_a_column(tmp_path: Path) -> None:
+def test_a_urdf_is_excited_without_naming_a_column(tmp_path):
     path = tmp_path / "lever.urdf"
     path.write_text(LEVER.format(speed=0))
     output = tmp_path / "sent.csv"
@@ -201,9 +196,7 @@ def test_a_urdf_is_excited_without_naming_a_column(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_power_works_on_a_model_and_its_excitation(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_power_works_on_a_model_and_its_excitation(tmp_path, capsys):
     path, output = tmp_path / "one.xml", tmp_path / "sent.csv"
     path.write_text(mechanisms.ONE)
     words = ["generate-aprbs", "--rig", str(path), "--duration", "8", "--period", "0.01"]

@@ -1,7 +1,5 @@
 """`pamid score` and the table per recording: models of a run on recordings that it has not seen."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace
@@ -26,7 +24,7 @@ FRICTION = ("coulomb-friction:torque_n_m=0.4",)
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory) -> Path:
     """A run, fitted to a joint with dry friction, and recordings of it at two inertias that the run
     has not seen."""
     folder = tmp_path_factory.mktemp("score")
@@ -39,7 +37,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(place: Path, tmp_path: Path) -> Path:
+def run(place, tmp_path) -> Path:
     return Path(shutil.copytree(place / "run", tmp_path / "run"))
 
 
@@ -57,9 +55,7 @@ def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> tuple[int, 
     return code, json.loads(capsys.readouterr().out)
 
 
-def test_a_row_per_recording_comparison_and_channel(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_row_per_recording_comparison_and_channel(place, capsys):
     files = (place / "heavy.csv", place / "light.csv")
     code, found = asked(capsys, "score", place / "run", *files)
     assert code == 0 and found["models"] == ["data_sheet", "refitted"]
@@ -77,9 +73,7 @@ def test_a_row_per_recording_comparison_and_channel(
     assert "inertia_kg_m2 0.014" in text and "closed loop" in text
 
 
-def test_the_closed_loop_is_the_model_under_the_recordings_controller(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_closed_loop_is_the_model_under_the_recordings_controller(place, capsys):
     _, found = asked(capsys, "score", place / "run", place / "light.csv")
     light = read_recording(place / "light.csv")
     sent = {"reference_deg": light.columns["reference_deg"]}
@@ -94,9 +88,7 @@ def test_the_closed_loop_is_the_model_under_the_recordings_controller(
 
 
 @pytest.mark.parametrize("enters", ["output", {"port": "joint"}])
-def test_a_network_is_judged_where_it_was_trained(
-    enters: Any, run: Path, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_network_is_judged_where_it_was_trained(enters, run, place, capsys):
     at_output = enters == "output"
     name = "angle_deg" if at_output else "missing_n_m"
     network = random_network(Elman(3, 2), SEEN, name, 2.0 if at_output else 0.2)
@@ -111,11 +103,9 @@ def test_a_network_is_judged_where_it_was_trained(
     assert one["mae"]["with_network"] == pytest.approx(one["mae"]["refitted"], rel=1e-9)
 
 
-def test_each_channel_is_judged_with_its_own_network(
-    run: Path, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_channel_is_judged_with_its_own_network(run, place, capsys):
 
-    def errors(channel: str) -> dict[str, Any]:
+    def errors(channel):
         code, found = asked(capsys, "score", run, place / "heavy.csv")
         assert code == 0
         (one,) = [
@@ -144,9 +134,7 @@ def test_each_channel_is_judged_with_its_own_network(
 @pytest.mark.parametrize(
     "limit, code", [("angle_deg > 0.1", 7), ("angle_deg < 1000", 7), ("angle_deg > 1000", 0)]
 )
-def test_a_condition_on_an_error_decides_the_exit_code(
-    limit: str, code: int, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_condition_on_an_error_decides_the_exit_code(limit, code, place, capsys):
     words = ["score", str(place / "run"), str(place / "light.csv"), "--fail-if", limit]
     assert frame.run(words) == code
     found = capsys.readouterr()

@@ -1,9 +1,6 @@
 """pamid.toml: what goes first, where a value comes from, what is wrong in it; and what shells
 complete."""
 
-from __future__ import annotations
-
-import json
 import os
 import re
 import sys
@@ -12,6 +9,7 @@ from typing import Any
 
 import click
 import pytest
+from conftest import Cli
 from pamid_cli import frame, settings_files
 from pamid_cli.table import every_command
 
@@ -21,39 +19,21 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "data" / "example"
 EXAMPLE_MAP, RECORDING = EXAMPLES / "muscle_map.csv", EXAMPLES / "joint.csv"
 
 
-def config(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
-    assert frame.run(["config", *words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert isinstance(found, dict)
-    return found
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
-    assert frame.run([*words, "--json"]) == 3
-    found = json.loads(capsys.readouterr().out)
-    assert found["schema"] == "pamid.error/1"
-    return str(found["message"])
-
-
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def project(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     return tmp_path / "pamid.toml"
 
 
-def test_the_file_of_a_folder_above_holds(
-    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_file_of_a_folder_above_holds(project, monkeypatch, cli):
     project.write_text("[fit]\nseed = 3\n")
     (below := project.parent / "a" / "b").mkdir(parents=True)
     monkeypatch.chdir(below)
-    assert config(capsys, "fit")["commands"]["fit"]["seed"]["value"] == 3
+    assert cli("config", "fit")["commands"]["fit"]["seed"]["value"] == 3
 
 
-def test_a_command_takes_them_and_notes_them(
-    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_takes_them_and_notes_them(project, capsys, monkeypatch):
     project.write_text("[generate-aprbs]\nduration = 4.0\namplitude = 5\nseed = 11\n")
     monkeypatch.setattr(sys, "argv", ["pamid", "generate-aprbs"])
     assert frame.run(["generate-aprbs", "--seed", "2", "--output", "a.csv"]) == 0
@@ -81,11 +61,9 @@ def test_a_command_takes_them_and_notes_them(
         ("[diagnose]\njson = true\n", "no such option"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(
-    project: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
-) -> None:
+def test_what_is_wrong_is_said_with_its_place(project, cli, text, said):
     project.write_text(text)
-    message = refused(capsys, "diagnose", "rec.csv", "--output", "run")
+    message = cli("diagnose", "rec.csv", "--output", "run", code=3)["message"]
     assert str(project) in message and said in message
     assert not (project.parent / "run").exists()
 
@@ -102,32 +80,30 @@ from pamid.rigs.one_dof import *
 """
 
 
-def values(capsys: pytest.CaptureFixture[str], command: str = "fit") -> dict[str, Any]:
+def values(cli: Cli, command: str = "fit") -> dict[str, Any]:
     return {
-        name: about["value"] for name, about in config(capsys, command)["commands"][command].items()
+        name: about["value"] for name, about in cli("config", command)["commands"][command].items()
     }
 
 
-def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(
-    project: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(project, cli):
     project.write_text(RISKY)
-    found = values(capsys)
+    found = values(cli)
     assert (found["rig"], found["cluster"], found["overwrite"]) == (
         "./rig.py",
         "tcp://127.0.0.1:1",
         True,
     )
-    assert config(capsys)["harmless_only"] == "" and config(capsys)["ignored"] == {}
+    assert cli("config")["harmless_only"] == "" and cli("config")["ignored"] == {}
 
 
 def test_outside_my_home_the_working_folder_gives_harmless_options_only(
-    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    project, capsys, cli, monkeypatch
+):
     monkeypatch.setenv("HOME", str(project.parent / "home"))
     project.write_text(RISKY)
     (project.parent / "rig.py").write_text(RIG)
-    found = values(capsys)
+    found = values(cli)
     assert (found["rig"], found["cluster"], found["overwrite"]) == (None, None, False)
     assert found["seed"] == 3 and found["held-out"] == ["b.csv"]  # and the rest counts
     assert frame.run(["check", str(RECORDING)]) == 0
@@ -141,33 +117,31 @@ def test_outside_my_home_the_working_folder_gives_harmless_options_only(
         frame.run(["check", str(RECORDING), "--rig", "one-dof"]) == 0
         and "is ignored" not in capsys.readouterr().err  # progress may show on a busy machine
     )
-    assert "outside your home" in config(capsys)["harmless_only"]
+    assert "outside your home" in cli("config")["harmless_only"]
     # a name of the catalogue runs nothing
     project.write_text('[fit]\nrig = "two-link"\n')
-    assert values(capsys)["rig"] == "two-link" and not capsys.readouterr().err
+    assert values(cli)["rig"] == "two-link" and not capsys.readouterr().err
 
 
-def test_of_the_folders_above_only_those_of_my_home_count(
-    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_the_folders_above_only_those_of_my_home_count(project, capsys, cli, monkeypatch):
     """A pamid.toml in a folder above the working folder once ran a rig file that nobody had
     named."""
     project.write_text(RISKY)
     (project.parent / "rig.py").write_text(RIG)
     (below := project.parent / "below").mkdir()
     monkeypatch.chdir(below)
-    assert values(capsys)["seed"] == 3
+    assert values(cli)["seed"] == 3
     monkeypatch.setenv("HOME", str(below))
     assert frame.run(["check", str(RECORDING)]) == 0
     assert (
         f"Warning: {project} is ignored: it lies above the working folder and outside your home."
         in capsys.readouterr().err
     )
-    assert values(capsys)["seed"] == 0 and config(capsys)["ignored"][str(project)]
+    assert values(cli)["seed"] == 0 and cli("config")["ignored"][str(project)]
     assert not (project.parent / "rig.py.ran").exists()
     (below / "pamid.toml").write_text("[fit]\nseed = 5\n")  # the nearer one goes first
     capsys.readouterr()
-    assert values(capsys)["seed"] == 5 and not capsys.readouterr().err
+    assert values(cli)["seed"] == 5 and not capsys.readouterr().err
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
@@ -175,20 +149,14 @@ def test_of_the_folders_above_only_those_of_my_home_count(
     ("place", "mode"),
     [("pamid.toml", 0o666), ("", 0o777), ("", 0o1777), ("..", 0o777), ("pamid.toml", 0o622)],
 )
-def test_what_others_may_write_is_ignored(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    place: str,
-    mode: int,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_others_may_write_is_ignored(tmp_path, capsys, cli, place, mode, monkeypatch):
     (folder := tmp_path / "shared" / "project").mkdir(parents=True)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(folder)
     (folder / "pamid.toml").write_text("[fit]\nseed = 5\n")
-    assert values(capsys)["seed"] == 5
+    assert values(cli)["seed"] == 5
     (folder / place).resolve().chmod(mode)
-    told = config(capsys, "fit")
+    told = cli("config", "fit")
     assert told["commands"]["fit"]["seed"]["value"] == 0 and told["file"] is None
     assert "others may write" in told["ignored"][str(folder / "pamid.toml")]
     assert frame.run(["config"]) == 0
@@ -196,7 +164,7 @@ def test_what_others_may_write_is_ignored(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
-def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whose_file_it_is(tmp_path, monkeypatch):
     """Ownership by what the file system says; another user is played, as tests may not be root."""
     file = tmp_path / "pamid.toml"
     file.write_text("")
@@ -211,7 +179,7 @@ def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert trust.why_shared(file) == ""
 
 
-def test_every_option_that_runs_a_file_is_known_as_one() -> None:
+def test_every_option_that_runs_a_file_is_known_as_one():
     """A new command's --rig or --effect would otherwise be taken from anybody's settings."""
     running = [
         (c.name, o)

@@ -1,8 +1,5 @@
 """Contacts that MuJoCo drops, and whatever else it warns of, are counted and reported."""
 
-from __future__ import annotations
-
-import json
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -65,7 +62,7 @@ def commands() -> Array:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory) -> Path:
     """Both combs, and a recording of one with memory for all contacts."""
     folder = tmp_path_factory.mktemp("comb")
     comb(folder)
@@ -101,7 +98,7 @@ def run_of(a: Assembly) -> Array:
 
 
 @pytest.mark.parametrize("counting", [False, True])
-def test_steps_go_on_behind_a_warning(place: Path, counting: bool) -> None:
+def test_steps_go_on_behind_a_warning(place, counting):
     """A rollout ends there, and the rest of the exchange would be lost."""
     in_c, rolled = (built(place / f"comb-{SMALL}.xml", in_c=way) for way in (True, False))
     whole = run_of(in_c)
@@ -111,7 +108,7 @@ def test_steps_go_on_behind_a_warning(place: Path, counting: bool) -> None:
 
 
 @pytest.mark.parametrize("in_c", [False, True])
-def test_dropped_contacts_are_counted_as_mujoco_counts_them(place: Path, in_c: bool) -> None:
+def test_dropped_contacts_are_counted_as_mujoco_counts_them(place, in_c):
     path = place / f"comb-{SMALL}.xml"
     a = built(path, in_c=in_c)
     with counted_warnings() as warned:
@@ -135,7 +132,7 @@ def test_dropped_contacts_are_counted_as_mujoco_counts_them(place: Path, in_c: b
     assert quiet.steps == 1200 and quiet.sentences("here") == ()
 
 
-def test_nobody_counts_outside() -> None:
+def test_nobody_counts_outside():
     counts, cures = {"a creak": 3, "smoke": 0}, {"a creak": "Oil it.", "smoke": "Run."}
     with counted_warnings() as first, counted_warnings() as second:
         add_warnings("Sim", 10, counts, cures)
@@ -144,15 +141,10 @@ def test_nobody_counts_outside() -> None:
     assert first.sentences("in a run") == ("Sim warned in a run (10 steps): a creak in 3. Oil it.",)
 
 
-def asked(capsys: pytest.CaptureFixture[str], *words: str | Path) -> Any:
-    assert frame.run([*map(str, words), "--json"]) == 0, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
-
-
-def test_check_fit_and_page_report_them(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_fit_and_page_report_them(place, capsys, cli, undrawn):
     rig, rec = place / f"comb-{SMALL}.xml", place / "rec.csv"
     for words in (("check", rig), ("check", rec, "--rig", rig)):
-        found = [f for f in asked(capsys, *words)["findings"] if f["check"] == "simulator"]
+        found = [f for f in cli(*words)["findings"] if f["check"] == "simulator"]
         assert len(found) == 1 and found[0]["advice"]
         assert "contacts dropped" in found[0]["detail"]
     run = place / "run"
@@ -164,7 +156,7 @@ def test_check_fit_and_page_report_them(place: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_a_diagnosis_reports_them(place: Path) -> None:
+def test_a_diagnosis_reports_them(place):
     found = pamid.diagnose(
         place / "rec.csv", place / f"comb-{SMALL}.xml", jobs=1, output=place / "diagnosed"
     )

@@ -1,10 +1,6 @@
 """A sled that is pushed and rocked along a floor: its contacts open and close in every other
 step."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -48,13 +44,13 @@ MASS = 1.2  # of the sled that is recorded; the file says 1 kg
 
 
 @pytest.fixture
-def assembly(tmp_path: Path) -> Assembly:
+def assembly(tmp_path) -> Assembly:
     path = tmp_path / "sled.xml"
     path.write_text(SLED)
     return Assembly(rig_named(str(path)))
 
 
-def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly: Assembly) -> None:
+def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly):
     """Slopes across the jumps of contacts, multiplied up along a window, would reach 1e41."""
     p, n = assembly.values(), len(assembly.rig.states)
     memory = assembly.program.memory(assembly.start(p), n, period_s=PERIOD)
@@ -76,7 +72,7 @@ def test_a_disturbance_does_not_grow_by_contacts_that_open_and_close(assembly: A
 
 
 @pytest.mark.slow
-def test_a_mass_is_found_on_the_floor(assembly: Assembly) -> None:
+def test_a_mass_is_found_on_the_floor(assembly):
     """By slopes across jumps a fit ends where it begins, at 1 kg. In which order of impacts it
     settles rests on noise and a machine's last bits: 1.12 to 1.23 kg were seen."""
     program, truth = assembly.program, assembly.values({"sled_mass_kg": MASS})

@@ -4,10 +4,6 @@ share nothing with a rig's file. Among its look-alikes the fault is named, and i
 `python benchmarks/starter_rigs.py` asks for it among the whole catalogue.
 """
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scripts import load_script
@@ -39,7 +35,7 @@ LONG = ("geared-motor-friction", "geared-motor-play", "thermal-two-mass", "servo
     "name",
     [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SIZES],
 )
-def test_the_fault_of_the_machine_is_named(name: str, tmp_path: Path) -> None:
+def test_the_fault_of_the_machine_is_named(name, tmp_path):
     machine = MACHINES[name]
     SCRIPT.recorded(name, tmp_path / "rec.csv", share=SHARE.get(name, 1.0))
     catalogue = effects()

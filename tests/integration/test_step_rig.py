@@ -1,8 +1,6 @@
 """A stepped rig against the same machine written as equations, and what is said of one that is
 wrong."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -75,14 +73,14 @@ def _run(a: Assembly, substeps: int = 1) -> tuple[Array, Array]:
 # ---- the same machine ---------------------------------------------------------------------------
 
 
-def test_without_effects_it_is_the_same_machine() -> None:
+def test_without_effects_it_is_the_same_machine():
     (y, by), (same, also) = _run(_with(WrittenPendulum())), _run(_with(SteppedTwin()))
     assert np.abs(y - same).max() <= 1e-13 * np.abs(y).max()
     assert np.abs(by - also).max() <= 1e-5 * np.abs(by).max()
 
 
 @pytest.mark.parametrize("label", ["dead-time@ruler", "first-order-lag@encoder", "play@ruler"])
-def test_effects_on_readings_are_the_same(label: str) -> None:
+def test_effects_on_readings_are_the_same(label):
     y, same = _run(_with(WrittenPendulum(), label))[0], _run(_with(SteppedTwin(), label))[0]
     assert np.abs(y - same).max() <= 1e-12 * np.abs(y).max()
 
@@ -90,7 +88,7 @@ def test_effects_on_readings_are_the_same(label: str) -> None:
 @pytest.mark.parametrize(
     "label", ["viscous-friction@rail", "linear-stiffness@hinge", "coulomb-friction@rail"]
 )
-def test_effects_on_forces_come_nearer_in_proportion_to_the_exchange(label: str) -> None:
+def test_effects_on_forces_come_nearer_in_proportion_to_the_exchange(label):
     truth = _run(_with(WrittenPendulum(), label), 16)[0]
     stepped = _with(SteppedTwin(), label)
     away = [np.abs(_run(stepped, n)[0] - truth).max() for n in (1, 2, 4)]
@@ -101,13 +99,13 @@ def test_effects_on_forces_come_nearer_in_proportion_to_the_exchange(label: str)
 @pytest.mark.parametrize(
     "label", ["coulomb-friction@rail", "lugre-friction@hinge", "dead-time@ruler", "end-stop@rail"]
 )
-def test_effects_vanish_at_their_null_and_have_exact_slopes(label: str) -> None:
+def test_effects_vanish_at_their_null_and_have_exact_slopes(label):
     rig = SteppedTwin()
     assert null_error(rig, _effect(rig, label), draws=1) <= NULL_TOLERANCE
     assert sensitivity_error(rig, _effect(rig, label)) <= SAME_SLOPE
 
 
-def test_a_start_far_from_rest_carries_on_from_window_to_window() -> None:
+def test_a_start_far_from_rest_carries_on_from_window_to_window():
     a = _with(SteppedTwin(), "coulomb-friction@rail", "dead-time@ruler")
     p = a.values()
     whole = a.program.memory(a.start(p), period_s=PERIOD)
@@ -121,12 +119,12 @@ def test_a_start_far_from_rest_carries_on_from_window_to_window() -> None:
     assert np.array_equal(whole.x, parts.x)
 
 
-def test_what_enters_what_is_found_by_trying_it() -> None:
+def test_what_enters_what_is_found_by_trying_it():
     for outputs in (("position_m", "angle_rad"), ("position_m",), ("angle_rad",)):
         assert isolability(SteppedTwin(), outputs) == isolability(WrittenPendulum(), outputs)
 
 
-def test_stiff_effects_are_exchanged_more_often() -> None:
+def test_stiff_effects_are_exchanged_more_often():
     a = _with(SteppedTwin(), "viscous-friction@rail")
     p = a.values()
     assert choose_stepping(a, U, p, PERIOD, a.start(p)).substeps == 1
@@ -139,7 +137,7 @@ def test_stiff_effects_are_exchanged_more_often() -> None:
     assert bad < 0 and np.abs(y[:, 0]).max() < 0.1
 
 
-def test_an_exchange_is_no_longer_than_the_rig_says() -> None:
+def test_an_exchange_is_no_longer_than_the_rig_says():
     class Quick(SteppedTwin):
         exchange_s = 0.004
 
@@ -147,7 +145,7 @@ def test_an_exchange_is_no_longer_than_the_rig_says() -> None:
     assert choose_stepping(a, U, a.values(), PERIOD, a.start(a.values())).substeps == 3
 
 
-def test_readings_are_seen_beside_the_states() -> None:
+def test_readings_are_seen_beside_the_states():
     class WithBob(SteppedTwin):
         """What hangs on the rod, seen from above."""
 
@@ -155,10 +153,10 @@ def test_readings_are_seen_beside_the_states() -> None:
         outputs = {"bob_m": "m"}
         noise = {"bob_m": 1e-3}
 
-        def read(self, x: Any, p: Any) -> dict[str, float]:
+        def read(self, x, p):
             return {"bob": x.position + p.rod_m * float(np.sin(x.angle))}
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        def measure(self, x, u, p, port):
             port("encoder", x.angle)
             return {"bob_m": port("ruler", x.bob)}
 
@@ -172,7 +170,7 @@ def test_readings_are_seen_beside_the_states() -> None:
     assert np.abs(by[:, 0] - expected).max() <= 1e-5 * np.abs(expected).max()
 
 
-def test_it_is_sent_to_another_process_without_what_was_made_here() -> None:
+def test_it_is_sent_to_another_process_without_what_was_made_here():
     a = _with(SteppedTwin(), "coulomb-friction@rail")
     y = _run(a)[0]
     again = pickle.loads(pickle.dumps(a))
@@ -180,7 +178,7 @@ def test_it_is_sent_to_another_process_without_what_was_made_here() -> None:
     assert np.array_equal(_run(again)[0], y)
 
 
-def test_no_more_time_is_simulated_than_was_recorded_when_the_clock_is_doubted() -> None:
+def test_no_more_time_is_simulated_than_was_recorded_when_the_clock_is_doubted():
     """A sample of an hour would be a million steps of a simulation."""
     named = {k: v for k, v in vars(SteppedTwin).items() if k not in ("period_s", "__dict__")}
     rig = type("Unstated", (pamid.StepRig,), named)()
@@ -195,7 +193,7 @@ def test_no_more_time_is_simulated_than_was_recorded_when_the_clock_is_doubted()
     assert evidence is not None
     asked: list[tuple[int, float]] = []
 
-    def simulate(u: Array, values: Array = evidence.p, clock: float = 1.0) -> Array:
+    def simulate(u, values=evidence.p, clock=1.0):
         asked.append((len(u), clock))
         return evidence.model[: len(u)]
 
@@ -222,16 +220,12 @@ def _recorded(seconds: float, *effects: str) -> pamid.Recording:
 
 
 @pytest.fixture(scope="module")
-def fitted(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[pamid.Recording, pamid.FitResult, Path]:
+def fitted(tmp_path_factory) -> tuple[pamid.Recording, pamid.FitResult, Path]:
     recording, folder = _recorded(8.0), tmp_path_factory.mktemp("fitted") / "run"
     return recording, pamid.fit(recording, SteppedTwin, output=folder), folder
 
 
-def test_a_fit_finds_what_that_of_the_equations_finds(
-    fitted: tuple[pamid.Recording, pamid.FitResult, Path],
-) -> None:
+def test_a_fit_finds_what_that_of_the_equations_finds(fitted):
     recording, found, _ = fitted
     written, stepped = pamid.fit(recording, WrittenPendulum).parameters, found.parameters
     for one, other in zip(written.values(), stepped.values(), strict=True):
@@ -245,7 +239,7 @@ def test_a_fit_finds_what_that_of_the_equations_finds(
 
 
 @pytest.mark.slow
-def test_a_diagnosis_names_the_cause_that_that_of_the_equations_names() -> None:
+def test_a_diagnosis_names_the_cause_that_that_of_the_equations_names():
     recording = _recorded(20.0, "coulomb-friction@rail:force_n=0.5")
     tried = ("coulomb-friction", "viscous-friction", "cubic-stiffness", "dead-time", "gain-error")
     left_out = [name for name in effects() if name not in tried]
@@ -298,19 +292,19 @@ def _misspelt(self: Any, x: Any, f: Any, p: Any, h: float) -> list[float]:
         (_misspelt, "Did you mean 'position'?"),
     ],
 )
-def test_a_step_that_is_wrong_is_named(step: Any, words: str) -> None:
+def test_a_step_that_is_wrong_is_named(step, words):
     said = _wrong(step=step)
     assert "rig 'wrong'" in said and "step()" in said
     assert words in said
 
 
-def test_the_line_of_a_users_own_error_is_named() -> None:
+def test_the_line_of_a_users_own_error_is_named():
     line = _raises.__code__.co_firstlineno + 1
     assert f"step(), line {line} of {__file__}" in _wrong(step=_raises)
 
 
-def test_a_step_that_remembers_is_refused() -> None:
-    def step(self: Any, x: Any, f: Any, p: Any, h: float) -> list[float]:
+def test_a_step_that_remembers_is_refused():
+    def step(self, x, f, p, h):
         self.calls = getattr(self, "calls", 0) + 1
         return [x.position + self.calls, 0.0, 0.0, 0.0]
 
@@ -318,7 +312,7 @@ def test_a_step_that_remembers_is_refused() -> None:
     assert "there are no states" in _wrong(states=())
 
 
-def test_whatever_goes_in_has_a_name() -> None:
+def test_whatever_goes_in_has_a_name():
     assert "drive(): returned None, not a dict" in _wrong(drive=lambda self, x, u, p, port: None)
     without = {k: v for k, v in vars(SteppedTwin).items() if k in ("inputs", "outputs", "states")}
     bare = type("Bare", (pamid.StepRig,), without)()
@@ -328,9 +322,9 @@ def test_whatever_goes_in_has_a_name() -> None:
         _run(Assembly(bare))
 
 
-def test_a_run_that_blows_up_says_when() -> None:
+def test_a_run_that_blows_up_says_when():
     class Fragile(SteppedTwin):
-        def step(self, x: Any, f: Any, p: Any, h: float) -> list[float]:
+        def step(self, x, f, p, h):
             found = super().step(x, f, p, h)
             return found if abs(x.position) < 0.2 else [float("nan")] * 4
 
@@ -348,14 +342,12 @@ def test_a_run_that_blows_up_says_when() -> None:
 # ---- the example -------------------------------------------------------------------------------
 
 
-def test_the_example_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_is_sound(capsys):
     assert frame.run(["check", str(EXAMPLE)]) == 0
     assert "nothing is wrong" in capsys.readouterr().out
 
 
-def test_what_was_found_is_simulated_again_but_not_exported(
-    fitted: tuple[pamid.Recording, pamid.FitResult, Path], tmp_path: Path
-) -> None:
+def test_what_was_found_is_simulated_again_but_not_exported(fitted, tmp_path):
     recording, found, folder = fitted
     again = pamid.simulate(recording, SteppedTwin, model=found, noise=0.0)
     away = again.columns["position_m"] - recording.columns["position_m"]
@@ -364,7 +356,7 @@ def test_what_was_found_is_simulated_again_but_not_exported(
         export_model(load_identified(folder, rig=SteppedTwin()), "c", tmp_path / "m")
 
 
-def test_a_step_is_told_its_inputs_where_it_begins() -> None:
+def test_a_step_is_told_its_inputs_where_it_begins():
     """Held or linear is the same to it, so that it is not tried."""
     rig = rig_named(str(EXAMPLE))
     u = np.random.default_rng(0).uniform(-6.0, 6.0, (200, 1))

@@ -1,7 +1,5 @@
 """A MuJoCo model with contacts, stepped by MuJoCo as a rig, against MuJoCo by itself."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import replace
 from pathlib import Path
@@ -104,7 +102,7 @@ NAMES = (
 )
 
 
-def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
+def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path):
     path = _written(tmp_path)
     rig = rig_named(str(path))
     assert isinstance(rig, SteppedMechanism)
@@ -116,9 +114,7 @@ def test_contacts_are_stepped_as_mujoco_steps_them(tmp_path: Path) -> None:
     assert np.abs(_run(a, a.values()) - truth).max() < 1e-10
 
 
-def test_its_library_is_called_as_its_python_package_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_library_is_called_as_its_python_package_is(tmp_path, monkeypatch):
     rig = rig_named(str(_written(tmp_path)))
     found = {a.label: a for a in attachments(rig, [effects()["lugre-friction"]])}
     a = Assembly(rig, (found["lugre-friction@hip"],))
@@ -147,9 +143,7 @@ def test_its_library_is_called_as_its_python_package_is(
     assert np.array_equal(runs[0][0], runs[1][0])
 
 
-def test_slopes_are_kept_in_its_library_as_in_python(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slopes_are_kept_in_its_library_as_in_python(tmp_path, monkeypatch):
     """Where nothing has moved all of them hold; where masses have, contacts are worked out anew;
     where all have moved by more, slopes are probed."""
     rig = rig_named(str(_written(tmp_path)))
@@ -187,7 +181,7 @@ def test_slopes_are_kept_in_its_library_as_in_python(
         assert np.abs(by - also).max() <= 1e-6 * np.abs(by).max()
 
 
-def test_no_clock_is_read_while_its_library_steps(tmp_path: Path) -> None:
+def test_no_clock_is_read_while_its_library_steps(tmp_path):
     stepper: Any = rig_named(str(_written(tmp_path)))._stepper  # type: ignore[attr-defined]
     clock = ctypes.c_void_p.in_dll(stepper.library, "mjcb_time")
     before = clock.value
@@ -199,7 +193,7 @@ def test_no_clock_is_read_while_its_library_steps(tmp_path: Path) -> None:
     assert clock.value == before
 
 
-def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:
+def test_parameters_are_those_of_the_file(tmp_path):
     a = Assembly(rig_named(str(_written(tmp_path))))
     p = a.values({"thigh_mass_kg": 1.3, "knee_damping_n_m_s_per_rad": 0.2, "servo_kp": 6.0})
     (tmp_path / "other").mkdir()
@@ -207,7 +201,7 @@ def test_parameters_are_those_of_the_file(tmp_path: Path) -> None:
     assert np.abs(_run(a, p) - _by_itself(other)[0]).max() < 1e-9
 
 
-def test_an_effect_at_a_joint_acts_as_a_torque_there(tmp_path: Path) -> None:
+def test_an_effect_at_a_joint_acts_as_a_torque_there(tmp_path):
     path = _written(tmp_path)
     rig = rig_named(str(path))
     (spring,) = (
@@ -256,7 +250,7 @@ def _recorded(folder: Path, seed: int = 0) -> pamid.Recording:
 
 
 @pytest.mark.slow
-def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path: Path) -> None:
+def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path):
     rig = rig_named(str(_written(tmp_path)))
     evidence = split_recordings(rig, [_recorded(tmp_path, seed=2)], [])
     assembly = model_with(evidence, (), observed_sizes(evidence))
@@ -273,7 +267,7 @@ def test_a_fit_that_impacts_trap_begins_with_shorter_windows(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: Path) -> None:
+def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path):
     recording = _recorded(tmp_path)
     (tmp_path / "given").mkdir()
     tried = ("coulomb-friction", "viscous-friction", "cubic-stiffness", "gain-error", "dead-time")
@@ -287,7 +281,7 @@ def test_friction_planted_in_mujoco_is_found_in_a_model_with_contacts(tmp_path: 
     assert [c.effect for c in found.causes] == ["coulomb-friction@hip"]
 
 
-def test_impacts_inside_ask_for_no_finer_exchange() -> None:
+def test_impacts_inside_ask_for_no_finer_exchange():
     """MuJoCo's own step takes care of them; a shorter one would be another simulation."""
     gymnasium = pytest.importorskip("gymnasium", reason="its hopper falls to the floor")
     assets = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
@@ -297,11 +291,8 @@ def test_impacts_inside_ask_for_no_finer_exchange() -> None:
     assert choose_stepping(a, u, p, period, a.start(p)) == Stepping(1)
 
 
-def test_what_becomes_unstable_is_seen_and_not_begun_anew(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
-    a = Assembly(rig_named(str(_written(tmp_path))))
+def test_what_becomes_unstable_is_seen_and_not_begun_anew(here, capfd):
+    a = Assembly(rig_named(str(_written(here))))
     p = a.values()
     p[a.keys["knee_damping"]] = -50.0
     memory = a.program.memory(a.start(p), period_s=PERIOD)
@@ -309,10 +300,10 @@ def test_what_becomes_unstable_is_seen_and_not_begun_anew(
     assert 0 <= bad < SAMPLES - 1
     assert np.isnan(y[bad + 1 :]).all()
     assert "unstable" not in "".join(capfd.readouterr())
-    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    assert not (here / "MUJOCO_LOG.TXT").exists()
 
 
-def test_a_quaternion_joint_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_quaternion_joint_is_refused_by_name(tmp_path):
     path = tmp_path / "free.xml"
     path.write_text(
         '<mujoco><worldbody><body><joint name="loose" type="ball"/><geom size="0.1" mass="1"/>'

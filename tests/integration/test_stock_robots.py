@@ -1,8 +1,5 @@
 """The table of stock robots: what a row says of a file."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from types import ModuleType
 
 import mechanisms
@@ -31,9 +28,7 @@ def stock() -> ModuleType:
     ],
     ids=["equations", "stepped", "wrong"],
 )
-def test_a_row_says_what_becomes_of_a_file(
-    stock: ModuleType, tmp_path: Path, text: str, cells: tuple[str, ...]
-) -> None:
+def test_a_row_says_what_becomes_of_a_file(stock, tmp_path, text, cells):
     (tmp_path / "robot.xml").write_text(text)
     row = stock.stock_row("Arm", tmp_path / "robot.xml")
     shown = [cell.strip() for cell in str(row).strip("|").split("|")]
@@ -42,7 +37,7 @@ def test_a_row_says_what_becomes_of_a_file(
     assert (row.read, row.compiled) == (cells[0] == "yes", cells[1] == "equations")
 
 
-def test_a_file_that_is_not_there_is_a_row(stock: ModuleType, tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_a_row(stock, tmp_path):
     rows = stock.table_of(tmp_path, {"Arm": "arm/robot.xml"}, check=False)
     assert "no such file: arm/robot.xml" in str(rows[0])
     assert stock.summary(rows) == "0 of 1 read, 0 of 1 as equations"

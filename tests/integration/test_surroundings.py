@@ -1,8 +1,6 @@
 """A decimal comma, another time zone and a clock that runs backwards change no byte of what is
 found."""
 
-from __future__ import annotations
-
 import json
 import locale
 import os
@@ -60,7 +58,7 @@ sys.exit(max(frame.run(words) for words in json.loads(sys.argv[1])))
 
 
 @pytest.fixture(scope="module")
-def commas(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+def commas(tmp_path_factory) -> Iterator[dict[str, str]]:
     """The environment of a machine that writes 1,5: an installed locale, or one made here of its
     source."""
     made = tmp_path_factory.mktemp("locales")
@@ -113,9 +111,7 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
-def test_the_same_bytes_elsewhere_and_then(
-    tmp_path: Path, commas: dict[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_bytes_elsewhere_and_then(tmp_path, commas, monkeypatch):
     here, there = begun(tmp_path / "here"), begun(tmp_path / "there")
     monkeypatch.chdir(here)
     for words in LINES:

@@ -1,8 +1,6 @@
 """What reaches the terminal: names cannot steer it, commands to copy hold, and a stream that fails
 is told of."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex
@@ -56,7 +54,7 @@ def obeyed(text: str) -> list[str]:
     return [c for c in text if not (c.isprintable() or c in "\n\t")]
 
 
-def test_nothing_that_steers_a_terminal_gets_through() -> None:
+def test_nothing_that_steers_a_terminal_gets_through():
     for nasty in NASTY:
         assert not obeyed(printable(nasty)) and printable(nasty) != nasty
         as_json = json.dumps({nasty: nasty}, ensure_ascii=False, indent=1)
@@ -67,9 +65,7 @@ def test_nothing_that_steers_a_terminal_gets_through() -> None:
     assert printable(plain) == plain
 
 
-def test_names_of_columns_and_of_files_are_written_out(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_names_of_columns_and_of_files_are_written_out(tmp_path, capfd):
     name = "angle\x1b[31m\u202e_deg"
     rows = [f"{0.01 * k:.2f},{np.sin(0.01 * k)},{np.cos(0.01 * k)}" for k in range(200)]
     path = str(tmp_path / "a\x1b[2J.csv")  # by hand: pamid writes no such name
@@ -95,7 +91,7 @@ def test_names_of_columns_and_of_files_are_written_out(
 
 
 @pytest.mark.parametrize("word", ODD)
-def test_a_quoted_word_is_that_word_to_a_shell(word: str) -> None:
+def test_a_quoted_word_is_that_word_to_a_shell(word):
     told = quoted(word)
     assert not obeyed(told) and "\n" not in told and not told.startswith("-")
     bash = shutil.which("bash")
@@ -108,9 +104,7 @@ def test_a_quoted_word_is_that_word_to_a_shell(word: str) -> None:
 
 
 @pytest.mark.parametrize("odd", ["a b; touch x", "it's\na\x1b[31m"])
-def test_commands_to_copy_hold_for_any_folder(
-    odd: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_to_copy_hold_for_any_folder(odd, tmp_path, monkeypatch, capsys):
     place = tmp_path / odd
     place.mkdir()
     shutil.copy(RIG, place / "my rig.py")

@@ -1,8 +1,6 @@
 """`pamid train-residual --on causes`: the residual of the model with its causes, and that model
 with the network in it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -43,7 +41,7 @@ Copy = Callable[[], Path]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+def made(tmp_path_factory) -> Made:
     """A run as of a diagnosis that named the dry friction of a joint: the refitted model and the
     one with the friction; further a recording that the run has not seen."""
     folder = tmp_path_factory.mktemp("causes")
@@ -60,7 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 @pytest.fixture
-def run(made: Made, tmp_path: Path) -> Copy:
+def run(made, tmp_path) -> Copy:
     """Fresh copies of that run."""
     numbers = iter(range(100))
     return lambda: Path(shutil.copytree(made[0] / "run", tmp_path / f"run{next(numbers)}"))
@@ -83,7 +81,7 @@ def mean_error(table: dict[str, np.ndarray], kind: str, part: int) -> float:
 # ---- the column over the fitted part --------------------
 
 
-def test_the_model_with_the_causes_runs_over_the_fitted_part(made: Made, run: Copy) -> None:
+def test_the_model_with_the_causes_runs_over_the_fitted_part(made, run):
     """It is its replay there, as over what was held out, and no copy of the refitted model."""
     _, plain, cause = made
     table = residual_columns(run() / "residual.csv")
@@ -109,9 +107,7 @@ def test_the_model_with_the_causes_runs_over_the_fitted_part(made: Made, run: Co
 # ---- training --------------------
 
 
-def test_it_is_trained_on_what_the_causes_leave(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_is_trained_on_what_the_causes_leave(run, capsys):
     folder = run()
     assert train(folder, *ON_CAUSES) == 0
     text, about = capsys.readouterr().out, read_json(folder / "network.json")
@@ -143,14 +139,14 @@ def test_it_is_trained_on_what_the_causes_leave(
 
 
 @pytest.fixture(scope="module")
-def trained(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(made, tmp_path_factory) -> Path:
     """The run with a network on the model with its causes."""
     folder = Path(shutil.copytree(made[0] / "run", tmp_path_factory.mktemp("trained") / "run"))
     assert train(folder, *ON_CAUSES) == 0
     return folder
 
 
-def test_causes_and_network_go_together(made: Made, trained: Path) -> None:
+def test_causes_and_network_go_together(made, trained):
     fresh = read_recording(made[0] / "fresh.csv")
     both, cause = load_identified(trained), load_identified(trained, which="cause")
     assert [a.label for a in both.effects] == ["coulomb-friction"] and both.network is not None
@@ -169,9 +165,7 @@ def test_causes_and_network_go_together(made: Made, trained: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-def test_the_exported_form_holds_both(
-    made: Made, trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exported_form_holds_both(made, trained, tmp_path, capsys):
     fresh = read_recording(made[0] / "fresh.csv")
     words = ("export", str(trained), "--to", "c", "--output", str(tmp_path / "c"), "--json")
     assert frame.run(list(words)) == 0
@@ -185,7 +179,7 @@ def test_the_exported_form_holds_both(
         assert np.abs(Y[:, i] - values).max() < 1e-9 * np.ptp(values), name
 
 
-def test_the_score_judges_the_causes_with_their_network(made: Made, run: Copy) -> None:
+def test_the_score_judges_the_causes_with_their_network(made, run):
     folder = run()
     silent = random_network(Elman(1, 2), ("command",), "pressure_1_kpa", 2.0)
     silent = replace(silent, weights=0.0 * silent.weights)

@@ -1,8 +1,6 @@
 """`pamid train-residual`: what it trains on, how it judges, and that nothing is lost or
 half-written."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -44,7 +42,7 @@ Copy = Callable[[], Path]
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     """15 s of a virtual joint with a dead band of its valves and a damping that is off."""
     withheld = Withheld(
         "valve-dead-band",
@@ -58,7 +56,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def fitted(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fitted(recording, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("fitted") / "run"
     run = Run.create(folder, command="fit", seed=0, inputs=[recording])
     model = fit_model(split_recordings(rig_named("one-dof"), [read_recording(recording)], []))
@@ -69,7 +67,7 @@ def fitted(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(fitted: Path, tmp_path: Path) -> Copy:
+def run(fitted, tmp_path) -> Copy:
     """Fresh copies of the fitted run."""
     numbers = iter(range(100))
     return lambda: Path(shutil.copytree(fitted, tmp_path / f"run{next(numbers)}"))
@@ -79,7 +77,7 @@ def steps(folder: Path) -> list[dict[str, Any]]:
     return list(read_json(folder / "run.json")["steps"])
 
 
-def test_the_first_papers_network(run: Copy) -> None:
+def test_the_first_papers_network(run):
     """The gain is judged on the fitted part. Ten seconds determine few of 171 weights, so that the
     held-out error hangs on the last bit: from one seed it was 53 % or 99 %. What 200 s give stands
     in docs/measured/papers.md."""
@@ -116,7 +114,7 @@ def test_the_first_papers_network(run: Copy) -> None:
     assert step["ended"] and step["outcome"] == "done" and len(step["inputs"]) == 2
 
 
-def test_as_in_the_paper(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+def test_as_in_the_paper(run, capsys):
     folder = run()
     assert train(folder, *QUICK, "--as-in-paper", "--mu", "0.02", "--mu-increase", "8") == 0
     assert "plain steps as in the paper" in capsys.readouterr().out
@@ -154,13 +152,7 @@ def test_as_in_the_paper(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
         ),
     ],
 )
-def test_every_network_is_trained(
-    run: Copy,
-    capsys: pytest.CaptureFixture[str],
-    options: tuple[str, ...],
-    sizes: dict[str, Any],
-    words: str,
-) -> None:
+def test_every_network_is_trained(run, capsys, options, sizes, words):
     folder = run()
     assert train(folder, *options, "--iterations", "4") == 0
     about = read_json(folder / "network.json")
@@ -177,7 +169,7 @@ def test_every_network_is_trained(
 
 
 @pytest.mark.parametrize("network", ["elman", "narx"])
-def test_torch_trains_the_network_of_the_compiled_kernels(run: Copy, network: str) -> None:
+def test_torch_trains_the_network_of_the_compiled_kernels(run, network):
     compiled, by_torch = run(), run()
     options = ("--network", network, *QUICK, "--starts", "2")
     assert train(compiled, *options) == train(by_torch, *options, "--device", "cpu") == 0
@@ -189,7 +181,7 @@ def test_torch_trains_the_network_of_the_compiled_kernels(run: Copy, network: st
     assert errors[0] == pytest.approx(errors[1], rel=0.02)
 
 
-def test_same_run_and_seed_same_bytes(run: Copy) -> None:
+def test_same_run_and_seed_same_bytes(run):
     one, other = run(), run()
     before = (one / "residual.csv").read_text().splitlines()
     assert train(one, *QUICK) == train(other, *QUICK) == 0
@@ -209,7 +201,7 @@ def test_same_run_and_seed_same_bytes(run: Copy) -> None:
     assert {"pressure_1_network_kpa", "angle_network_deg"} <= set(columns)
 
 
-def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
+def test_the_held_out_part_is_never_trained_on(run):
     one, other = run(), run()
     names, *lines = (other / "residual.csv").read_text().splitlines()
     place, part = names.split(",").index("angle_deg"), names.split(",").index("part")
@@ -228,9 +220,7 @@ def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
 # ---- several networks in a run --------------------
 
 
-def test_networks_of_several_channels_live_side_by_side(
-    run: Copy, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_networks_of_several_channels_live_side_by_side(run, capsys):
     """The one trained last is the run's, the others lie beside it with their columns; each is the
     network that it would be alone, and one of a channel that has one takes its place."""
     folder, alone = run(), run()
@@ -270,6 +260,6 @@ def test_networks_of_several_channels_live_side_by_side(
 
 
 @pytest.mark.parametrize("name", ["../up", "a/b", "", ".", "a b"])
-def test_no_other_folder_is_written_whatever_a_channel_is_called(name: str) -> None:
+def test_no_other_folder_is_written_whatever_a_channel_is_called(name):
     with pytest.raises(FileError, match="not a channel name"):
         channel_network_files(name)

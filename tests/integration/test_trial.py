@@ -1,8 +1,6 @@
 """The blind trial's books: which cases are drawn, what the tool is shown of them, and every figure
 by hand."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -21,10 +19,8 @@ from pamid.base.run_folder import Run
 from pamid.base.schemas.diagnosis_file import CAUSED
 from pamid.base.schemas.trial_file import TrialFile
 from pamid.model.registry import effects
-from pamid.model.rig import Rig
-from pamid.recording.recording import Recording
-from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
-from pamid.trial.faults import FAULTS
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.faults import FAULTS, NAMELESS
 from pamid.trial.figure_table import trial_text
 from pamid.trial.scoring import score_cases
 
@@ -116,7 +112,7 @@ def both(found: TrialFile, name: str) -> tuple[int, int]:
 # ---- figures by hand --------------------
 
 
-def test_naming() -> None:
+def test_naming():
     """Five visible singles and a hidden one: right; look-alike first; second family right;
     abstains; no gap."""
     labels = [label(i, "single", FRICTION) for i in range(6)]
@@ -160,7 +156,7 @@ def test_naming() -> None:
     ) == (4, 5)
 
 
-def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> None:
+def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike():
     labels = [label(i, "single", FRICTION) for i in range(3)]
     found = score_cases(
         labels,
@@ -179,7 +175,7 @@ def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> Non
     assert both(found, "family_first") == (2, 3)
 
 
-def test_refusing_to_name() -> None:
+def test_refusing_to_name():
     quiet = [label(i, "no-gap", background=0.0 if i < 2 else 0.02) for i in range(5)]
     unknown = [
         label(5, "withheld", FRICTION),
@@ -217,7 +213,7 @@ def test_refusing_to_name() -> None:
     }
 
 
-def test_calibration_by_hand() -> None:
+def test_calibration_by_hand():
     """Said 0.95 three times (one right, one of them an alarm where nothing is planted) and 0.42
     twice (none right).
 
@@ -247,7 +243,7 @@ def test_calibration_by_hand() -> None:
     ]
 
 
-def test_shuffled_labels_fall_to_chance() -> None:
+def test_shuffled_labels_fall_to_chance():
     truths = [FRICTION if i % 2 else LEAK for i in range(60)]
     results = [answer(i, "explained", str(t["fault"])) for i, t in enumerate(truths)]
     found = score_cases([label(i, "single", t) for i, t in enumerate(truths)], results, seed=1)
@@ -257,7 +253,7 @@ def test_shuffled_labels_fall_to_chance() -> None:
     assert found.baselines["most_common_family"].share == 0.5
 
 
-def test_failed_cases_are_counted_and_shown() -> None:
+def test_failed_cases_are_counted_and_shown():
     failed = {"case": 1, "failed": {"message": "too short"}}
     found = score_cases(
         [label(0, "single", FRICTION), label(1, "single", LEAK)],
@@ -277,7 +273,7 @@ def test_failed_cases_are_counted_and_shown() -> None:
 # ---- drawing --------------------
 
 
-def test_a_case_depends_on_its_number_alone() -> None:
+def test_a_case_depends_on_its_number_alone():
     few, many = draw_cases("test", 7, 3), draw_cases("test", 40, 3)
     assert few == many[:7] == draw_cases("test", 7, 3)
     assert cases_sha256(few) != cases_sha256(draw_cases("test", 7, 4)) != cases_sha256(many)
@@ -286,7 +282,7 @@ def test_a_case_depends_on_its_number_alone() -> None:
         draw_cases("tset", 1, 0)
 
 
-def test_parts_are_disjoint() -> None:
+def test_parts_are_disjoint():
     test, calibration = draw_cases("test", 100, 0), draw_cases("calibration", 100, 0)
     assert not {c.seed for c in test} & {c.seed for c in calibration}
     assert len({c.seed for c in (*test, *calibration)}) == 200
@@ -295,7 +291,7 @@ def test_parts_are_disjoint() -> None:
     }
 
 
-def test_what_is_planted() -> None:
+def test_what_is_planted():
     for case in draw_cases("test", 200, 1):
         named = [n for n in case.planted if not n.startswith(NAMELESS)]
         assert (len(case.planted), len(named)) == {
@@ -336,14 +332,10 @@ def example(stratum: str, **conditions: Any) -> Case:
         ("nameless", "open", "angle"),
     ],
 )
-def test_the_label_is_in_nothing_the_tool_is_given(
-    stratum: str, loop: str, channels: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_label_is_in_nothing_the_tool_is_given(stratum, loop, channels, tmp_path, monkeypatch):
     shown: list[tuple[dict[str, Any], tuple[str, ...]]] = []
 
-    def diagnose(
-        recordings: list[Recording], rig: Rig, *, without: tuple[str, ...], **how: Any
-    ) -> None:
+    def diagnose(recordings, rig, *, without, **how):
         (recording,) = recordings
         assert rig.name == "one-dof" and how["held_out"] == []
         told = {
@@ -388,11 +380,11 @@ def test_the_label_is_in_nothing_the_tool_is_given(
 
 
 @pytest.fixture
-def examined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def examined(monkeypatch) -> list[int]:
     """Numbers of the cases that were worked through; the work itself is left out."""
     numbers: list[int] = []
 
-    def examine(case: Case, place: Path) -> dict[str, Any]:
+    def examine(case, place):
         numbers.append(case.number)
         found = answer(case.number, "explained", "leak", visibility=3.0 if case.planted else None)
         return {
@@ -416,9 +408,7 @@ def trial(folder: Path, cases: int, *more: str) -> int:
     )
 
 
-def test_a_finished_case_is_not_run_again(
-    tmp_path: Path, examined: list[int], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finished_case_is_not_run_again(tmp_path, examined, capsys):
     assert trial(tmp_path / "run", 3) == 0
     assert "family named first" in capsys.readouterr().out
     assert trial(tmp_path / "run", 5, "--json") == 3
@@ -443,9 +433,7 @@ def test_a_finished_case_is_not_run_again(
     assert "seed 0" in json.loads(capsys.readouterr().out)["message"] and len(examined) == 6
 
 
-def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(
-    tmp_path: Path, examined: list[int], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(tmp_path, examined, capsys):
     folder, notes = tmp_path / "run", tmp_path / "run" / "cases" / "notes.txt"
     assert trial(folder, 4) == 0 and len(examined) == 4
     notes.write_text("mine")
@@ -466,16 +454,10 @@ def test_a_trial_is_replaced_as_a_whole_and_nothing_else_is(
 
 
 @pytest.mark.parametrize("error", [DataError("too short"), ZeroDivisionError("oops")])
-def test_a_failed_case_costs_only_itself(
-    error: Exception,
-    tmp_path: Path,
-    examined: list[int],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_failed_case_costs_only_itself(error, tmp_path, examined, monkeypatch, capsys):
     fine = trial_cases.examine
 
-    def examine(case: Case, place: Path) -> dict[str, Any]:
+    def examine(case, place):
         if case.number == 1:
             raise error
         return fine(case, place)
@@ -490,9 +472,7 @@ def test_a_failed_case_costs_only_itself(
     assert examined[2:] == [1], "what failed is tried again"
 
 
-def test_shares_of_a_trial_are_gathered_and_scored_once(
-    tmp_path: Path, examined: list[int], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_shares_of_a_trial_are_gathered_and_scored_once(tmp_path, examined, capsys):
     folder = tmp_path / "run"
     assert trial(folder, 7, "--index", "2/3") == 0
     capsys.readouterr()
@@ -514,7 +494,7 @@ def test_shares_of_a_trial_are_gathered_and_scored_once(
     assert (folder / "trial.json").read_bytes() == (whole / "trial.json").read_bytes()
 
 
-def test_a_case_from_end_to_end(tmp_path: Path) -> None:
+def test_a_case_from_end_to_end(tmp_path):
     few = {"dead-time", "gravity"}
     case = replace(
         example(

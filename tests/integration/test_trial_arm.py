@@ -1,11 +1,8 @@
 """The trial's arm: mechanics held against textbook equations, faults that act where they are
 planted, its books."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -170,7 +167,7 @@ def drawn_body(
 
 
 @pytest.mark.parametrize(("payload", "at"), [(0.0, (0.5, 0.9)), (0.5, (-1.0, 0.4))])
-def test_a_free_swing_is_that_of_the_textbook(payload: float, at: tuple[float, float]) -> None:
+def test_a_free_swing_is_that_of_the_textbook(payload, at):
     body, p = drawn_body(payload)
     found = released(body, at, 3.0)[0][:, :, ANGLE]
     times = STEP * np.arange(1, len(found) + 1)
@@ -195,7 +192,7 @@ def test_a_free_swing_is_that_of_the_textbook(payload: float, at: tuple[float, f
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_drawn_arm_is_within_its_tolerances(seed: int) -> None:
+def test_a_drawn_arm_is_within_its_tolerances(seed):
     one = machine(seed, 0.04)
     assert all(0.0 < abs(one.links[k] / TRUE_ARM[k] - 1.0) <= 0.25 for k in TRUE_ARM)
     first, second = one.joints
@@ -210,7 +207,7 @@ def test_a_drawn_arm_is_within_its_tolerances(seed: int) -> None:
     assert clean[0] == clean[1], "without background one lot is one piece"
 
 
-def test_the_healthy_arm_follows_its_references() -> None:
+def test_the_healthy_arm_follows_its_references():
     found = healthy(20.0)
     assert list(found) == [
         "time_s",
@@ -235,7 +232,7 @@ def test_the_healthy_arm_follows_its_references() -> None:
 
 
 @pytest.mark.parametrize("name", ARM_FAULTS)
-def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
+def test_a_fault_acts_and_at_zero_does_nothing(name):
     site, fault = middle(name), ARM_FAULTS[name]
     absent = replayed({site: {**sizes(site), **dict.fromkeys(fault.amounts, 0.0)}}, SHORT)
     assert all(np.array_equal(absent[c], healthy(SHORT)[c]) for c in absent)
@@ -251,7 +248,7 @@ def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
         for k, name in enumerate(ARM_FAULTS)
     ],
 )
-def test_the_loop_holds_with_any_size(name: str) -> None:
+def test_the_loop_holds_with_any_size(name):
     random = np.random.default_rng(7)
     site = draw_site(name, random)
     found = record_arm(
@@ -265,7 +262,7 @@ def test_the_loop_holds_with_any_size(name: str) -> None:
     assert all(np.isfinite(column).all() for column in found.values())
 
 
-def test_every_fault_but_gravity_has_its_place_on_the_rig() -> None:
+def test_every_fault_but_gravity_has_its_place_on_the_rig():
     assert set(FAULTS) - set(ARM_FAULTS) == {"gravity"}
     rig, random = rig_named("two-link"), np.random.default_rng(0)
     known = {a.label: a for a in attachments(rig, effects().values())}
@@ -285,7 +282,7 @@ def test_every_fault_but_gravity_has_its_place_on_the_rig() -> None:
             assert len(placed({site: sizes(site)})) == 7
 
 
-def test_what_is_planted_stands_where_it_should() -> None:
+def test_what_is_planted_stands_where_it_should():
     found = placed(
         {
             "leak@pressure_21": {"leak": 0.02},
@@ -323,9 +320,7 @@ DIGESTS = {
 
 
 @pytest.mark.parametrize("nudge", [None, np.inf, -np.inf], ids=["here", "bits-up", "bits-down"])
-def test_the_questions_put_to_the_joint_are_the_same_everywhere(
-    nudge: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_questions_put_to_the_joint_are_the_same_everywhere(nudge, monkeypatch):
     """On a processor, too, whose exp and log differ in the last bits."""
     if nudge is not None:
         exp = np.exp
@@ -359,12 +354,10 @@ def example(planted: dict[str, dict[str, float]], **conditions: Any) -> Case:
         ("angles-and-pressures", "closed", ("pressure_",)),
     ],
 )
-def test_the_tool_sees_a_recording_and_a_catalogue(
-    channels: str, loop: str, there: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_tool_sees_a_recording_and_a_catalogue(channels, loop, there, monkeypatch):
     shown: list[tuple[Recording, Rig]] = []
 
-    def diagnose(recordings: list[Recording], rig: Rig, **how: Any) -> None:
+    def diagnose(recordings, rig, **how):
         shown.append((recordings[0], rig))
         raise DataError("seen enough")
 
@@ -382,7 +375,7 @@ def test_the_tool_sees_a_recording_and_a_catalogue(
 
 
 @pytest.mark.slow
-def test_a_case_of_the_arm_from_end_to_end(tmp_path: Path) -> None:
+def test_a_case_of_the_arm_from_end_to_end(tmp_path):
     """A minute: a short recording and a small catalogue; delayed commands at joint 2, named with
     the joint."""
     few = {"dead-time", "coulomb-friction"}

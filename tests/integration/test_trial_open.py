@@ -1,10 +1,7 @@
 """Open cases of the trial: effects that act, recordings, and which answers are right."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,19 +10,18 @@ import pytest
 from pamid.api import trial_cases
 from pamid.api.trial_cases import CaseWork
 from pamid.base.errors import DataError
-from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.trial.case_machine import FITTED, HELD_OUT, CaseMachine
 from pamid.trial.cases import (
     BEYOND_TOLERANCE,
     MAP_TOLERANCE,
-    NAMELESS,
     OPEN,
     STRATA,
     Case,
     cases_sha256,
     draw_cases,
 )
+from pamid.trial.faults import NAMELESS
 from pamid.trial.logger import Logger
 from pamid.trial.machine import machine_names
 from pamid.trial.marking import Marked
@@ -47,7 +43,7 @@ def machine(rig: str, number: int) -> CaseMachine:
 
 
 @pytest.mark.parametrize("rig", machine_names())
-def test_strata_and_conditions(rig: str) -> None:
+def test_strata_and_conditions(rig):
     cases = draw_cases("test", 50, SEED, rig, world=OPEN)
     for stratum, share in STRATA[OPEN].items():
         assert sum(c.stratum == stratum for c in cases) == pytest.approx(50 * share, abs=2)
@@ -64,7 +60,7 @@ def test_strata_and_conditions(rig: str) -> None:
         assert not any(site.startswith(NAMELESS) for site in c.further)
 
 
-def test_open_cases_are_none_of_the_closed_ones() -> None:
+def test_open_cases_are_none_of_the_closed_ones():
     drawn = [
         draw_cases(part, 40, SEED, QUICK[0], world=world)
         for part in ("test", "calibration")
@@ -79,7 +75,7 @@ def test_open_cases_are_none_of_the_closed_ones() -> None:
 # ---- what acts -------------------------------------------------------------------------------
 
 
-def test_what_removes_most_leads_even_where_it_was_not_planted() -> None:
+def test_what_removes_most_leads_even_where_it_was_not_planted():
     m = machine("damper-bench", 0)
     site = next(k for k in m.faults if k not in m.case.planted)
     larger = {
@@ -93,7 +89,7 @@ def test_what_removes_most_leads_even_where_it_was_not_planted() -> None:
 # ---- how it is recorded ----------------------------------------------------------------------
 
 
-def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Path) -> None:
+def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path):
     number = next(
         c.number
         for c in draw_cases("calibration", 20, SEED, QUICK[0], world=OPEN)
@@ -114,12 +110,10 @@ def test_a_study_case_is_the_same_again_and_has_what_a_replay_needs(tmp_path: Pa
         assert word not in repr(given), "the tool sees nothing of the truth"
 
 
-def test_the_tool_holds_a_recording_of_its_own_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tool_holds_a_recording_of_its_own_out(monkeypatch):
     shown: list[list[Recording]] = []
 
-    def diagnose(
-        recordings: list[Recording], rig: Rig, *, held_out: list[Recording], **how: Any
-    ) -> None:
+    def diagnose(recordings, rig, *, held_out, **how):
         assert rig.name == QUICK[0] and how["without"] == ()
         shown.append([*recordings, *held_out])
         raise DataError("seen enough")
@@ -230,7 +224,7 @@ DRY = ("coulomb-friction", "constant-offset", "offset")
         (marked("no-structural-gap"), False),
     ],
 )
-def test_the_effect_that_removes_most_is_to_be_named(answer: Marked, right: bool) -> None:
+def test_the_effect_that_removes_most_is_to_be_named(answer, right):
     assert (answer.open_answer == "leader") == right
     assert answer.open_right == right
 
@@ -245,17 +239,17 @@ def test_the_effect_that_removes_most_is_to_be_named(answer: Marked, right: bool
         ({}, False),
     ],
 )
-def test_the_remainder_has_a_size_and_a_place(remainder: dict[str, Any], reported: bool) -> None:
+def test_the_remainder_has_a_size_and_a_place(remainder, reported):
     answer = marked("partly-explained", "coulomb-friction", remainder=remainder or {"real": True})
     assert answer.remainder_reported == answer.open_right == reported
 
 
-def test_an_effect_without_a_name_is_not_blamed_on_lesser_ones() -> None:
+def test_an_effect_without_a_name_is_not_blamed_on_lesser_ones():
     there = ("nameless:swirl", "leak")
     half = {"share": 0.6, "port": "pipe", "real": True}
     quarter = {"share": 0.25, "port": "pipe", "real": True}
 
-    def rejected(verdict: str, *causes: str, remainder: dict[str, Any]) -> bool:
+    def rejected(verdict, *causes, remainder):
         m = marked(verdict, *causes, there=there, remainder=remainder, stratum="nameless")
         assert m.family == "" and [p["family"] for p in m.present] == ["leak"]
         return m.leaves_nameless

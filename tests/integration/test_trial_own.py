@@ -1,8 +1,6 @@
 """The blind trial of any rig: how its machines are drawn, what the tool is shown of them, and that
 what is planted is no effect of the catalogue."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +20,8 @@ from pamid.report.trial_results import read_trial
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import data_of
 from pamid.trial.case_machine import CaseMachine
-from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.faults import NAMELESS
 from pamid.trial.own_excitation import MAX_SAMPLES, made_excitation, sampled
 from pamid.trial.own_faults import TIMES_TYPICAL
 from pamid.trial.own_forms import (
@@ -48,7 +47,7 @@ def short(rig: str, samples: int = 1200) -> Recording:
 
 
 @pytest.fixture(scope="module", params=RIGS)
-def machine(request: pytest.FixtureRequest) -> OwnMachine:
+def machine(request) -> OwnMachine:
     return machine_of(request.param, short(request.param))
 
 
@@ -65,14 +64,14 @@ def planted_case(machine: OwnMachine) -> Case:
 # ---- how machines are drawn --------------------
 
 
-def test_a_bare_case_leaves_the_rig_that_its_machine_is_made_of(machine: OwnMachine) -> None:
+def test_a_bare_case_leaves_the_rig_that_its_machine_is_made_of(machine):
     stated = dict(machine.rig.background)
     (bare,) = draw_cases("test", 1, 0, machine, bare=True)
     assert bare.tools_rig is not machine.rig and bare.tools_rig.background == {}
     assert machine.rig.background == stated
 
 
-def test_a_case_does_not_depend_on_how_many_are_drawn(machine: OwnMachine) -> None:
+def test_a_case_does_not_depend_on_how_many_are_drawn(machine):
     few, many = draw_cases("test", 3, 5, machine), draw_cases("test", 40, 5, machine)
     assert [c.sha256 for c in few] == [c.sha256 for c in many[:3]]
     assert cases_sha256(many) != cases_sha256(draw_cases("test", 40, 6, machine))
@@ -81,7 +80,7 @@ def test_a_case_does_not_depend_on_how_many_are_drawn(machine: OwnMachine) -> No
     assert {c.stratum for c in many} == {"single", "double", "no-gap", "withheld", "nameless"}
 
 
-def test_labels_are_plain_and_tell_the_answer(machine: OwnMachine) -> None:
+def test_labels_are_plain_and_tell_the_answer(machine):
     families = {e.name: e for e in effects().values()}
     for case in draw_cases("calibration", 30, 2, machine):
         label = json.loads(json.dumps(case.label()))
@@ -97,7 +96,7 @@ def test_labels_are_plain_and_tell_the_answer(machine: OwnMachine) -> None:
                 assert kin <= set(case.removed)
 
 
-def test_a_machine_is_drawn_again_from_its_seed(machine: OwnMachine) -> None:
+def test_a_machine_is_drawn_again_from_its_seed(machine):
     case = planted_case(machine)
     one, two = (CaseMachine.of(case).run(case.planted) for _ in range(2))
     other = CaseMachine.of(replace(case, seed=case.seed + 1)).run(case.planted)
@@ -109,7 +108,7 @@ def test_a_machine_is_drawn_again_from_its_seed(machine: OwnMachine) -> None:
 # ---- what the tool is shown --------------------
 
 
-def test_nothing_of_the_truth_is_in_a_recording(machine: OwnMachine, tmp_path: Path) -> None:
+def test_nothing_of_the_truth_is_in_a_recording(machine, tmp_path):
     case = planted_case(machine)
     made = CaseMachine.of(case)
     given = made.recording(case.planted, tmp_path / "one.csv")
@@ -126,17 +125,15 @@ def test_nothing_of_the_truth_is_in_a_recording(machine: OwnMachine, tmp_path: P
     assert header == (tmp_path / "two.csv").read_text().splitlines()[0]
 
 
-def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    truth = tmp_path / "cart_with_secret_friction.py"
+def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(here, cli):
+    truth = here / "cart_with_secret_friction.py"
     truth.write_text(Path(CART).read_text())
     sent = short(CART, 200)
     write_recording("sent.csv", sent.time, dict(sent.columns))
     words = ["simulate", "--excitation", "sent.csv", "--output", "rec.csv", "--rig"]
-    assert frame.run([*words, truth.name, "--effect", "coulomb-friction", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rig"] == truth.name  # said to who asked
+    assert (
+        cli(*words, truth.name, "--effect", "coulomb-friction")["rig"] == truth.name
+    )  # said to who asked
     assert "secret" not in Path("rec.toml").read_text() + Path("rec.csv").read_text()
     assert "friction" not in Path("rec.toml").read_text()
 
@@ -147,7 +144,7 @@ def test_a_recording_does_not_name_the_file_of_the_rig_that_made_it(
 @pytest.mark.parametrize(
     "name", [a.effect.name for a in attachments(rig_named(CART), effects().values())]
 )
-def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
+def test_the_other_form_vanishes_exactly_at_the_null(name):
     rig, sent = rig_named(CART), short(CART, 400)
     (a,) = (a for a in attachments(rig, effects().values()) if a.effect.name == name)
     signals = [s for port in a.ports for s in rig.ports[port].signals]
@@ -169,7 +166,7 @@ def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
     np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-10 * np.ptp(was))
 
 
-def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine: OwnMachine) -> None:
+def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine):
     case = planted_case(machine)
     (site, sizes) = next(iter(case.planted.items()))
     drawn = draw_specimen(machine, np.random.default_rng(3), case.conditions)
@@ -186,7 +183,7 @@ def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine: Own
 @pytest.mark.parametrize(
     "rig", [CART, STARTER, "cascaded-tanks", "servo-pendulum", "thermal-block"]
 )
-def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig: str) -> None:
+def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig):
     made = rig_named(rig)
     period, seconds, _ = sampled(made)
     columns = made_excitation(made, "open", 1.2, 4)
@@ -201,7 +198,7 @@ def test_what_is_sent_is_long_enough_and_within_the_rigs_ranges(rig: str) -> Non
 # ---- commands --------------------
 
 
-def test_a_demo_of_any_rig_withholds_what_it_says(machine: OwnMachine, tmp_path: Path) -> None:
+def test_a_demo_of_any_rig_withholds_what_it_says(machine, tmp_path):
     recording = write_rig_recording(tmp_path, machine, seed=2)
     truth = read_json(tmp_path / TRUTH_FILE)
     assert truth["family"] == effects()[truth["effect"]].family_at(
@@ -213,10 +210,7 @@ def test_a_demo_of_any_rig_withholds_what_it_says(machine: OwnMachine, tmp_path:
 
 
 @pytest.mark.slow
-def test_a_trial_of_a_rig_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_trial_of_a_rig_file(here, capsys):
     sent = short(CART)
     write_recording("sent.csv", sent.time, dict(sent.columns))
     Path("mine.py").write_text(Path(CART).read_text())
@@ -236,10 +230,9 @@ def test_a_trial_of_a_rig_file(
 
 
 @pytest.mark.slow
-def test_a_whole_demo_of_a_rig_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_whole_demo_of_a_rig_file(tmp_path, cli):
     folder = tmp_path / "demo"
     asked = ["demo", "--rig", CART, "--seed", "1", "--jobs", "1", "--output", str(folder)]
-    assert frame.run([*asked, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = cli(*asked)
     assert found["network"] is None and found["hit"] in ("right", "among", "missed")
     assert (folder / "report.html").is_file() and "mass_kg" in found["parameters"]

@@ -1,12 +1,9 @@
 """The machines behind the starter rigs: healthy ones are their rigs, every fault shows and
 vanishes, and the questions stay the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +15,9 @@ from pamid.base.units import unit
 from pamid.model.attachment import attachments
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.trial.cases import NAMELESS, cases_sha256, draw_cases
+from pamid.trial.cases import cases_sha256, draw_cases
 from pamid.trial.conditions import StarterConditions
+from pamid.trial.faults import NAMELESS
 from pamid.trial.logger import Readout
 from pamid.trial.machine import machine_named, machine_names
 from pamid.trial.starter_machine import StarterMachine, draw_map
@@ -81,7 +79,7 @@ def sizes(name: str, fault: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", STARTERS)
-def test_a_healthy_machine_is_its_rig(name: str, tmp_path: Any) -> None:
+def test_a_healthy_machine_is_its_rig(name, tmp_path):
     """Signs, units and conventions: the rig with the machine's own constants makes the same
     recording, to a few times the noise."""
     rig = catalogue_rig(name)
@@ -102,7 +100,7 @@ def test_a_healthy_machine_is_its_rig(name: str, tmp_path: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
-def test_a_fault_shows_and_vanishes(name: str, fault: str) -> None:
+def test_a_fault_shows_and_vanishes(name, fault):
     planted = sizes(name, fault)
     assert change(name, healthy(name), recorded(name, {fault: planted})) > 2.0
     none = dict.fromkeys(machine(name).faults[fault].amounts, 0.0)
@@ -111,7 +109,7 @@ def test_a_fault_shows_and_vanishes(name: str, fault: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
-def test_a_fault_is_what_the_catalogue_calls_it(name: str, fault: str) -> None:
+def test_a_fault_is_what_the_catalogue_calls_it(name, fault):
     rig, planted = catalogue_rig(name), machine(name).faults[fault]
     if fault.startswith(NAMELESS):
         assert planted.port in {rig.group_of(p) for p in rig.ports} and not planted.exact
@@ -123,7 +121,7 @@ def test_a_fault_is_what_the_catalogue_calls_it(name: str, fault: str) -> None:
 
 
 @pytest.mark.parametrize("name", STARTERS)
-def test_two_faults_never_set_the_same_size(name: str) -> None:
+def test_two_faults_never_set_the_same_size(name):
     own = machine(name)
     drawn = {fault: sizes(name, fault) for fault in own.faults}
     for one, other in combinations(own.faults.values(), 2):
@@ -132,7 +130,7 @@ def test_two_faults_never_set_the_same_size(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in STARTERS if machine(n).clock])
-def test_readings_stamped_early_are_those_to_come(name: str) -> None:
+def test_readings_stamped_early_are_those_to_come(name):
     own, still = machine(name), healthy(name)
     fault = f"clock-skew@{own.clock}"
     early = recorded(name, {fault: {"early_s": 2.0 * own.period_s, "skew_ppm": 0.0}})
@@ -154,14 +152,14 @@ DIGESTS: dict[str, str] = {
 
 
 @pytest.mark.parametrize("name", STARTERS)
-def test_the_questions_are_the_same_everywhere(name: str) -> None:
+def test_the_questions_are_the_same_everywhere(name):
     """But for `removed`, which follows the catalogue."""
     asked = [replace(c, removed=()) for c in draw_cases("test", 30, 0, name)]
     assert cases_sha256(asked).startswith(DIGESTS[name])
 
 
 @pytest.mark.parametrize("name", STARTERS)
-def test_a_bare_case_is_the_same_machine_and_a_tool_that_knows_no_tolerances(name: str) -> None:
+def test_a_bare_case_is_the_same_machine_and_a_tool_that_knows_no_tolerances(name):
     (told,), (bare,) = (draw_cases("calibration", 1, 3, name, bare=b) for b in (False, True))
     assert (bare.planted, bare.conditions, bare.seed) == (told.planted, told.conditions, told.seed)
     assert bare.sha256 != told.sha256

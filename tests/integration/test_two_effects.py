@@ -1,8 +1,6 @@
 """Two effects at once on a small cart: both named, also where none of them is anything by itself;
 one planted is one named, and none none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -33,7 +31,7 @@ def named(d: Diagnosis) -> set[str]:
     return {c.effect for c in diagnosis_file(d).causes}
 
 
-def test_a_pair_without_a_first_effect_to_build_on(tmp_path: Path) -> None:
+def test_a_pair_without_a_first_effect_to_build_on(tmp_path):
     """Alone neither removes anything, so that the first step has an empty set. The linear solve
     proposes the pair, which removes nearly all."""
     d = found_with(tmp_path, *LATE_AND_RUBBING)
@@ -45,7 +43,7 @@ def test_a_pair_without_a_first_effect_to_build_on(tmp_path: Path) -> None:
     assert d.removed is not None and d.removed.share > 0.95
 
 
-def test_a_slight_one_beside_a_plain_one(tmp_path: Path) -> None:
+def test_a_slight_one_beside_a_plain_one(tmp_path):
     """Friction of a hundredth of the push, a tenth of the gap, at a port where little seems to be
     missing beside the delay."""
     d = found_with(tmp_path, "coulomb-friction:force_n=0.05", "dead-time")
@@ -53,17 +51,17 @@ def test_a_slight_one_beside_a_plain_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("planted", ["dead-time", "quadratic-drag"])
-def test_one_planted_is_one_named(planted: str, tmp_path: Path) -> None:
+def test_one_planted_is_one_named(planted, tmp_path):
     d = found_with(tmp_path, planted)
     assert d.verdict == "explained" and named(d) == {planted}
 
 
-def test_none_planted_is_none_named(tmp_path: Path) -> None:
+def test_none_planted_is_none_named(tmp_path):
     d = found_with(tmp_path)
     assert d.verdict == "no-structural-gap" and named(d) == set()
 
 
-def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
+def test_the_same_pair_from_two_processes_and_read_back(tmp_path):
     catalogue = {k: v for k, v in effects().items() if k in FEW}
     evidence = cart_evidence(record_cart(tmp_path, LATE_AND_RUBBING))
     alone = diagnosis_file(diagnose(evidence, catalogue)).as_json()

@@ -1,8 +1,6 @@
 """The arm of the rig `two-link` without its muscles, written as MJCF: the same accelerations, and
 the same diagnosis of a friction that MuJoCo was given at one joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +53,7 @@ def _accelerations(a: Assembly, states: Array) -> Array:
 KNOWN = {"attached": 0.0}
 
 
-def test_the_file_is_the_rigs_arm() -> None:
+def test_the_file_is_the_rigs_arm():
     random = np.random.default_rng(0)
     states = random.standard_normal((20, 4)) * (1.0, 1.0, 3.0, 3.0)
     ours, theirs = (
@@ -104,7 +102,7 @@ def _diagnosed(rig: str, columns: dict[str, Array], **known: float) -> Diagnosis
 
 
 @pytest.mark.slow
-def test_both_name_the_same_cause() -> None:
+def test_both_name_the_same_cause():
     torques, angles = _recorded()
     ours = _diagnosed(
         "two-link",

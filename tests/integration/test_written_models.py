@@ -1,10 +1,8 @@
 """A finding written into a model file, judged by plain MuJoCo: the written file does what pamid's
 own model of the finding does, and the export states how far off it is."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,17 +11,19 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from model_runs import PERIOD_S, fitted_values, make_run
 from numpy.typing import NDArray
 from pamid_cli import frame
 
+from pamid.base.csv_table import table_bytes
 from pamid.base.errors import FileError
-from pamid.base.schemas.fit_file import Posterior
+from pamid.base.run_folder import Run
+from pamid.base.schemas import fit_file as result
 from pamid.diagnosis.verdict import diagnosis_run
 from pamid.engine.program import Stepping
 from pamid.exports.exporting import export_model
 from pamid.model.assembly import Assembly
-from pamid.model.registry import rig_named
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
 from pamid.networks.correction.identified_model import load_identified, simulate_identified
 from pamid.rigs.simulators.mujoco_file import open_mujoco
 from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
@@ -62,6 +62,8 @@ ARM = """<mujoco model="arm">
 """
 INPUTS, READINGS = ("ma_command", "mb_command_rad"), ("qa_rad", "qb_rad")
 SAMPLES, SHORT = 1000, 500
+PERIOD_S = 0.004
+WINDOW = 250  # samples
 FINE = SimulatorSettings(0.001, "RK4")
 DRY = 'solreffriction="0.0002 1"'  # as hard as a step of 0.1 ms allows
 
@@ -91,10 +93,63 @@ def written(folder: Path, text: str = ARM, name: str = "arm.xml") -> Path:
     return file
 
 
-def export(capsys: pytest.CaptureFixture[str], *words: str | Path, code: int = 0) -> Any:
-    """The JSON that the command prints."""
-    assert frame.run(["export", *map(str, words), "--json"]) == code, capsys.readouterr()
-    return json.loads(capsys.readouterr().out)
+# ---- run folders without the fit: what a diagnosis would have left of known causes ----
+
+
+def fitted_values(
+    rig: Path, labels: Sequence[str], values: Mapping[str, float]
+) -> result.FittedModel:
+    """The model of a rig with effects at these values, SI by key ("label:name"), the others as the
+    file and the data sheets have them."""
+    made = rig_named(str(rig))
+    assembly = Assembly(made, tuple(attach(made, label, effects()) for label in labels), True)
+    p = dict(zip(assembly.keys, assembly.values().tolist(), strict=True))
+    assert set(values) <= set(p), sorted(p)
+    return result.FittedModel(
+        effects=tuple(labels), stepping=result.Steps(substeps=1), values={**p, **values}
+    )
+
+
+def make_run(
+    folder: Path,
+    rig: Path,
+    columns: Mapping[str, Array],
+    readings: Sequence[str],
+    model: result.FittedModel,
+    *,
+    rivals: Mapping[str, tuple[float, result.FittedModel]] | None = None,
+    noise: float = 1e-4,
+    stated: float = 1e-3,
+) -> Path:
+    """A run whose second half is held out. columns: inputs and readings by column, SI; stated: the
+    error of every reading that the run states."""
+    run = Run.create(folder, command="diagnose", seed=0, inputs=[rig], options={"rig": str(rig)})
+    count = len(next(iter(columns.values())))
+    fit: dict[str, Any] = result.FitFile(
+        rig=rig_named(str(rig)).name,
+        recordings=(result.RecordingUsed(name="log", period_s=PERIOD_S, samples=count),),
+        channels=tuple(readings),
+        inputs=tuple(c for c in columns if c not in readings),
+        noise=dict.fromkeys(readings, noise),
+        mae={c: {"refitted": stated} for c in readings},
+        model=model,
+    ).as_json()
+    if model.effects:
+        fit["cause"] = fit["model"]
+    if rivals:
+        fit["rivals"] = {
+            k: {"probability": p, "model": m.as_json()} for k, (p, m) in rivals.items()
+        }
+    # the parts that only a fit could fill are left out
+    run.path("fit.json").write_text(json.dumps(fit), encoding="utf-8")
+    time, part = PERIOD_S * np.arange(count), (np.arange(count) >= count // 2).astype(float)
+    place = np.arange(count) % WINDOW
+    window = np.where(place < WINDOW // 10, -1.0, np.arange(count) // WINDOW)
+    header = ["time_s", "recording", "part", "window", *columns]
+    table = np.column_stack([time, np.zeros(count), part, window, *columns.values()])
+    run.path("residual.csv").write_bytes(table_bytes(header, table, ["%.12g"] * len(header)))
+    run.finish()
+    return folder
 
 
 # ---- every effect as MuJoCo has it ---------------------------------------------------------------
@@ -164,9 +219,7 @@ def errors(
     ],
     ids=["polynomials", "bristles", "commands"],
 )  # fmt: skip
-def test_effects_of_mujoco_are_written_as_mujoco_has_them(
-    effects: Mapping[str, Mapping[str, float]], tmp_path: Path
-) -> None:
+def test_effects_of_mujoco_are_written_as_mujoco_has_them(effects, tmp_path):
     before, now, made = errors(tmp_path, effects)
     assert now.sum() < 0.02 * before.sum()
     assert not made.notes
@@ -189,9 +242,7 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(
     ],
     ids=["friction", "stribeck", "hysteresis", "end-stop", "last-body", "inner-body", "backlash"],
 )  # fmt: skip
-def test_other_effects_are_written_in_their_nearest_form(
-    effects: Mapping[str, Mapping[str, float]], share: float, tmp_path: Path
-) -> None:
+def test_other_effects_are_written_in_their_nearest_form(effects, share, tmp_path):
     before, now, _ = errors(tmp_path, effects)
     assert now.sum() < share * before.sum()
 
@@ -199,9 +250,7 @@ def test_other_effects_are_written_in_their_nearest_form(
 @pytest.mark.parametrize(
     ("integrator", "dynamics"), [("RK4", "filter"), ("implicitfast", "filterexact")]
 )
-def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(
-    integrator: str, dynamics: str, tmp_path: Path
-) -> None:
+def test_a_lag_is_written_as_the_integrator_of_the_file_follows_it(integrator, dynamics, tmp_path):
     """A step of RK4 follows a filter by itself; the other integrators need an exact one."""
     step = '<option timestep="0.004"'
     text = ARM.replace('<option timestep="0.002"', f'{step} integrator="{integrator}"')
@@ -219,9 +268,7 @@ TWO_FRICTIONS = ARM.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis').r
 )
 
 
-def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(tmp_path, capsys, cli):
     """One is dry, one a hysteresis; at 2 ms Euler is off, and the export states what is not."""
     file, new = written(tmp_path), tmp_path / "new.xml"
     labels = ("coulomb-friction@a", "maxwell-slip-hysteresis@b")
@@ -229,7 +276,7 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     model = fitted_values(file, labels, values)
     log = recorded(TWO_FRICTIONS)
     run = make_run(tmp_path / "run", file, log, READINGS, model, stated=1e-3)
-    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    said = cli("export", run, "--rig", file, "--to", "mjcf", "--output", new)
     plain = said["plain_mujoco"]
     assert (plain["timestep_s"], plain["integrator"]) == (0.002, "Euler")
     for channel in plain["channels"].values():
@@ -245,38 +292,32 @@ def test_frictions_in_two_joints_are_both_written_and_the_file_is_run(
     assert '<option timestep="0.001" integrator="RK4"/>' in printed
 
 
-def test_readings_weigh_by_the_noise_that_the_run_states(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_readings_weigh_by_the_noise_that_the_run_states(tmp_path, monkeypatch, cli):
     file, weights = written(tmp_path), []
 
-    def errors_of(_: PlainModel, __: Any, noise: dict[str, float]) -> dict[str, float]:
+    def errors_of(_, __, noise):
         weights.append(noise)
         return dict.fromkeys(noise, 0.0)
 
     monkeypatch.setattr(PlainModel, "errors", errors_of)
     model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 0.15})
     run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model, noise=0.02)
-    export(capsys, run, "--rig", file, "--to", "mjcf", "--output", tmp_path / "new.xml")
+    cli("export", run, "--rig", file, "--to", "mjcf", "--output", tmp_path / "new.xml")
     assert weights and all(noise == dict.fromkeys(READINGS, 0.02) for noise in weights)
 
 
-def test_a_file_that_got_worse_is_not_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_got_worse_is_not_written(tmp_path, cli):
     file, new = written(tmp_path), tmp_path / "new.xml"
     model = fitted_values(file, ["coulomb-friction@a"], {"coulomb-friction@a:level": 1.5})
     run = make_run(tmp_path / "run", file, recorded(ARM), READINGS, model)
     words = (run, "--rig", file, "--to", "mjcf", "--output", new)
-    refused = export(capsys, *words, code=3)
+    refused = cli("export", *words, code=3)
     assert refused["code"] == "worse" and "--anyway" in refused["hint"] and not new.exists()
-    channels = export(capsys, *words, "--anyway")["plain_mujoco"]["channels"]
+    channels = cli("export", *words, "--anyway")["plain_mujoco"]["channels"]
     assert channels["qa_rad"]["now"] > channels["qa_rad"]["before"] and new.exists()
 
 
-def test_the_most_probable_rival_is_written_or_the_chosen_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_most_probable_rival_is_written_or_the_chosen_one(tmp_path, cli):
     file, new = written(tmp_path), tmp_path / "new.xml"
     dry, drag = "coulomb-friction@a", "viscous-friction@a"
     models = {
@@ -288,22 +329,20 @@ def test_the_most_probable_rival_is_written_or_the_chosen_one(
         rivals={drag: (0.3, models[drag]), dry: (0.6, models[dry])},
     )  # fmt: skip
     words = (run, "--rig", file, "--to", "mjcf", "--output", new)
-    said = export(capsys, *words)
+    said = cli("export", *words)
     assert said["effects"] == [dry] and 'frictionloss="0.15"' in new.read_text()
     assert said["notes"][0].endswith(f"--choose {drag} writes that effect")
-    assert export(capsys, *words, "--choose", drag, "--overwrite")["effects"] == [drag]
+    assert cli("export", *words, "--choose", drag, "--overwrite")["effects"] == [drag]
     assert 'damping="0.15"' in new.read_text() and "frictionloss" not in new.read_text()
-    refused = export(capsys, *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)
+    refused = cli("export", *words, "--choose", "coulomb-friction@b", "--overwrite", code=2)
     assert dry in refused["hint"]
 
 
-def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def model(label: str) -> Any:
+def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(monkeypatch):
+    def model(label):
         return SimpleNamespace(assembly=label, fit=label, replays=())
 
-    def named(label: str) -> Any:
+    def named(label):
         figures = {"removed": 0.9 if label == "one" else 0.2}
         return SimpleNamespace(
             effect=SimpleNamespace(label=label), model=model(label), figures=figures
@@ -329,12 +368,10 @@ def test_an_ambiguous_diagnosis_leaves_a_model_of_every_rival(
     assert "rivals" not in diagnosis_run.models_json(d)
 
 
-def test_ranges_for_randomisation_hold_intervals_and_correlations(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path, cli):
     file, dry = written(tmp_path), "coulomb-friction@a"
     model = fitted_values(file, [dry], {f"{dry}:level": 0.15, "upper_mass": 1.1})
-    posterior = Posterior(
+    posterior = result.Posterior(
         keys=("upper_mass", f"{dry}:level"), log=(True, False), centre=(0.0, 0.1),
         spread=(0.2, 0.1), value=(0.5, 0.5), held=(0.0, 0.0), others={},
         covariance=((0.01,), (0.012, 0.04)),
@@ -348,7 +385,7 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(
     fit["parameters"] = {"upper_mass_kg": {"value": 1.1, **ends}}
     path.write_text(json.dumps(fit))
     words = ("--to", "mjcf", "--output", tmp_path / "new.xml", "--randomise", ranges)
-    said = export(capsys, run, "--rig", file, *words)
+    said = cli("export", run, "--rig", file, *words)
     assert said["files"] == [str(tmp_path / "new.xml"), str(ranges)]
     lines = ranges.read_text().splitlines()
     assert '  - name: "upper_mass"' in lines and '    attribute: "mass"' in lines
@@ -360,7 +397,7 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(
     assert table[0, 1] / np.prod(deviations) == pytest.approx(0.6)
 
 
-def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stepped_model_is_written_too(tmp_path, cli):
     """Its spring is not linear, so MuJoCo steps it."""
     text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"')
     file, new = written(tmp_path, text), tmp_path / "new.xml"
@@ -369,7 +406,7 @@ def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFi
     values = {f"{labels[0]}:level": 0.15, f"{labels[1]}:hardening": 0.0}
     model = fitted_values(file, labels, values)
     run = make_run(tmp_path / "run", file, recorded(truth), READINGS, model, stated=2e-3)
-    said = export(capsys, run, "--rig", file, "--to", "mjcf", "--output", new)
+    said = cli("export", run, "--rig", file, "--to", "mjcf", "--output", new)
     channel = said["plain_mujoco"]["channels"]["qa_rad"]
     assert channel["now"] < 0.2 * channel["before"]
     assert 'stiffness="0.5 0 1"' in new.read_text()
@@ -378,7 +415,7 @@ def test_a_stepped_model_is_written_too(tmp_path: Path, capsys: pytest.CaptureFi
 # ---- what is in the text -------------------------------------------------------------------------
 
 
-def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path) -> None:
+def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path):
     text = (
         ARM.replace('<compiler angle="radian"/>', "")
         .replace("</sensor>", '</sensor>\n  <keyframe><key qpos="0.1 0.2" qvel="1 2"/></keyframe>')
@@ -400,7 +437,7 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path: Path
     assert model.qpos_spring[2] == pytest.approx(0.3) and model.jnt_stiffness[2] == 2.0
 
 
-def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
+def test_unnamed_joints_and_polynomials_are_kept(tmp_path):
     """Two motors at a joint that the file does not name, and a damper with a cubic term."""
     text = (
         ARM.replace('<joint name="b" ', "<joint ")
@@ -423,7 +460,7 @@ def test_unnamed_joints_and_polynomials_are_kept(tmp_path: Path) -> None:
     assert model.actuator_trnid[1:, 0].tolist() == [1, 1] and not done.left
 
 
-def test_a_written_file_with_bristles_is_a_rig_again(tmp_path: Path) -> None:
+def test_a_written_file_with_bristles_is_a_rig_again(tmp_path):
     text = ARM.replace(
         "</actuator>",
         '<dcmotor joint="a" name="dry" input="none" motorconst="0" resistance="1" '
@@ -475,9 +512,7 @@ def lever_log(model: Any) -> dict[str, Array]:
     return {"pivot_torque_nm": torques, LEVER_ANGLE: np.array(rows)}
 
 
-def test_urdf_gets_friction_damping_and_inertials(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_urdf_gets_friction_damping_and_inertials(tmp_path, cli):
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.urdf"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_frictionloss[0], model.dof_solref[0, 0], model.dof_damping[0] = 0.2, 4e-4, 0.3
@@ -488,7 +523,7 @@ def test_urdf_gets_friction_damping_and_inertials(
     fitted = fitted_values(file, labels, values)
     run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
     words = (run, "--rig", file, "--output", new)
-    said = export(capsys, *words, "--to", "urdf")
+    said = cli("export", *words, "--to", "urdf")
     channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     text = new.read_text()
@@ -496,26 +531,24 @@ def test_urdf_gets_friction_damping_and_inertials(
     assert 'ixx="0.024"' in text
 
 
-def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_urdf_becomes_an_mjcf_with_what_a_urdf_cannot_hold(tmp_path, cli):
     file, new = written(tmp_path, URDF, "lever.urdf"), tmp_path / "new.xml"
     model = mujoco.MjModel.from_xml_path(str(file))
     model.dof_armature[0] = 0.05
     fitted = fitted_values(file, (), {"pivot_armature": 0.05})
     run = make_run(tmp_path / "run", file, lever_log(model), (LEVER_ANGLE,), fitted)
-    said = export(capsys, run, "--rig", file, "--output", new, "--to", "mjcf")
+    said = cli("export", run, "--rig", file, "--output", new, "--to", "mjcf")
     channel = said["plain_mujoco"]["channels"][LEVER_ANGLE]
     assert channel["now"] < 0.2 * channel["before"]
     assert mujoco.MjModel.from_xml_path(str(new)).dof_armature[0] == pytest.approx(0.05)
     assert sorted(p.suffix for p in tmp_path.iterdir() if p.is_file()) == [".urdf", ".xml"]
-    refused = export(
-        capsys, run, "--rig", new, "--output", tmp_path / "new.urdf", "--to", "urdf", code=3
+    refused = cli(
+        "export", run, "--rig", new, "--output", tmp_path / "new.urdf", "--to", "urdf", code=3
     )
     assert refused["code"]
 
 
-def test_a_rig_of_equations_has_no_model_file(tmp_path: Path) -> None:
+def test_a_rig_of_equations_has_no_model_file(tmp_path):
     rig = rig_named("one-dof")
     assembly = Assembly(rig, (), True)
     model: Any = SimpleNamespace(assembly=assembly, name="one-dof")

@@ -1,9 +1,5 @@
 """Two carts side by side, each pushed along a guide by its own drive; nothing couples them."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -56,7 +52,7 @@ class Carts(Rig):
     )
     period_s = 0.002
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         out: dict[str, Number] = {}
         for i in BOTH:
             position, velocity = getattr(x, f"position_{i}"), getattr(x, f"velocity_{i}")
@@ -71,7 +67,7 @@ class Carts(Rig):
             out |= {f"position_{i}": velocity, f"velocity_{i}": force / p.mass}
         return out
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {
             f"position_{i}_m": port("ruler", getattr(x, f"position_{i}"), place=i) for i in BOTH
         }

@@ -1,10 +1,6 @@
 """Two tanks, one above the other: the upper one drains and spills into the lower one."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from pamid.engine.symbolic.vocabulary import Expr, Number, maximum, sqrt
+from pamid.engine.symbolic.vocabulary import maximum, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -31,8 +27,8 @@ class Cascade(Rig):
     )
     period_s = 0.01
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        def root(level: Expr) -> Expr:
+    def rates(self, x, u, p, port):
+        def root(level):
             above = maximum(level, 0.0)
             return above / sqrt(above + 0.01)
 
@@ -45,5 +41,5 @@ class Cascade(Rig):
         )
         return {"upper": upper, "lower": lower}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"upper_m": x.upper, "lower_m": x.lower}

@@ -11,7 +11,6 @@ References
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from pamid import Parameter, Port, Rig, State
 from pamid.equations import Expr, sin
@@ -62,11 +61,11 @@ class GearedServo(Rig):
     excited = {"target_rad": 0.6}
     period_s = 0.004
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Expr]:
-        def driven(angle: Expr, rate: Expr) -> Expr:
+    def rates(self, x, u, p, port):
+        def driven(angle, rate):
             return p.kp * angle + p.kv * rate
 
-        def carried(angle: Expr) -> Carried:
+        def carried(angle):
             weight = -WEIGHT_NM * sin(x.angle + angle)
             inertia = p.armature + INERTIA_KG_M2
             torque = p.kp * (u.target_rad - x.angle) - p.kv * x.rate + weight
@@ -74,7 +73,7 @@ class GearedServo(Rig):
 
         here = carried(0.0)
 
-        def behind(torque: Expr, angle: Expr, rate: Expr) -> Carried:
+        def behind(torque, angle, rate):
             there = carried(angle)
             return replace(there, torque=there.torque + (torque - here.torque))
 
@@ -90,5 +89,5 @@ class GearedServo(Rig):
         )
         return {"angle": x.rate, "rate": torque / here.inertia}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Expr]:
+    def measure(self, x, u, p, port):
         return {"encoder_rad": port("encoder", x.angle)}

@@ -1,10 +1,6 @@
 """Two muscles side by side, each lifts a weight on a spring; nothing couples them."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from pamid.engine.symbolic.vocabulary import Expr, Number
+from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -40,8 +36,8 @@ class Muscles(Rig):
     )
     period_s = 0.002
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        def law(contraction: Expr, pressure: Expr) -> Expr:
+    def rates(self, x, u, p, port):
+        def law(contraction, pressure):
             return p.nominal * pressure / NOMINAL_PA * (1.0 - contraction / STROKE)
 
         out: dict[str, Number] = {}
@@ -61,5 +57,5 @@ class Muscles(Rig):
             out |= {f"chi_{i}": rate, f"rate_{i}": (pull - load) / (p.mass * p.length)}
         return out
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {f"contraction_{i}": getattr(x, f"chi_{i}") for i in BOTH}

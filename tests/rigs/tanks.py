@@ -1,10 +1,6 @@
 """Two tanks side by side, each filled by its own pump and drained by its own outlet."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from pamid.engine.symbolic.vocabulary import Number, maximum, sqrt
+from pamid.engine.symbolic.vocabulary import maximum, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -31,7 +27,7 @@ class Tanks(Rig):
     )
     period_s = 0.01
 
-    def _rate(self, i: str, x: Any, u: Any, p: Any, port: Any) -> Number:
+    def _rate(self, i, x, u, p, port):
         level = getattr(x, f"level_{i}")
         command = port("pump", getattr(u, f"command_{i}"), place=i)
         flow = port("valve", p.full_flow * command, place=i, side=1.0 if i == "1" else -1.0)
@@ -39,10 +35,10 @@ class Tanks(Rig):
         change = (flow - p.outlet * above / sqrt(above + 0.01)) / p.area
         return port("store", change, place=i, stored=level)
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         return {f"level_{i}": self._rate(i, x, u, p, port) for i in BOTH}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         rates = {i: self._rate(i, x, u, p, port) for i in BOTH}
         return {
             f"level_{i}_m": port("gauge", getattr(x, f"level_{i}") - 0.2, place=i, rate=rates[i])

@@ -1,8 +1,6 @@
 """Functions for the child process of `pamid.base.parallel.limited_process`, each with another
 end."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

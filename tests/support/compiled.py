@@ -1,8 +1,6 @@
 """Equations compiled without a rig around them, and run: for tests of the language and of the
 engine."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

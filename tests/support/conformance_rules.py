@@ -1,8 +1,6 @@
 """Test bench for effects: rigs and attachments found by scanning, excited runs, and one way to run
 them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path

@@ -1,8 +1,6 @@
 """What something costs, counted: the same on every machine, however busy it is. Seconds are for the
 benchmarks."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ Nothing here waits for a time: what is disturbed stands still at a known point, 
 machine is.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

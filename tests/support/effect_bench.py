@@ -1,15 +1,12 @@
 """Small machines for effects of the general catalogue: two sprung carts and two tanks, in any units
 of length, force and time."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, sqrt
+from pamid.engine.symbolic.vocabulary import absolute, sqrt
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -51,7 +48,7 @@ def carts(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:
         noise = {"first": 2e-4 * length, "second": 2e-4 * length}
         period_s = 0.004 * time
 
-        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def rates(self, x, u, p, port):
             pull = p.tie * (x.first - x.second) + p.loss * (x.v_first - x.v_second)
             pull = port("cord", pull, stretch=x.first - x.second)
             push = port("amplifier", u.push) - p.spring * x.first - p.damping * x.v_first
@@ -65,7 +62,7 @@ def carts(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:
                 "v_second": (pull - 0.3 * p.damping * x.v_second) / p.carried,
             }
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             return {"first": port("ruler", x.first, rate=x.v_first), "second": x.second}
 
     return TwoCarts()
@@ -97,8 +94,8 @@ def tanks(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:
         noise = {"upper": 5e-4 * length, "lower": 5e-4 * length}
         period_s = 0.05 * time
 
-        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-            def root(level: Expr) -> Expr:
+        def rates(self, x, u, p, port):
+            def root(level):
                 return level / sqrt(absolute(level) / length + 0.01)
 
             through = p.drain * root(x.upper)
@@ -113,7 +110,7 @@ def tanks(length: float = 1.0, force: float = 1.0, time: float = 1.0) -> Rig:
             )
             return {"upper": upper, "lower": lower}
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             return {"upper": x.upper, "lower": x.lower}
 
     return TwoTanks()

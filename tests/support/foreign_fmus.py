@@ -1,7 +1,5 @@
 """FMUs that pamid did not write: the slider in C of `tests/fmus`, compiled for this machine."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import zipfile

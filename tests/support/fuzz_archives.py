@@ -1,8 +1,6 @@
 """Archives that declare more than they hold: HDF5 shapes and compound types, Parquet row counts,
 members of zip, npz and FMU files, MAT dimensions, counts of any binary log."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

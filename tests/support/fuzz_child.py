@@ -1,12 +1,11 @@
 """The child process of a fuzz input: it writes the input, runs its commands and reports."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
 import os
 import resource
+import shutil
 import signal
 import sys
 import tempfile
@@ -14,15 +13,35 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from random import Random
 from typing import Any
-
-from fuzz_site import Site, Words
 
 GIB = 1 << 30
 ALLOWED = (0, 2, 3, 4, 5, 6)
 INTERRUPTED = 130
 #: a command with a limit of its own: it works long on purpose
 LONG_COMMANDS = {"diagnose": 1800.0}
+
+Words = tuple[str | Path, ...]
+
+
+@dataclass(frozen=True)
+class Site:
+    """An empty folder for an input, the whole files to damage, and the source of chance."""
+
+    seeds: Path
+    place: Path
+    random: Random
+
+    def copy(self, name: str) -> Path:
+        """Copy a whole file or folder into the place."""
+        source, target = self.seeds / name, self.place / Path(name).name
+        return Path(
+            shutil.copytree(source, target) if source.is_dir() else shutil.copy(source, target)
+        )
+
+    def one_of(self, *names: str) -> str:
+        return self.random.choice(names)
 
 
 @dataclass(frozen=True)

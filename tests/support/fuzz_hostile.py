@@ -1,7 +1,5 @@
 """Kinds of inputs that are well formed and hostile: values, declared sizes, model files, counts."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json
@@ -11,7 +9,7 @@ from typing import Any
 
 import fuzz_archives
 import fuzz_models
-from fuzz_site import Site, Words
+from fuzz_child import Site, Words
 from fuzz_values import hostile_recording, wide_recording
 from small_cart import RIG, others
 

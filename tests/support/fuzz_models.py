@@ -1,8 +1,6 @@
 """Model files with hostile parts: MJCF and URDF with replicated, nested and non-finite elements,
 FMUs with huge descriptions and members, and files that lead to pipes, devices or themselves."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 from pathlib import Path

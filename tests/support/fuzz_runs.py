@@ -5,8 +5,6 @@ charged for its processor time and for the time that it sleeps. It is not charge
 it waits for a processor, so that a busy machine changes no outcome.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -23,8 +21,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from fuzz_child import ALLOWED, INTERRUPTED, RunLimits, serve
-from fuzz_site import Site, Words
+from fuzz_child import ALLOWED, INTERRUPTED, RunLimits, Site, Words, serve
 
 SIGNAL_SHARE = 0.3
 SIGNAL_AFTER_S = (1e-3, 3.0)  # log-uniform, from the first command on

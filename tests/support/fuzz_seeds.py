@@ -1,7 +1,5 @@
 """Whole files for the fuzzing to damage: recordings, runs, a model, logs of every kind."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

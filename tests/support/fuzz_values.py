@@ -1,8 +1,6 @@
 """Recordings whose text is sound and whose numbers are hostile: zeros, one-ulp steps, repeats, huge
 and tiny scales, clocks without resolution."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from random import Random

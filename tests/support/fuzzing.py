@@ -6,8 +6,6 @@ damaged where it hurts most: numbers at the edge of what a computer holds, value
 names that are nearly right.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,8 +1,6 @@
 """Run folders with a model in them, as `pamid fit` and `pamid train-residual` leave them, made in a
 second."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

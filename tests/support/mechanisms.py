@@ -1,8 +1,6 @@
 """MuJoCo models for the tests, from one joint to seven, and MuJoCo itself at given states as the
 judge of what pamid makes of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -257,11 +255,16 @@ def needs_mujoco() -> Any:
     return pytest.importorskip("mujoco", reason="the extra pamid[mujoco] is not installed")
 
 
+def written(folder: Path, text: str, name: str = "model.xml") -> Path:
+    """File with the text of a model."""
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
 def rig_from(text: str, folder: Path) -> CompiledMechanism:
     """The compiled rig of a model's text."""
-    file = folder / "model.xml"
-    file.write_text(text)
-    return CompiledMechanism(read_mechanism(file))
+    return CompiledMechanism(read_mechanism(written(folder, text)))
 
 
 class _Names:

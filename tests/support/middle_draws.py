@@ -1,7 +1,5 @@
 """A generator of random numbers without chance, for the sizes of the trial's faults."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

@@ -1,17 +1,13 @@
 """A sprung cart whose dry friction its model lacks: the machine in equations of its own, and the
 model as anybody might write it: in any units, either sign of the coordinate, either state."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column
-from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -123,7 +119,7 @@ def cart(written: Written = PLAIN) -> Rig:
             given("damping", 4.0, force / speed),
         )
 
-        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def rates(self, x, u, p, port):
             moving = getattr(x, written.state)
             velocity = moving / p.mass if written.state == "momentum" else moving
             push = written.sign * port("amplifier", getattr(u, written.push)) - p.spring * x.place
@@ -131,7 +127,7 @@ def cart(written: Written = PLAIN) -> Rig:
             share = 1.0 if written.state == "momentum" else 1.0 / p.mass
             return {"place": velocity, written.state: share * push}
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             moving = getattr(x, written.state)
             rate = moving / p.mass if written.state == "momentum" else moving
             return {written.place: port("ruler", x.place, rate=rate)}

@@ -1,13 +1,10 @@
 """A swinging body: its equation sees mass, centre and inertia only together."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pamid.engine.symbolic.vocabulary import Number, sin
+from pamid.engine.symbolic.vocabulary import sin
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -41,10 +38,10 @@ class Pendulum(Rig):
     # windows of one length, however many swings are fitted together: what they tell is compared
     timescale_s = 0.6
 
-    def start(self, p: Any) -> dict[str, float]:
+    def start(self, p):
         return {"angle": p.initial_angle}
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         torque = u.torque_nm - p.viscous * x.velocity - 9.81 * p.mass * p.centre * sin(x.angle)
         torque = port("joint", torque, velocity=x.velocity, position=x.angle)
         return {
@@ -52,7 +49,7 @@ class Pendulum(Rig):
             "velocity": torque / (p.inertia + p.mass * p.centre * p.centre),
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"angle_deg": port("encoder", x.angle)}
 
 
@@ -61,7 +58,7 @@ class Declared(Pendulum):
 
     name = "pendulum"
 
-    def combinations(self, p: Any) -> dict[str, Number]:
+    def combinations(self, p):
         return {
             "first_moment_kg_m": p.mass * p.centre,
             "inertia_about_joint_kg_m2": p.inertia + p.mass * p.centre * p.centre,

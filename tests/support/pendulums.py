@@ -1,13 +1,11 @@
 """A pendulum on a driven cart, once with equations, once stepped: the same machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pamid.engine.symbolic.vocabulary import Number, cos, sin
+from pamid.engine.symbolic.vocabulary import cos, sin
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
@@ -24,20 +22,20 @@ class WrittenPendulum(Rig):
     states, parameters = EXAMPLE.states, EXAMPLE.parameters
     noise, excited, period_s = EXAMPLE.noise, EXAMPLE.excited, EXAMPLE.period_s
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         into = self.drive(x, u, p, port)
         state = x.position, x.velocity, x.angle, x.turning
         names = [s.name for s in self.states]
         found = _slopes(state, (into["rail"], into["hinge"]), p, sin, cos)
         return dict(zip(names, found, strict=True))
 
-    def drive(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def drive(self, x, u, p, port):
         return {
             "rail": port("rail", u.force_n, position=x.position, velocity=x.velocity),
             "hinge": port("hinge", 0.0, position=x.angle, velocity=x.turning),
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {
             "position_m": port("ruler", x.position),
             "angle_rad": port("encoder", x.angle),
@@ -53,7 +51,7 @@ class SteppedTwin(StepRig):
     period_s = WrittenPendulum.period_s
     drive, measure = WrittenPendulum.drive, WrittenPendulum.measure  # type: ignore[assignment]
 
-    def step(self, x: Any, f: Any, p: Any, h: float) -> list[float]:
+    def step(self, x, f, p, h):
         state = np.array([x.position, x.velocity, x.angle, x.turning])
         force = f.rail, f.hinge
         k1 = _rates(state, force, p)

@@ -1,8 +1,6 @@
 """Writes the part of data/rigs/README.md that follows from the catalogue:
 `python tests/support/port_page.py`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The inertias have the sizes of common robots: a small arm of four hinges, a UR5e, a Kinova Gen3.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

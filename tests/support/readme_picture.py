@@ -4,8 +4,6 @@ it: `python tests/support/readme_picture.py RUN` (needs chromium).
 RUN is that of the README's first example, after `pamid report RUN`.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -4,8 +4,6 @@ power` says: `python tests/support/sensor_page.py` (minutes of CPU).
 With names of rigs only their tables are made anew.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

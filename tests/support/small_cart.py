@@ -1,8 +1,6 @@
 """A cart on its rail with friction that its model lacks, recorded in a moment and diagnosed in two
 seconds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ The .py is the source. Notebooks are kept without outputs, so that a change of a
 in what people read, and their cells are numbered, so that writing them again changes nothing.
 """
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 """A run folder and a trial's written by hand, with every file and every verdict, for the tests of
 the report."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`pamid train-residual` as a test calls it, and what it says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -9,8 +9,6 @@ installed anew. What is called `make` runs in a copy of the sources and installs
 `make docs-test` runs it.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Virtual recordings of the one-dof rig, written and read back as a user's would be."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a virtual machine records of what it is sent."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

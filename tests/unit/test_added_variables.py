@@ -1,8 +1,6 @@
 """Added-variable plots: their slope is the coefficient of the effect in the joint least squares,
 and an effect that is not there has none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,12 +27,12 @@ EVERYTHING = 10**9
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
 @pytest.fixture(scope="module")
-def found(recording: Path) -> Diagnosis:
+def found(recording) -> Diagnosis:
     return diagnose(cart_evidence(recording), CATALOGUE)
 
 
@@ -81,9 +79,7 @@ def gauss_newton_amount(d: Diagnosis, effect: str, key: str) -> float:
 @pytest.mark.parametrize(
     ("effect", "key"), [("coulomb-friction", "level"), ("viscous-friction", "damping")]
 )
-def test_slope_is_the_gauss_newton_estimate_of_the_amount(
-    found: Diagnosis, effect: str, key: str
-) -> None:
+def test_slope_is_the_gauss_newton_estimate_of_the_amount(found, effect, key):
     model = ranked(found, effect)
     fitted = float(model.fit.p[model.assembly.keys[f"{effect}:{key}"]])
     assert fitted > 0.0
@@ -91,7 +87,7 @@ def test_slope_is_the_gauss_newton_estimate_of_the_amount(
     assert plot_of(found, effect).slope * fitted == pytest.approx(expected, rel=0.06)
 
 
-def test_an_effect_that_is_not_there_has_no_slope(tmp_path: Path) -> None:
+def test_an_effect_that_is_not_there_has_no_slope(tmp_path):
     whole = diagnose(cart_evidence(record_cart(tmp_path, ())), CATALOGUE)
     assert not whole.ranking, "nothing is missing"
     base, evidence = whole.budget.baseline, whole.evidence
@@ -105,12 +101,12 @@ def test_an_effect_that_is_not_there_has_no_slope(tmp_path: Path) -> None:
     assert abs(plot.slope) < 0.05 and plot.low < 0.0 < plot.high and plot.share < 0.1
 
 
-def test_a_candidate_that_was_refitted_to_nothing_has_no_plot(found: Diagnosis) -> None:
+def test_a_candidate_that_was_refitted_to_nothing_has_no_plot(found):
     gone = with_value(found, "coulomb-friction", "level", 0.0)
     assert added_variables(gone).plots == ()
 
 
-def test_the_run_folder_holds_them_whole(recording: Path, tmp_path: Path) -> None:
+def test_the_run_folder_holds_them_whole(recording, tmp_path):
     run = Run.create(tmp_path / "run", command=["test"], seed=0)
     diagnose_into(run, cart_evidence(recording), CATALOGUE)
     content = read_json(run.folder / ADDED_VARIABLES_FILE)
@@ -120,7 +116,7 @@ def test_the_run_folder_holds_them_whole(recording: Path, tmp_path: Path) -> Non
     assert not list(run.folder.glob(".*")), "a file was left half written"
 
 
-def test_left_over_is_what_dense_least_squares_leaves(found: Diagnosis) -> None:
+def test_left_over_is_what_dense_least_squares_leaves(found):
     f = found.budget.baseline.fit
     rows = linear_rows(f, EVERYTHING)
     random = np.random.default_rng(2)

@@ -1,8 +1,6 @@
 """The same effect in several joints as one candidate: which ports count as alike, where its
 fits begin, and which of its ports are needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -39,7 +37,7 @@ class Gantry(Rig):
         "coupling_2": Port("transmission", "N m", ("stretch",)),
     }
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         torque = u.torque_nm
         for name in ("base", "wrist", "carriage"):
             torque = port(name, torque, velocity=x.rate, position=x.angle)
@@ -47,7 +45,7 @@ class Gantry(Rig):
             torque = port(name, torque, stretch=x.angle)
         return {"angle": x.rate, "rate": torque}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"angle_rad": x.angle}
 
 
@@ -56,7 +54,7 @@ def additions(rig: Rig, *names: str) -> list[Addition]:
     return additions_of(rig, attachments(rig, named))
 
 
-def test_ports_of_one_kind_and_unit_take_an_effect_together() -> None:
+def test_ports_of_one_kind_and_unit_take_an_effect_together():
     labels = [a.label for a in additions(Gantry(), "coulomb-friction", "coupling-play")]
     assert labels == [
         "coulomb-friction@base + coulomb-friction@wrist",
@@ -67,7 +65,7 @@ def test_ports_of_one_kind_and_unit_take_an_effect_together() -> None:
     ]
 
 
-def test_candidates_grow_with_effects_not_with_joints() -> None:
+def test_candidates_grow_with_effects_not_with_joints():
     """Of two joints as many as of one."""
     rig = Gantry()
     one = [a for a in attachments(rig, effects().values()) if a.ports == ("base",)]
@@ -75,7 +73,7 @@ def test_candidates_grow_with_effects_not_with_joints() -> None:
     assert len(one) == len(both) > 10 and all(a.ports == ("base", "wrist") for a in both)
 
 
-def test_all_ports_begin_alike() -> None:
+def test_all_ports_begin_alike():
     rig = Gantry()
     (friction,) = additions(rig, "stribeck-friction")[:1]
     assembly = Assembly(rig, friction.members)
@@ -125,16 +123,16 @@ def reduced(
     return [a.ports[0] for a in best.attached]
 
 
-def test_joints_that_do_not_need_it_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joints_that_do_not_need_it_are_dropped(monkeypatch):
     assert reduced(monkeypatch, {1: 0.3, 3: 0.4}, (2, 4)) == ["joint_1", "joint_3"]
     assert reduced(monkeypatch, {2: 0.8}, (4, 1, 3)) == ["joint_2"]
 
 
-def test_only_what_would_be_named_is_reduced() -> None:
+def test_only_what_would_be_named_is_reduced():
     """It costs refits."""
     seen = []
 
-    def reduce(c: Any) -> Any:
+    def reduce(c):
         seen.append(c.label)
         return leaving(0.05, RUBS[0]) if len(c.attached) > 1 else c
 
@@ -155,12 +153,10 @@ def screened(label: str, family: str, size: int, gain: float) -> Any:
     return SimpleNamespace(added=added, gain=gain, ended=(assembly, None))
 
 
-def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_plainer_effects_of_a_family_that_would_be_named_are_refitted(monkeypatch):
     found, seen = comparison(BEFORE), []
 
-    def refit_screened(search: Any, base: Any, chosen: Any) -> Any:
+    def refit_screened(search, base, chosen):
         seen.extend(s.added.label for s in chosen)
         return ["plain"], []
 
@@ -198,7 +194,7 @@ class ThreeSensors(Gantry):
     }
 
 
-def test_readings_of_a_unit_are_screened_together_first() -> None:
+def test_readings_of_a_unit_are_screened_together_first():
     rig = ThreeSensors()
     offered = additions(rig, "offset", "coulomb-friction", "coupling-play")
     wholes = wholes_of(rig, offered)
@@ -206,7 +202,7 @@ def test_readings_of_a_unit_are_screened_together_first() -> None:
 
 
 @pytest.mark.parametrize(("gain", "by_chance"), [(2.0, True), (30.0, False), (-np.inf, False)])
-def test_members_are_left_out_where_the_whole_gains_by_chance(gain: float, by_chance: bool) -> None:
+def test_members_are_left_out_where_the_whole_gains_by_chance(gain, by_chance):
     rig = ThreeSensors()
     whole = wholes_of(rig, additions(rig, "offset"))[0]
     assembly = Assembly(rig, whole.members)

@@ -1,7 +1,5 @@
 """From a selection of effects to a verdict, with made-up losses."""
 
-from __future__ import annotations
-
 from typing import Any, cast
 
 import numpy as np
@@ -32,7 +30,7 @@ FORM = cast(FreeForm, object())
 
 
 @pytest.fixture(autouse=True)
-def _models_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def _models_differ(monkeypatch) -> None:
     """Made-up models have no predictions to compare."""
     monkeypatch.setattr(Comparison, "predict_the_same", lambda *_: False)
 
@@ -72,9 +70,7 @@ def labels(a: Answer) -> list[str]:
 
 
 @pytest.mark.parametrize(("left", "verdict"), [(0.1, "explained"), (0.4, "partly-explained")])
-def test_one_cause_explains_the_gap_unless_a_material_remainder_is_left(
-    left: float, verdict: str
-) -> None:
+def test_one_cause_explains_the_gap_unless_a_material_remainder_is_left(left, verdict):
     best = leaving(left, FRICTION)
     _, a = answered(best, ranking=[best, leaving(0.6, LEAK)])
     assert a.verdict == verdict and labels(a) == ["coulomb-friction@joint"]
@@ -84,7 +80,7 @@ def test_one_cause_explains_the_gap_unless_a_material_remainder_is_left(
     assert a.floors > 1.1
 
 
-def test_two_families_that_tie_are_both_named() -> None:
+def test_two_families_that_tie_are_both_named():
     best, rival = leaving(0.10, FRICTION), leaving(0.11, LEAK)
     _, a = answered(best, rival)
     assert a.verdict == "ambiguous" and labels(a) == ["coulomb-friction@joint", "leak@chamber"]
@@ -93,9 +89,7 @@ def test_two_families_that_tie_are_both_named() -> None:
 
 
 @pytest.mark.parametrize("same", [True, False])
-def test_many_that_tie_are_one_group_only_if_they_predict_the_same(
-    same: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_many_that_tie_are_one_group_only_if_they_predict_the_same(same, monkeypatch):
     monkeypatch.setattr(Comparison, "predict_the_same", lambda *_: same)
     best, *others = leaving(0.1, FRICTION), leaving(0.1, LEAK), leaving(0.1, DELAY)
     _, a = answered(best, *others)
@@ -106,14 +100,14 @@ def test_many_that_tie_are_one_group_only_if_they_predict_the_same(
         assert a.model is not best and a.leader is best
 
 
-def test_the_same_effect_at_another_port_is_a_decision() -> None:
+def test_the_same_effect_at_another_port_is_a_decision():
     best, elsewhere = leaving(0.10, FRICTION), leaving(0.11, ELSEWHERE)
     _, a = answered(best, elsewhere, ranking=[best, elsewhere, leaving(0.6, LEAK)])
     assert a.verdict == "explained" and labels(a) == ["coulomb-friction@joint"]
     assert a.causes[0].or_at == ("motor",) and a.causes[0].instead == ()
 
 
-def test_two_causes_each_next_to_the_other() -> None:
+def test_two_causes_each_next_to_the_other():
     both = leaving(0.1, FRICTION, LEAK)
     friction, leak = leaving(0.4, FRICTION), leaving(0.7, LEAK)
     without = {FRICTION.label: leak, LEAK.label: friction}
@@ -122,7 +116,7 @@ def test_two_causes_each_next_to_the_other() -> None:
     assert [c.removes.share for c in a.causes] == pytest.approx([0.6, 0.3])
 
 
-def test_few_windows_leave_a_large_share_open() -> None:
+def test_few_windows_leave_a_large_share_open():
     leader = leaving(0.6, FRICTION, spread=1.5)
     found, a = answered(ranking=[leader, leaving(0.95, LEAK)])
     removed = found.removed(leader)
@@ -131,7 +125,7 @@ def test_few_windows_leave_a_large_share_open() -> None:
     assert a.leader is leader and a.model is found.budget.baseline
 
 
-def test_what_physics_objects_to_leads_nowhere() -> None:
+def test_what_physics_objects_to_leads_nowhere():
     certain, open_one = leaving(0.3, LEAK), leaving(0.6, FRICTION, spread=1.5)
     _, a = answered(ranking=[certain, open_one], set_aside=("leak@chamber",))
     assert a.leader is open_one and a.verdict == "cannot-tell"
@@ -140,14 +134,14 @@ def test_what_physics_objects_to_leads_nowhere() -> None:
     assert a.causes[0].or_at == ()
 
 
-def test_a_curve_at_a_port_is_an_unknown_effect() -> None:
+def test_a_curve_at_a_port_is_an_unknown_effect():
     _, a = answered(ranking=[leaving(0.95, FRICTION)], forms=(FORM,))
     assert a.verdict == "unknown-effect" and a.free_forms == (FORM,)
     assert a.material_rest and a.left_over
 
 
 @pytest.mark.parametrize(("scale", "verdict"), [(0.2, "no-structural-gap"), (1.0, "cannot-tell")])
-def test_a_large_gap_that_nothing_explains_is_not_denied(scale: float, verdict: str) -> None:
+def test_a_large_gap_that_nothing_explains_is_not_denied(scale, verdict):
     found = comparison(scale * BEFORE)
     selection = Selection(found.budget.baseline, (), AFTER, {}, {})
     a = answer(found, selection, [], ())
@@ -163,7 +157,7 @@ def figures(share_left: float, rival_left: float, spread: float = 0.3) -> dict[s
     return features(found, c, found.budget.baseline, [c, leaving(rival_left, LEAK)])
 
 
-def test_probability_grows_with_what_is_removed_and_with_the_lead() -> None:
+def test_probability_grows_with_what_is_removed_and_with_the_lead():
     high, behind, small = figures(0.1, 0.8), figures(0.3, 0.2), figures(0.9, 0.95)
     assert 1.0 > probability(high) > max(probability(behind), probability(small)) > 0.0
 
@@ -171,7 +165,7 @@ def test_probability_grows_with_what_is_removed_and_with_the_lead() -> None:
 # ---- forecast -----------------------------------------------------------------------------------
 
 
-def test_a_forecast_is_wide_and_surer_where_hardly_anything_remains() -> None:
+def test_a_forecast_is_wide_and_surer_where_hardly_anything_remains():
     low, high = forecast_interval(BEFORE, 0.4 * BEFORE, 0)
     assert low < 0.6 < high < 1.0
     assert high - low > 0.1, "a further recording differs, though these windows agree"
@@ -183,7 +177,7 @@ def test_a_forecast_is_wide_and_surer_where_hardly_anything_remains() -> None:
 # ---- one effect at several ports -----------------------------------------------------------------
 
 
-def test_one_effect_at_several_ports_has_one_probability_and_a_share_at_each() -> None:
+def test_one_effect_at_several_ports_has_one_probability_and_a_share_at_each():
     one, other = (effect("coulomb-friction", "friction", f"joint_{k}") for k in (1, 2))
     both, only = leaving(0.1, one, other), leaving(0.3, one)
     without = {

@@ -1,7 +1,5 @@
 """Whatever the losses of the candidates, an answer does not contradict its figures."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
@@ -54,7 +52,7 @@ def drawn(seed: int, patch: pytest.MonkeyPatch) -> tuple[Comparison, Selection, 
 
 
 @pytest.mark.parametrize("seed", range(80))
-def test_an_answer_agrees_with_its_figures(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_agrees_with_its_figures(seed, monkeypatch):
     found, selection, a = drawn(seed, monkeypatch)
     settings = found.budget.settings
     rest = found.removed(a.model).rest.share
@@ -82,7 +80,7 @@ def test_an_answer_agrees_with_its_figures(seed: int, monkeypatch: pytest.Monkey
     assert all(0.0 < probability(c.figures) < 1.0 for c in a.causes)
 
 
-def test_every_verdict_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_verdict_is_drawn(monkeypatch):
     """Else the test above says little."""
     verdicts = {drawn(seed, monkeypatch)[2].verdict for seed in range(80)}
     assert verdicts >= {"explained", "partly-explained", "ambiguous", "cannot-tell"}

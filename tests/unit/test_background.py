@@ -1,13 +1,10 @@
 """What every specimen differs by."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
 
-from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.assembly import Assembly
 from pamid.model.background import (
     BEYOND_SIZE,
@@ -38,10 +35,10 @@ def warming(warming_s: float | None, period_s: float) -> Assembly:
             )
         }
 
-        def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def rates(self, x, u, p, port):
             return {}
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             return {"read": p.gain * port("amplifier", u.sent, along=u.sent)}
 
     Amplifier.period_s = period_s
@@ -50,7 +47,7 @@ def warming(warming_s: float | None, period_s: float) -> Assembly:
 
 @pytest.mark.parametrize("period_s", [0.003, 4.0])
 @pytest.mark.parametrize("warming_s", [None, 25.0])
-def test_half_of_a_drift_is_there_when_it_is_said(warming_s: float | None, period_s: float) -> None:
+def test_half_of_a_drift_is_there_when_it_is_said(warming_s, period_s):
     """At the time that the rig states, or at a share of the recordings, whatever their pace."""
     assembly = warming(warming_s, period_s)
     p = assembly.values({"background.warmth:drift": 0.1})
@@ -73,14 +70,14 @@ def mapped(**options: Any) -> Assembly:
         parameters = (Parameter("push", 40.0, 1.0, 100.0, "N", source="bench"),)
         background = {"rod": RoughMap("rail", "position", tolerance=0.02, **options)}
 
-        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        def measure(self, x, u, p, port):
             return {"force_n": port("rod", p.push, position=u.way_mm, load=0.5 * p.push)}
 
     return Assembly(Bench(), background=True, sizes={("rod", "position"): 0.01})
 
 
 @pytest.mark.parametrize(("options", "share"), [({}, 1.0), ({"of": "load"}, 0.5)])
-def test_a_rough_map_is_as_rough_as_its_tolerance(options: dict[str, Any], share: float) -> None:
+def test_a_rough_map_is_as_rough_as_its_tolerance(options, share):
     """Drawn from its prior, it leaves its share of the value, root mean square over the range, and
     ends where the recordings do."""
     assembly = mapped(**options)
@@ -98,7 +95,7 @@ def test_a_rough_map_is_as_rough_as_its_tolerance(options: dict[str, Any], share
     assert free_run(assembly, way, assembly.values(), 0.01).outputs[:, 0] == pytest.approx(40.0)
 
 
-def test_a_rough_map_over_what_is_never_negative_begins_at_zero() -> None:
+def test_a_rough_map_over_what_is_never_negative_begins_at_zero():
     """All of its curve lies where the signal can be."""
     assembly = mapped(positive=True, waves=1)
     p = assembly.values()
@@ -111,7 +108,7 @@ def test_a_rough_map_over_what_is_never_negative_begins_at_zero() -> None:
 @pytest.mark.parametrize(
     "name", [n for n, rig in rigs().items() if rig.background and mapped_ports(rig())]
 )
-def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name: str) -> None:
+def test_what_check_proposes_for_a_rig_without_tolerances_can_be_pasted(name):
     """The line that is printed is Python, and the rig with it is sound; one that states some is
     told nothing."""
     assert tolerance_words(catalogue_rig(name)) == []

@@ -1,7 +1,5 @@
 """A refit that predicts worse than the data sheet is repaired, or the data sheet is used."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ BACKGROUND = "background.push_gain:"
 
 
 @pytest.fixture(scope="module")
-def healthy(tmp_path_factory: pytest.TempPathFactory) -> GreyBox:
+def healthy(tmp_path_factory) -> GreyBox:
     """A cart, fitted with a tolerance of its amplifier and a parameter that does nothing."""
     rig = rig_named(RIG)
     rig.parameters = (
@@ -54,14 +52,14 @@ def moved(model: GreyBox, **values: float) -> Refit:
     return Refit.of(model.evidence, model.assembly, at)
 
 
-def test_a_good_refit_is_left_alone(healthy: GreyBox) -> None:
+def test_a_good_refit_is_left_alone(healthy):
     refit = Refit(healthy.evidence, healthy.assembly, healthy.fit, healthy.held_out)
     assert repaired(refit, healthy.data_sheet, 0) is refit
     assert without_harmful_background(refit).fit is healthy.fit
     assert healthy.remark == ""
 
 
-def test_a_refit_in_a_wrong_place_is_fitted_from_other_starts(healthy: GreyBox) -> None:
+def test_a_refit_in_a_wrong_place_is_fitted_from_other_starts(healthy):
     bad = moved(healthy, mass_kg=4.0)
     assert relative_error(bad.held_out, healthy.data_sheet) > WORSE
     good = repaired(bad, healthy.data_sheet, 0)
@@ -70,7 +68,7 @@ def test_a_refit_in_a_wrong_place_is_fitted_from_other_starts(healthy: GreyBox) 
     assert "drawn from the priors" in good.remark
 
 
-def test_what_the_data_do_not_determine_is_held(healthy: GreyBox) -> None:
+def test_what_the_data_do_not_determine_is_held(healthy):
     place = healthy.assembly.index_of("colour")
     assert undetermined_parameters(healthy.fit) == [place]
     held = fit_held(moved(healthy, colour=3.0).fit, [place])
@@ -79,9 +77,7 @@ def test_what_the_data_do_not_determine_is_held(healthy: GreyBox) -> None:
     assert held.problem.free == healthy.fit.problem.free
 
 
-def test_a_refit_that_nothing_mends_is_worse_than_the_data_sheet_and_says_so(
-    healthy: GreyBox, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_refit_that_nothing_mends_is_worse_than_the_data_sheet_and_says_so(healthy, monkeypatch):
     for attempt in ("_from_draws", "_with_held"):
         monkeypatch.setattr(baseline_repair, attempt, lambda *_: None)
     bad = moved(healthy, mass_kg=4.0)
@@ -90,7 +86,7 @@ def test_a_refit_that_nothing_mends_is_worse_than_the_data_sheet_and_says_so(
     assert "The data sheet predicts better" in same.remark
 
 
-def test_a_background_term_that_does_harm_is_dropped(healthy: GreyBox) -> None:
+def test_a_background_term_that_does_harm_is_dropped(healthy):
     key = next(k for k in healthy.assembly.keys if k.startswith("background."))
     p = healthy.fit.p.copy()
     p[healthy.assembly.keys[key]] = healthy.assembly.parameters[healthy.assembly.keys[key]].high

@@ -1,7 +1,5 @@
 """The rig as a block diagram: which port leads to which, where the blocks stand, what they say."""
 
-from __future__ import annotations
-
 import itertools
 import re
 
@@ -49,7 +47,7 @@ def way(begin: str, drawn: set[tuple[str, str]]) -> set[str]:
 
 
 @pytest.mark.parametrize("name", [n for n in rigs() if n != "two-link"])
-def test_a_way_of_arrows_leads_wherever_one_equation_feeds_another(name: str) -> None:
+def test_a_way_of_arrows_leads_wherever_one_equation_feeds_another(name):
     """The fewest arrows, but no block without one, and no feedback that is not to be seen."""
     rig = map_of(name)
     group = {one.port: one.group or one.port for one in rig.ports}
@@ -61,7 +59,7 @@ def test_a_way_of_arrows_leads_wherever_one_equation_feeds_another(name: str) ->
     assert {name for link in drawn for name in link} == set(group.values())
 
 
-def test_a_sensor_that_was_not_recorded_has_no_block() -> None:
+def test_a_sensor_that_was_not_recorded_has_no_block():
     rig = rig_named("thermal-two-mass")
     ports = {one.port for one in rig_map(rig, ("body_temperature_degc",)).ports}
     assert ports == {"heater", "element", "body", "body_sensor"}
@@ -75,7 +73,7 @@ def overlap(a: Box, b: Box) -> bool:
 
 
 @pytest.mark.parametrize("name", ["one-dof", "two-link", *EACH_DIAGRAM])
-def test_blocks_never_overlap_and_stay_inside(name: str) -> None:
+def test_blocks_never_overlap_and_stay_inside(name):
     rig = map_of(name)
     for diagram in (
         wide_diagram(rig, plain_texts(rig), 920.0),
@@ -94,7 +92,7 @@ def diagnosis_of(verdict: str) -> DiagnosisFile:
     return read(DiagnosisFile, diagnosis_json(verdict))
 
 
-def test_effects_are_pinned_where_they_act_and_tints_are_shares() -> None:
+def test_effects_are_pinned_where_they_act_and_tints_are_shares():
     found = diagnosis_of("partly-explained")
     assert found.rig is not None and found.where is not None
     texts = block_texts(found, found.rig)
@@ -106,7 +104,7 @@ def test_effects_are_pinned_where_they_act_and_tints_are_shares() -> None:
     assert not texts["valve"].named
 
 
-def test_every_block_leads_to_a_panel_that_is_there() -> None:
+def test_every_block_leads_to_a_panel_that_is_there():
     found = diagnosis_of("explained")
     drawing, panels = rig_drawing(found), str(panels_html(found))
     assert drawing is not None
@@ -118,14 +116,14 @@ def test_every_block_leads_to_a_panel_that_is_there() -> None:
     assert f'class="port-panel shown" id="{anchor("joint")}"' in panels
 
 
-def test_a_run_of_an_earlier_version_has_no_diagram() -> None:
+def test_a_run_of_an_earlier_version_has_no_diagram():
     content = diagnosis_json("explained")
     del content["rig"]
     found = read(DiagnosisFile, content)
     assert rig_drawing(found) is None and str(panels_html(found)) == "" == rig_svg(found)
 
 
-def test_names_from_a_file_are_text() -> None:
+def test_names_from_a_file_are_text():
     content = diagnosis_json("explained")
     content["rig"]["ports"][3] |= {"group": "<script>alert(1)</script>"}
     found = read(DiagnosisFile, content)
@@ -135,7 +133,7 @@ def test_names_from_a_file_are_text() -> None:
 
 
 @pytest.mark.parametrize("name", ["geared-motor", "one-dof", "muscle-mass", "two-masses", "servo"])
-def test_arrows_pass_no_block_that_they_do_not_join(name: str) -> None:
+def test_arrows_pass_no_block_that_they_do_not_join(name):
     """Points along an arrow between two columns lie in no block."""
     rig = map_of(name)
     diagram = wide_diagram(rig, plain_texts(rig), 920.0)

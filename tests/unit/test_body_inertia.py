@@ -1,9 +1,6 @@
 """The whole inertia of a body as parameters: consistent for every value, the same in the equations,
 in MuJoCo's steps and in the written file."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import mechanisms
@@ -79,7 +76,7 @@ def consistent(body: Body, factor: float = 1e-12) -> bool:
 # ---- one body ------------------------------------------------------------------------------------
 
 
-def test_the_file_s_body_is_where_the_parameters_begin(tmp_path: Path) -> None:
+def test_the_file_s_body_is_where_the_parameters_begin(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TREE, tmp_path)
     for shape in shapes_of(rig.mechanism):
         values = {p.name: p.value for p in shape.parameters()}
@@ -88,7 +85,7 @@ def test_the_file_s_body_is_where_the_parameters_begin(tmp_path: Path) -> None:
         assert same.centre == pytest.approx(shape.body.centre)
 
 
-def test_every_value_is_a_body_that_can_be(tmp_path: Path) -> None:
+def test_every_value_is_a_body_that_can_be(tmp_path):
     """At random up to ten spreads, and with every parameter at a bound."""
     rig = mechanisms.rig_from(mechanisms.TREE, tmp_path)
     random = np.random.default_rng(4)
@@ -105,7 +102,7 @@ def test_every_value_is_a_body_that_can_be(tmp_path: Path) -> None:
     assert consistent(thin.deformed({p.name: p.high for p in thin.parameters()}, 2.0))
 
 
-def test_two_points_make_the_inertia_that_mechanics_states() -> None:
+def test_two_points_make_the_inertia_that_mechanics_states():
     """A payload on a body: centre and inertia by the parallel axis theorem are within reach."""
     link = Body(
         "link", 0, (0, 0, 0), (1, 0, 0, 0), 1.0, (0, 0, 0.1), (1, 0, 0, 0), (0.02, 0.02, 0.004)
@@ -125,7 +122,7 @@ def test_two_points_make_the_inertia_that_mechanics_states() -> None:
 # ---- in equations, in steps, in the file ---------------------------------------------------------
 
 
-def test_released_inertias_are_equations_that_mujoco_agrees_with(tmp_path: Path) -> None:
+def test_released_inertias_are_equations_that_mujoco_agrees_with(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TREE, tmp_path)
     rig = released(rig, dict.fromkeys(IN_TREE, 0.5))
     assert isinstance(rig, CompiledMechanism)
@@ -143,7 +140,7 @@ def test_released_inertias_are_equations_that_mujoco_agrees_with(tmp_path: Path)
             assert rates[key] == pytest.approx(value, rel=1e-6, abs=1e-6), key
 
 
-def test_derivatives_by_released_inertias_equal_finite_differences(tmp_path: Path) -> None:
+def test_derivatives_by_released_inertias_equal_finite_differences(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TREE, tmp_path)
     rig = released(rig, dict.fromkeys(IN_TREE, 0.5))
     names = [mechanisms._Names(space) for space in ("state", "input", "parameter")]
@@ -178,7 +175,7 @@ CENTRED = mechanisms.TWO.replace('pos="0 0 -0.15" mass="0.7"', 'pos="0 0 0" mass
 
 
 @pytest.mark.parametrize("text", [CENTRED, mechanisms.ONE, GANTRY], ids=["two", "one", "gantry"])
-def test_mujoco_steps_the_same_body(text: str, tmp_path: Path) -> None:
+def test_mujoco_steps_the_same_body(text, tmp_path):
     """Also a body whose frame is at its centre, which MuJoCo treats as a special case."""
     mechanism = mechanisms.rig_from(text, tmp_path).mechanism
     group = shapes_of(mechanism)[-1].group
@@ -198,7 +195,7 @@ def test_mujoco_steps_the_same_body(text: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(stepped, [*data.qpos, *data.qvel], rtol=1e-6, atol=1e-9)
 
 
-def test_inertias_survive_the_way_through_a_urdf(tmp_path: Path) -> None:
+def test_inertias_survive_the_way_through_a_urdf(tmp_path):
     file = tmp_path / "arm.urdf"
     file.write_text(URDF)
     rig = released(CompiledMechanism(read_mechanism(file)), {"upper_inertia": 1, "fore_inertia": 1})
@@ -215,7 +212,7 @@ def test_inertias_survive_the_way_through_a_urdf(tmp_path: Path) -> None:
         assert shape.body.mass_kg == pytest.approx(wanted.mass_kg)
 
 
-def test_the_extremes_can_be_written_and_read(tmp_path: Path) -> None:
+def test_the_extremes_can_be_written_and_read(tmp_path):
     rig = released(mechanisms.rig_from(mechanisms.TREE, tmp_path), {"shin_inertia": 1.0})
     for end in ("low", "high"):
         values = mechanisms.parameters(rig)
@@ -226,7 +223,7 @@ def test_the_extremes_can_be_written_and_read(tmp_path: Path) -> None:
 # ---- released, and reported ----------------------------------------------------------------------
 
 
-def test_only_masses_are_parameters_unless_a_recording_releases_more(tmp_path: Path) -> None:
+def test_only_masses_are_parameters_unless_a_recording_releases_more(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TWO, tmp_path)
     assert set(rig.on_request) == {"upper_inertia", "forearm_inertia"}
     assert not any("stretch" in p.name or "centre" in p.name for p in rig.parameters)
@@ -240,7 +237,7 @@ def test_only_masses_are_parameters_unless_a_recording_releases_more(tmp_path: P
     assert as_fitted(rig, [p.name for p in rig.parameters]) is rig
 
 
-def test_the_end_of_an_arm_is_fitted_whole(tmp_path: Path) -> None:
+def test_the_end_of_an_arm_is_fitted_whole(tmp_path):
     """Of one chain with three joints or more; a request sets its spread."""
     (tmp_path / "arm.xml").write_text(arm_text(FOUR_HINGES))
     rig = CompiledMechanism(read_mechanism(tmp_path / "arm.xml"))
@@ -257,14 +254,14 @@ def test_the_end_of_an_arm_is_fitted_whole(tmp_path: Path) -> None:
     assert not any("centre" in p.name for p in tree.parameters)
 
 
-def test_an_inertia_without_a_name_is_refused_with_the_nearest(tmp_path: Path) -> None:
+def test_an_inertia_without_a_name_is_refused_with_the_nearest(tmp_path):
     rig = mechanisms.rig_from(mechanisms.TWO, tmp_path)
     with pytest.raises(FileError, match="no such parameter") as caught:
         released(rig, {"forarm_inertia": 0.1})
     assert "forearm_inertia" in caught.value.hint
 
 
-def test_a_full_inertia_has_its_principal_axes_in_a_right_handed_frame() -> None:
+def test_a_full_inertia_has_its_principal_axes_in_a_right_handed_frame():
     full = np.array([[0.03, 0.002, -0.001], [0.002, 0.02, 0.004], [-0.001, 0.004, 0.025]])
     body = Body("b", 0, (0, 0, 0), (1, 0, 0, 0), 1.0, (0, 0, 0), (1, 0, 0, 0), (1, 1, 1))
     turned = with_full_inertia(body, full)

@@ -1,13 +1,8 @@
 """The check of sensitivities where errors of the state grow: it allows for that, and for no wrong
 derivative."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
-
-import numpy as np
-import pytest
 
 from pamid.engine.symbolic.vocabulary import Number, clip, sin, sqrt
 from pamid.intake.checks import conformance
@@ -31,7 +26,7 @@ class Toppling(Rig):
     )
     period_s = 0.01
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         torque = port("hinge", u.torque, velocity=x.a_rate)
         loss, pull = clip(100.0 * x.b_rate, -p.loss, p.loss), 300.0 * sin(x.a - x.b)
         return {
@@ -41,11 +36,11 @@ class Toppling(Rig):
             "b_rate": 0.7 * p.steepness * sin(x.b) + pull - loss,
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"angle": x.a}
 
 
-def test_growing_errors_are_no_wrong_derivatives() -> None:
+def test_growing_errors_are_no_wrong_derivatives():
     assert finite_everywhere(Toppling(), draws=2) == []
     assert sensitivity_error(Toppling()) < SAME_SLOPE
 
@@ -67,15 +62,15 @@ class UndefinedFitted(Undefined):
     parameters = (*Undefined.parameters[:-1], replace(Undefined.parameters[-1], fitted=True))
 
 
-def test_held_parameters_are_checked_at_their_values_only() -> None:
+def test_held_parameters_are_checked_at_their_values_only():
     assert finite_everywhere(Undefined(), draws=3) == []
     assert finite_everywhere(UndefinedFitted(), draws=3) != []
 
 
-def test_a_wrong_derivative_is_found_where_errors_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_derivative_is_found_where_errors_grow(monkeypatch):
     right = conformance._start_slopes
 
-    def wrong(trial: Any, p: np.ndarray) -> np.ndarray:
+    def wrong(trial, p):
         """As if the start depended on the second parameter."""
         slopes = right(trial, p)
         slopes[0, 1] += 0.01

@@ -1,13 +1,10 @@
 """What `pamid check` says of recordings and rigs that somebody wrote from the documents alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import pamid
 from pamid import Gain
@@ -41,13 +38,13 @@ class Wheel(Rig):
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Path:
+def rig(tmp_path) -> Path:
     path = tmp_path / "wheel.py"
     path.write_text(RIG)
     return path
 
 
-def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path: Path, rig: Path) -> None:
+def test_a_rate_written_as_a_product_is_told_how_to_be_named(tmp_path, rig):
     time = 0.01 * np.arange(400)
     made = recording_of(time, {"speed_rad_s": np.sin(time), "angle_deg": np.cos(time)})
     said = pamid.check(made).summary()
@@ -80,7 +77,7 @@ class Bench(Rig):
 
 
 @pytest.mark.parametrize(("way", "notes"), [("-1.0", 0), ("1.0", 1)])
-def test_a_port_whose_damping_drives_is_pointed_at(way: str, notes: int, tmp_path: Path) -> None:
+def test_a_port_whose_damping_drives_is_pointed_at(way, notes, tmp_path):
     path = tmp_path / "bench.py"
     path.write_text(BENCH.replace("WAY", way))
     said = pamid.check(path).summary()
@@ -134,9 +131,7 @@ class Spindle(Rig):
         ("minus", 1.5, False, True),
     ],
 )
-def test_a_sensor_that_never_crosses_zero_is_asked_about(
-    way: str, highest: float, asked: bool, turned: bool, tmp_path: Path
-) -> None:
+def test_a_sensor_that_never_crosses_zero_is_asked_about(way, highest, asked, turned, tmp_path):
     """And is not taken for a wrong sign."""
     path = tmp_path / "spindle.py"
     path.write_text(BLIND)
@@ -153,7 +148,7 @@ def test_a_sensor_that_never_crosses_zero_is_asked_about(
     assert ("measures only the magnitude" in said) == asked and ("opposite sign" in said) == turned
 
 
-def test_the_rig_on_the_page_is_one(tmp_path: Path) -> None:
+def test_the_rig_on_the_page_is_one(tmp_path):
     page = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "README.md").read_text()
     code = page.partition("```python\nfrom pamid import")[2].partition("```")[0]
     path = tmp_path / "lift.py"
@@ -187,9 +182,7 @@ class Filter(Rig):
 
 
 @pytest.mark.parametrize("stated", [False, True])
-def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(
-    tmp_path: Path, stated: bool
-) -> None:
+def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(tmp_path, stated):
     """Without a period a rig is tried at 3 ms, at which it may run away for that alone."""
     period = "    period_s = 2e-5\n" if stated else ""
     (tmp_path / "filter.py").write_text(FAST.replace("    states =", f"{period}    states ="))
@@ -199,7 +192,7 @@ def test_a_machine_that_is_faster_than_its_clock_is_told_of_it(
     assert any("states no period_s" in one for one in bad) == (not stated)
 
 
-def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen() -> None:
+def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen():
     """While nothing is sent its encoder stands still at either end; rows that were filled while it
     was driven are told."""
     sent = np.tile(np.repeat([0.7, 0.0, -0.7, 0.0], [12, 30, 12, 25]), 12)
@@ -207,7 +200,7 @@ def test_a_winch_that_is_let_rest_is_neither_clipped_nor_frozen() -> None:
     counts = np.round(np.cumsum(sent * (2000.0 + 150.0 * noise)))
     time = 0.1 * np.arange(sent.size)
 
-    def told(counts: NDArray[np.float64]) -> set[str]:
+    def told(counts):
         columns = {"encoder": counts, "command": sent}
         winch = Recording("winch", Path("winch.csv"), "", time, columns, 0.1, "open")
         return {i.kind for i in examine(winch)} & {"dropped", "frozen", "clipped"}

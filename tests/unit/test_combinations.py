@@ -1,7 +1,5 @@
 """Parameters that only combinations of are known: what is named, and how well it is known."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -43,7 +41,7 @@ def holds(one: dict[str, Any], truth: float, within: float) -> bool:
     return bool(low <= truth <= high and one["high"] - one["low"] < within * truth)
 
 
-def test_a_known_torque_tells_moment_and_inertia_but_no_mass() -> None:
+def test_a_known_torque_tells_moment_and_inertia_but_no_mass():
     found = told(True, True)
     assert {found["parameters"][n]["word"] for n in INERTIAL} == {"weak"}
     combos, (tie,) = found["combinations"], found["tied"]
@@ -61,7 +59,7 @@ def test_a_known_torque_tells_moment_and_inertia_but_no_mass() -> None:
     assert one["prior"] == pytest.approx(0.0075 + 0.7 * 0.13**2)
 
 
-def test_without_a_declaration_a_product_of_powers_is_named() -> None:
+def test_without_a_declaration_a_product_of_powers_is_named():
     found = told(True, False)
     (tie,), combos = found["tied"], found["combinations"]
     assert tuple(tie["parameters"]) == INERTIAL and tie["directions"] == len(tie["known"]) == 2
@@ -73,7 +71,7 @@ def test_without_a_declaration_a_product_of_powers_is_named() -> None:
     assert any(n == "viscous_n_m_s / mass_kg / centre_m" for n in scale_free["tied"][0]["known"])
 
 
-def test_parameters_that_are_known_by_themselves_are_not_tied() -> None:
+def test_parameters_that_are_known_by_themselves_are_not_tied():
     example = read_recording(Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv")
     found = fit_json(fit_model(split_recordings(rig_named("one-dof"), [example], [])), 0)
     assert found["tied"] == [] and tied_text(found) == []

@@ -1,7 +1,5 @@
 """Paired comparison of models on the same held-out windows, with made-up losses."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -42,7 +40,7 @@ def noisy(losses: Array, spread: float, seed: int = 1) -> Array:
 # ---- share removed ------------------------------------------------------------------------------
 
 
-def test_the_same_share_of_every_window_is_certain_however_windows_differ() -> None:
+def test_the_same_share_of_every_window_is_certain_however_windows_differ():
     before = uneven()
     assert paired_ratio(before - 0.4 * before, before, 0) == pytest.approx((0.6, LEAST_ERROR))
     after = 1.0 + 0.4 * (before - 1.0)  # noise floors: 60 % of the gap
@@ -59,7 +57,7 @@ def test_the_same_share_of_every_window_is_certain_however_windows_differ() -> N
     [(3.0, 0.5), (0.9, 1.0), (7.0, -0.5)],
     ids=["half", "no more than the gap", "worse"],
 )
-def test_share_is_one_of_the_gap_above_the_noise_floor(left: float, share: float) -> None:
+def test_share_is_one_of_the_gap_above_the_noise_floor(left, share):
     found = comparison(np.full(WINDOWS, 5.0))
     assert found.gap.sum() == pytest.approx(4.0 * WINDOWS)
     removed = found.removed(model(np.full(WINDOWS, left), FRICTION))
@@ -71,7 +69,7 @@ def test_share_is_one_of_the_gap_above_the_noise_floor(left: float, share: float
     assert stated.share == pytest.approx(share), "losses in place of the model's"
 
 
-def test_the_standard_error_is_that_of_repeated_recordings() -> None:
+def test_the_standard_error_is_that_of_repeated_recordings():
     """The bootstrap error of independent windows is the spread of the share over fresh ones."""
     shares, errors = [], []
     for seed in range(200):
@@ -84,7 +82,7 @@ def test_the_standard_error_is_that_of_repeated_recordings() -> None:
     assert np.median(errors) == pytest.approx(np.std(shares), rel=0.25)
 
 
-def test_an_interval_holds_the_share_and_its_rest_mirrors_it() -> None:
+def test_an_interval_holds_the_share_and_its_rest_mirrors_it():
     before = uneven()
     removed = comparison(before).removed(model(noisy(0.4 * before, 0.5), FRICTION))
     assert removed.low < removed.share < removed.high
@@ -94,7 +92,7 @@ def test_an_interval_holds_the_share_and_its_rest_mirrors_it() -> None:
     )
 
 
-def test_a_single_window_and_no_gap_compare_nothing() -> None:
+def test_a_single_window_and_no_gap_compare_nothing():
     c, found = model([1.0], FRICTION), comparison([9.0])
     assert found.removed(c) == NOTHING
     assert found.shrinkage(c) == (0.0, 0.0, 0.0)
@@ -103,7 +101,7 @@ def test_a_single_window_and_no_gap_compare_nothing() -> None:
     assert closed.removed(model(np.full(WINDOWS, 0.5), FRICTION)) == NOTHING
 
 
-def test_two_windows_are_compared_with_a_wide_interval() -> None:
+def test_two_windows_are_compared_with_a_wide_interval():
     few, many = np.array([9.0, 11.0]), np.tile([9.0, 11.0], 12)
     after_few, after_many = np.array([4.0, 7.0]), np.tile([4.0, 7.0], 12)
     wide = comparison(few).removed(model(after_few, FRICTION))
@@ -115,7 +113,7 @@ def test_two_windows_are_compared_with_a_wide_interval() -> None:
 # ---- invariance ---------------------------------------------------------------------------------
 
 
-def test_order_of_windows_changes_no_share_and_hardly_its_certainty() -> None:
+def test_order_of_windows_changes_no_share_and_hardly_its_certainty():
     before = uneven()
     after = noisy(0.4 * before, 0.5)
     rows = np.random.default_rng(7).permutation(WINDOWS)
@@ -125,7 +123,7 @@ def test_order_of_windows_changes_no_share_and_hardly_its_certainty() -> None:
     assert other.z == pytest.approx(one.z, rel=0.5)
 
 
-def test_the_unit_of_a_channel_changes_nothing() -> None:
+def test_the_unit_of_a_channel_changes_nothing():
     random = np.random.default_rng(3)
     before = random.uniform(3.0, 30.0, (WINDOWS, 2))
     after = before * random.uniform(0.2, 0.6, (WINDOWS, 2))
@@ -135,7 +133,7 @@ def test_the_unit_of_a_channel_changes_nothing() -> None:
     assert (scaled.share, scaled.z) == pytest.approx((one.share, one.z))
 
 
-def test_a_recording_that_lacks_a_channel_counts_with_the_others() -> None:
+def test_a_recording_that_lacks_a_channel_counts_with_the_others():
     before = np.full((WINDOWS, 2), 5.0)
     before[:6, 1] = np.nan
     after = np.where(np.isnan(before), np.nan, 3.0)
@@ -147,7 +145,7 @@ def test_a_recording_that_lacks_a_channel_counts_with_the_others() -> None:
 # ---- material, tied, at the floor ---------------------------------------------------------------
 
 
-def test_material_needs_size_and_certainty() -> None:
+def test_material_needs_size_and_certainty():
     before = uneven()
     found = comparison(before)
     base = found.budget.baseline
@@ -156,7 +154,7 @@ def test_material_needs_size_and_certainty() -> None:
     assert not found.is_material(model(noisy(0.6 * before, 3.0), FRICTION), base), "large by luck"
 
 
-def test_material_is_a_share_of_the_whole_gap_next_to_any_other_effect() -> None:
+def test_material_is_a_share_of_the_whole_gap_next_to_any_other_effect():
     before = np.full(WINDOWS, 101.0)
     found = comparison(before)
     first = model(np.full(WINDOWS, 41.0), FRICTION)  # 40 % of the gap remains
@@ -166,7 +164,7 @@ def test_material_is_a_share_of_the_whole_gap_next_to_any_other_effect() -> None
         assert found.removed(both, first).share == pytest.approx((41.0 - left) / 100.0)
 
 
-def test_ties_by_standard_errors_and_by_margin() -> None:
+def test_ties_by_standard_errors_and_by_margin():
     before = uneven()
     settings = Settings(tie_errors=2.0, tie_margin=0.03)
     found = comparison(before, settings=settings)
@@ -182,9 +180,7 @@ def test_ties_by_standard_errors_and_by_margin() -> None:
     # the last: channels below their floors leave no gap to take shares of
     [([1.05, 2.1], 1.05, True), ([1.05, 2.4], 1.2, False), ([0.85, 2.4], 1.2, True)],
 )
-def test_at_the_floor_means_every_channel(
-    after: list[float], floors: float, at_floor: bool
-) -> None:
+def test_at_the_floor_means_every_channel(after, floors, at_floor):
     found = comparison(np.full((WINDOWS, 2), 8.0), floor=[1.0, 2.0])
     c = model(np.tile(after, (WINDOWS, 1)), FRICTION)
     assert found.floors(c) == pytest.approx(floors) and found.at_floor(c) == at_floor
@@ -193,7 +189,7 @@ def test_at_the_floor_means_every_channel(
 # ---- confidence set -----------------------------------------------------------------------------
 
 
-def test_confidence_set_holds_one_model_per_family_best_first() -> None:
+def test_confidence_set_holds_one_model_per_family_best_first():
     before = uneven()
     found = comparison(before)
     best = model(0.400 * before, LUGRE, parameters=7)
@@ -208,7 +204,7 @@ def test_confidence_set_holds_one_model_per_family_best_first() -> None:
     assert found.confidence_set(models[::-1], found.budget.baseline) == chosen
 
 
-def test_only_what_is_material_is_a_member() -> None:
+def test_only_what_is_material_is_a_member():
     before = uneven()
     found = comparison(before)
     certain, small = model(0.8 * before, FRICTION), model(0.97 * before, LEAK)
@@ -218,7 +214,7 @@ def test_only_what_is_material_is_a_member() -> None:
     assert found.confidence_set([small], found.budget.baseline) == []
 
 
-def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> None:
+def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse():
     before = uneven()
     found = comparison(before)
     fuller = model(0.400 * before, LUGRE, parameters=7)
@@ -230,7 +226,7 @@ def test_the_simplest_member_of_a_family_stands_for_it_unless_it_is_worse() -> N
     assert found.simplest(equal, [fuller, equal]) is equal
 
 
-def test_pairs_of_the_same_families_are_one_entry_whatever_their_order() -> None:
+def test_pairs_of_the_same_families_are_one_entry_whatever_their_order():
     before = uneven()
     found = comparison(before)
     one = model(0.30 * before, FRICTION, LEAK)
@@ -252,9 +248,7 @@ def predicting(offset: float) -> Any:
 @pytest.mark.parametrize(
     ("apart", "same"), [(0.9 * ALIKE_NOISE, True), (2.4, True), (2.6, False), (-20.0, False)]
 )
-def test_models_predict_the_same_within_a_share_of_what_they_change(
-    apart: float, same: bool
-) -> None:
+def test_models_predict_the_same_within_a_share_of_what_they_change(apart, same):
     evidence = SimpleNamespace(noise=np.array([1.0]))
     budget: Any = SimpleNamespace(
         model=SimpleNamespace(evidence=evidence),
@@ -265,7 +259,7 @@ def test_models_predict_the_same_within_a_share_of_what_they_change(
     assert found is same
 
 
-def test_error_removed_has_the_interval_of_the_windows() -> None:
+def test_error_removed_has_the_interval_of_the_windows():
     before = uneven()
     found = comparison(before)
     share, low, high = found.shrinkage(model(noisy(0.4 * before, 0.5), FRICTION))

@@ -1,7 +1,5 @@
 """The arm whose muscles have force compensators: an option that leaves the plain arm as it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -25,7 +23,7 @@ def run(variant: str, **known: float) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("law", ["exponential", "polynomial"])
-def test_a_stretched_muscle_is_let_off_to_the_limit(law: str) -> None:
+def test_a_stretched_muscle_is_let_off_to_the_limit(law):
     """At -40 deg and 5.5 bar muscle 11 pulls with more than 1200 N; its compensator opens until it
     pulls no more than that, the other muscles keep their air."""
     plain = run(f"two-link:{law}", **STRETCHED)
@@ -38,7 +36,7 @@ def test_a_stretched_muscle_is_let_off_to_the_limit(law: str) -> None:
         np.testing.assert_allclose(compensated[f"force_{i}_n"], plain[f"force_{i}_n"], rtol=1e-9)
 
 
-def test_shut_it_is_the_plain_arm() -> None:
+def test_shut_it_is_the_plain_arm():
     plain = run("two-link", **STRETCHED)
     shut = run("two-link:exponential-compensated", compensator_opening=0.0, **STRETCHED)
     for name, values in plain.items():

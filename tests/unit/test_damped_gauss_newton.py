@@ -1,7 +1,5 @@
 """The iteration that fits, initial states and smoothing share, on Rosenbrock's valley."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +51,7 @@ def begun(problem: Valley) -> Iteration[Point]:
     return Iteration(problem.at(np.array([-1.2, 1.0]), True), problem.rule.start)
 
 
-def test_it_finds_the_minimum_and_the_cost_never_rises() -> None:
+def test_it_finds_the_minimum_and_the_cost_never_rises():
     costs: list[float] = []
     ended = iterate(Valley(), begun(Valley()), 100, lambda _, cost: costs.append(cost))
     assert ended.settled and ended.point.x == pytest.approx([1.0, 1.0], abs=1e-6)
@@ -61,7 +59,7 @@ def test_it_finds_the_minimum_and_the_cost_never_rises() -> None:
 
 
 @pytest.mark.parametrize("probe", [1, 3, 8])
-def test_going_on_from_a_probe_equals_not_having_stopped(probe: int) -> None:
+def test_going_on_from_a_probe_equals_not_having_stopped(probe):
     whole = iterate(Valley(), begun(Valley()), 60)
     first, rest = Valley(), Valley()
     parts = iterate(rest, iterate(first, begun(first), probe), 60)
@@ -70,16 +68,16 @@ def test_going_on_from_a_probe_equals_not_having_stopped(probe: int) -> None:
     assert (parts.damping, parts.steps, parts.settled) == (whole.damping, whole.steps, True)
 
 
-def test_where_the_model_cannot_be_run_the_step_is_shortened() -> None:
+def test_where_the_model_cannot_be_run_the_step_is_shortened():
     problem = Valley(wall=0.5)
     ended = iterate(problem, begun(problem), 400)
     assert ended.settled and ended.damping > problem.rule.most
     assert ended.point.x[0] <= 0.5 and np.isfinite(ended.point.cost)
 
 
-def test_normal_equations_that_are_not_finite_end_it_unsettled() -> None:
+def test_normal_equations_that_are_not_finite_end_it_unsettled():
     class Broken(Valley):
-        def step(self, at: Point, damping: float) -> Array | None:
+        def step(self, at, damping):
             return None
 
     ended = iterate(Broken(), begun(Broken()), 60)

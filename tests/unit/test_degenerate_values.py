@@ -1,8 +1,6 @@
 """Recordings of zeros, repeats, single last digits and extreme sizes end in an answer or a refusal
 that says how to mend it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -64,18 +62,14 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("sent", [False, True], ids=["measured", "sent"])
-def test_check_ends_in_an_answer(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, sent: bool
-) -> None:
+def test_check_ends_in_an_answer(tmp_path, capsys, kind, sent):
     force, position = (KINDS[kind], SINE) if sent else (PUSH, KINDS[kind])
     code, said = call(capsys, "check", written(tmp_path, force, position), "--rig", RIG)
     assert code in (0, 3, 4), said
     assert said["schema"] == "pamid.check/1"
 
 
-def test_a_model_that_runs_away_is_not_compared(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_that_runs_away_is_not_compared(tmp_path, capsys):
     """Held and linear inputs both lead to infinite errors, which no result file holds."""
     random = np.random.default_rng(3)
     columns = {
@@ -104,7 +98,7 @@ def halved(folder: Path, *columns: str) -> Recording:
 
 
 @pytest.mark.parametrize("columns", [("force_n", "position_m"), ("position_m",)])
-def test_half_a_recording_of_zeros_is_diagnosed(tmp_path: Path, columns: tuple[str, ...]) -> None:
+def test_half_a_recording_of_zeros_is_diagnosed(tmp_path, columns):
     """Every figure of diagnosis.json is finite, or it could not be written."""
     evidence = split_recordings(rig_named(RIG), [halved(tmp_path, *columns)], [])
     record = Run.create(tmp_path / "run", command=["test"], seed=0, overwrite=True)
@@ -116,9 +110,7 @@ def test_half_a_recording_of_zeros_is_diagnosed(tmp_path: Path, columns: tuple[s
 # ---- known values ------------------------------------------------------------------------------
 
 
-def test_a_known_value_outside_the_bounds_is_a_note(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_known_value_outside_the_bounds_is_a_note(tmp_path, capsys):
     path = record_cart(tmp_path)
     high = next(p.high for p in rig_named(RIG).parameters if p.outside_name == "mass_kg")
     path.with_suffix(".toml").write_text(f"[known]\nmass_kg = {2 * high}\n", encoding="utf-8")
@@ -133,7 +125,7 @@ def test_a_known_value_outside_the_bounds_is_a_note(
 # ---- files that count in fractions -------------------------------------------------------------
 
 
-def test_a_checkpoint_counts_in_finite_numbers(tmp_path: Path) -> None:
+def test_a_checkpoint_counts_in_finite_numbers(tmp_path):
     path = tmp_path / "checkpoint.npz"
     arrays = {
         "problem": np.array("p"),

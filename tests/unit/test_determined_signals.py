@@ -1,8 +1,5 @@
 """Effects are candidates only where the recordings determine what they act on."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -35,14 +32,14 @@ class Shaft(Rig):
         "encoder": Port("reading", "rad"),
     }
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         current = port("amplifier", u.current_a)
         torque = port(
             "shaft", u.torque_n_m + current, position=x.angle, velocity=x.speed, current=current
         )
         return {"angle": x.speed, "speed": torque / p.inertia_kg_m2}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"speed_rad_per_s": x.speed, "angle_rad": port("encoder", x.angle)}
 
 
@@ -51,12 +48,12 @@ def kept_and_left(rig: Rig, *outputs: str, still: tuple[str, ...] = ()) -> Any:
     return {a.effect.name for a in kept}, {a.label for a in kept}, reasons
 
 
-def test_an_angle_that_is_measured_may_act() -> None:
+def test_an_angle_that_is_measured_may_act():
     names, _, reasons = kept_and_left(Shaft(), "speed_rad_per_s", "angle_rad")
     assert names >= ON_THE_ANGLE | {"coulomb-friction"} and not reasons
 
 
-def test_an_angle_that_nobody_records_does_not_act_but_friction_does() -> None:
+def test_an_angle_that_nobody_records_does_not_act_but_friction_does():
     names, labels, reasons = kept_and_left(Shaft(), "speed_rad_per_s")
     assert not names & ON_THE_ANGLE
     assert names >= ON_INCREMENTS | {"viscous-friction", "constant-offset"}
@@ -65,7 +62,7 @@ def test_an_angle_that_nobody_records_does_not_act_but_friction_does() -> None:
     assert not any(label.endswith("@encoder") for label in labels)
 
 
-def test_an_input_at_rest_drives_nothing() -> None:
+def test_an_input_at_rest_drives_nothing():
     sensors = "speed_rad_per_s", "angle_rad"
     _, driven, none = kept_and_left(Shaft(), *sensors)
     _, labels, reasons = kept_and_left(Shaft(), *sensors, still=("current_a",))
@@ -78,7 +75,7 @@ def test_an_input_at_rest_drives_nothing() -> None:
 
 
 @pytest.mark.parametrize("recorded", [False, True])
-def test_inputs_that_are_0_in_all_recordings(recorded: bool, tmp_path: Path) -> None:
+def test_inputs_that_are_0_in_all_recordings(recorded, tmp_path):
     random = np.random.default_rng(1)
     time = 0.01 * np.arange(600)
     torque = np.repeat(random.uniform(-1.0, 1.0, 20), 30)

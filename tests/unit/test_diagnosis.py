@@ -1,8 +1,6 @@
 """The diagnosis end to end: planted effects, nothing planted, an effect that has no name, a
 measured drive."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -44,7 +42,7 @@ def found_for(
 
 
 @pytest.fixture(scope="module")
-def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, dict[str, Any]]:
+def rubbing(tmp_path_factory) -> tuple[Path, Recording, dict[str, Any]]:
     """A joint with dry friction of 0.4 N m and parameters off by 5-30 %, diagnosed."""
     folder = tmp_path_factory.mktemp("rubbing")
     recording = record(
@@ -58,9 +56,7 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, 
     return folder, recording, found_for(folder, [recording])
 
 
-def test_names_the_family_the_port_and_the_size(
-    rubbing: tuple[Path, Recording, dict[str, Any]],
-) -> None:
+def test_names_the_family_the_port_and_the_size(rubbing):
     _, _, found = rubbing
     assert found["verdict"] in {"explained", "ambiguous"} and len(found["causes"]) <= 2
     # dry friction within a muscle does nearly the same to an angle
@@ -73,7 +69,7 @@ def test_names_the_family_the_port_and_the_size(
         assert torque["value"] == pytest.approx(0.4, rel=0.1)
 
 
-def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> None:
+def test_keeps_the_contract(rubbing):
     folder, _, found = rubbing
     stored = json.loads((folder / "run" / "diagnosis.json").read_text())
     assert stored["schema"] == "pamid.diagnosis/3"
@@ -105,7 +101,7 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
 
 
 @pytest.mark.slow
-def test_same_bytes_under_another_name(tmp_path: Path) -> None:
+def test_same_bytes_under_another_name(tmp_path):
     """Neither the name of a recording nor the number of threads matters; same seed, same bytes."""
     record(
         tmp_path / "rec.csv",
@@ -126,9 +122,7 @@ def test_same_bytes_under_another_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_order_and_splitting_do_not_change_the_verdict(
-    rubbing: tuple[Path, Recording, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_order_and_splitting_do_not_change_the_verdict(rubbing, tmp_path):
     """Two recordings in either order: the same bytes; the whole one in two parts: the same
     answer."""
     _, whole, found = rubbing
@@ -157,7 +151,7 @@ def test_order_and_splitting_do_not_change_the_verdict(
     assert split["causes"][0]["family"] == found["causes"][0]["family"] == "friction"
 
 
-def test_nothing_planted_is_no_structural_gap(tmp_path: Path) -> None:
+def test_nothing_planted_is_no_structural_gap(tmp_path):
     found = found_for(tmp_path, [record(tmp_path / "rec.csv", 24.0, seed=5, columns=SENSORS)])
     assert found["verdict"] == "no-structural-gap"
     assert found["causes"] == []
@@ -165,9 +159,7 @@ def test_nothing_planted_is_no_structural_gap(tmp_path: Path) -> None:
     assert angle["mae_data_sheet"] > 3.0 * angle["mae_refitted"]
 
 
-def test_abstains_without_the_right_effect(
-    rubbing: tuple[Path, Recording, dict[str, Any]], tmp_path: Path
-) -> None:
+def test_abstains_without_the_right_effect(rubbing, tmp_path):
     """With nothing dissipative left in the catalogue the tool must not name what happens to help a
     little."""
     _, recording, _ = rubbing
@@ -186,7 +178,7 @@ def test_abstains_without_the_right_effect(
 
 
 @pytest.mark.slow
-def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
+def test_angle_alone_still_gets_an_answer(tmp_path):
     recording = record(
         tmp_path / "rec.csv",
         24.0,
@@ -208,7 +200,7 @@ def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "everything", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["few", "all"]
 )
-def test_the_measured_drive_rubs(everything: bool) -> None:
+def test_the_measured_drive_rubs(everything):
     """EMPS: friction is named, and the parameters come out within 10 % of the published ones."""
     rig = rig_named(str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "emps.py"))
     evidence = split_recordings(

@@ -1,7 +1,5 @@
 """Settings of a diagnosis: few, documented, used, settable, and part of the keys of its results."""
 
-from __future__ import annotations
-
 import ast
 import json
 import math
@@ -32,13 +30,13 @@ SOURCES = {name: ast.parse(text) for name, text in TEXTS.items()}
 nothing: Any = None
 
 
-def test_they_are_few_and_say_what_they_are_and_what_supports_them() -> None:
+def test_they_are_few_and_say_what_they_are_and_what_supports_them():
     assert len(described()) <= 35
     for s in described():
         assert s["unit"] and len(s["meaning"]) > 10 and len(s["evidence"]) > 20, s["name"]
 
 
-def test_every_setting_is_read() -> None:
+def test_every_setting_is_read():
     read = {
         node.attr
         for name, tree in SOURCES.items()
@@ -49,7 +47,7 @@ def test_every_setting_is_read() -> None:
     assert [f.name for f in fields(Settings) if f.name not in read] == []
 
 
-def test_an_unknown_name_is_refused_with_the_nearest() -> None:
+def test_an_unknown_name_is_refused_with_the_nearest():
     with pytest.raises(UsageError, match="Did you mean 'floor_margin'"):
         settings_from({"floor_margins": 0.2})
     with pytest.raises(UsageError, match="settings: material_share, "):
@@ -69,12 +67,12 @@ def test_an_unknown_name_is_refused_with_the_nearest() -> None:
         {"refits": math.inf},
     ],
 )
-def test_a_value_of_another_kind_is_refused(given: dict[str, Any]) -> None:
+def test_a_value_of_another_kind_is_refused(given):
     with pytest.raises(UsageError, match=next(iter(given))):
         settings_from(given)
 
 
-def test_numbers_of_the_command_line_are_those_of_python() -> None:
+def test_numbers_of_the_command_line_are_those_of_python():
     assert settings_from({"refits": 12.0, "fitted_most": 300}).changed == [
         "fitted_most=300.0",
         "refits=12",
@@ -97,7 +95,7 @@ def ground(settings: Settings) -> ScreeningBaseline:
         lambda settings: ResponseWork(nothing, ground(settings), nothing, nothing),
     ],
 )
-def test_results_of_other_settings_have_other_keys(work: Any) -> None:
+def test_results_of_other_settings_have_other_keys(work):
     one: Work[Any, Any] = work(DEFAULT)
     assert digest(one) != digest(work(Settings(screen_steps=DEFAULT.screen_steps + 1)))
     assert digest(one) == digest(work(replace(DEFAULT)))
@@ -107,19 +105,17 @@ def test_results_of_other_settings_have_other_keys(work: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"), planted=())
 
 
 @pytest.fixture(scope="module")
-def model(recording: Path) -> GreyBox:
+def model(recording) -> GreyBox:
     return fit_model(cart_evidence(recording), ())
 
 
 @pytest.mark.parametrize(("windows", "per_run"), [(0.1, 1), (2.2, 2), (math.inf, WHOLE)])
-def test_a_stated_horizon_is_taken_in_whole_windows(
-    model: GreyBox, windows: float, per_run: int
-) -> None:
+def test_a_stated_horizon_is_taken_in_whole_windows(model, windows, per_run):
     one_s = budget._over_horizon(model, 0, Settings(horizon_s=1e-9)).horizon_s
     found = budget._over_horizon(model, 0, Settings(horizon_s=windows * one_s))
     assert found.evidence.per_run == per_run and (found.short is None) == (per_run == 1)
@@ -127,12 +123,10 @@ def test_a_stated_horizon_is_taken_in_whole_windows(
     assert found.horizon_s == pytest.approx(min(per_run * one_s, held_out_s), rel=0.05)
 
 
-def test_a_horizon_at_which_the_model_diverges_is_refused(
-    model: GreyBox, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_horizon_at_which_the_model_diverges_is_refused(model, monkeypatch):
     whole = budget.runs_of
 
-    def diverging(*given: Any) -> Any:
+    def diverging(*given):
         return tuple(replace(r, finite=False) for r in whole(*given))
 
     monkeypatch.setattr(budget, "runs_of", diverging)
@@ -140,9 +134,7 @@ def test_a_horizon_at_which_the_model_diverges_is_refused(
         budget._over_horizon(model, 0, Settings(horizon_s=math.inf))
 
 
-def test_a_run_notes_what_it_was_asked_for(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_notes_what_it_was_asked_for(recording, tmp_path, capsys):
     folder = tmp_path / "run"
     words = ["diagnose", str(recording), "--rig", RIG, *others(), "--output", str(folder), "--json"]
     given = ["--horizon", "whole", "--setting", "refits=5"]

@@ -1,8 +1,6 @@
 """Best subsets of what screened candidates change: found by inner products, bounded, one of every
 combination of families."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
@@ -50,18 +48,14 @@ def family(a: Any) -> str:
     return FAMILY[a.label]
 
 
-def test_the_pair_is_found_that_no_single_one_leads_to(
-    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
-) -> None:
+def test_the_pair_is_found_that_no_single_one_leads_to(drawn):
     found = responses(*drawn)
     alone = {k: found.gain([i]) for i, k in enumerate(FAMILY)}
     assert max(alone, key=lambda k: alone[k]) == "rub", "what a greedy path would begin with"
     assert best_subsets(found, family, 2)[0].labels == {"slip", "late"}
 
 
-def test_every_combination_of_families_is_stood_for_by_its_best(
-    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
-) -> None:
+def test_every_combination_of_families_is_stood_for_by_its_best(drawn):
     found, labels = responses(*drawn), list(FAMILY)
     most: dict[frozenset[str], float] = {}
     for i, j in combinations(range(len(labels)), 2):
@@ -78,9 +72,7 @@ def test_every_combination_of_families_is_stood_for_by_its_best(
     assert three[0].labels > {"slip", "late"} and three[0].gain >= pairs[0].gain
 
 
-def test_the_gain_is_that_of_bounded_least_squares(
-    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
-) -> None:
+def test_the_gain_is_that_of_bounded_least_squares(drawn):
     left, columns = drawn
     found, names = responses(left, columns), list(columns)
     for members in combinations(range(len(names)), 2):
@@ -90,13 +82,13 @@ def test_the_gain_is_that_of_bounded_least_squares(
         assert found.gain(members) == pytest.approx(left @ left - 2.0 * best.cost, rel=1e-6)
 
 
-def test_what_would_have_to_act_the_other_way_round_gains_nothing() -> None:
+def test_what_would_have_to_act_the_other_way_round_gains_nothing():
     change = np.ones((ROWS, 1))
     assert responses(np.ones(ROWS), {"rub": change}).gain([0]) == 0.0
     assert responses(-np.ones(ROWS), {"rub": change}).gain([0]) > 0.9 * ROWS
 
 
-def test_two_of_one_family_act_together_only_where_they_stand_apart() -> None:
+def test_two_of_one_family_act_together_only_where_they_stand_apart():
     random = np.random.default_rng(8)
     at = {"gap@hip": "hip", "rattle@hip": "hip", "gap@knee": "knee", "late@hip": "hip"}
     columns = {k: 10.0 * random.normal(size=(ROWS, 2)) for k in at}
@@ -104,10 +96,10 @@ def test_two_of_one_family_act_together_only_where_they_stand_apart() -> None:
     left = -columns["gap@hip"][:, 0] - columns["rattle@hip"][:, 0] - 0.8 * columns["gap@knee"][:, 0]
     found = responses(left, columns)
 
-    def kind(a: Any) -> str:
+    def kind(a):
         return "timing" if a.label.startswith("late") else "gap"
 
-    def apart(a: Any, b: Any) -> bool:
+    def apart(a, b):
         return at[a.label] != at[b.label]
 
     alone = best_subsets(found, kind, 2, EVERY)

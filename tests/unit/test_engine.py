@@ -1,9 +1,6 @@
 """The engine: orders of convergence, stiffness, exact sensitivities, held inputs, joined runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +65,7 @@ def _riccati() -> tuple[Program, Array]:
 @pytest.mark.parametrize(
     ("implicit", "coarsest", "order", "off"), [(False, 2, 4, 0.15), (True, 8, 2, 0.1)]
 )
-def test_order_of_convergence(implicit: bool, coarsest: int, order: int, off: float) -> None:
+def test_order_of_convergence(implicit, coarsest, order, off):
     made, truth = _riccati()
     errors = [
         float(np.abs(run(made, np.zeros(30), x=[1.0, 0.0, 1.0], stepping=step) - truth).max())
@@ -77,7 +74,7 @@ def test_order_of_convergence(implicit: bool, coarsest: int, order: int, off: fl
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(3 * [order], abs=off)
 
 
-def test_sdirk2_follows_a_slow_input_through_a_rate_of_1e5() -> None:
+def test_sdirk2_follows_a_slow_input_through_a_rate_of_1e5():
     """One step per sample over 1000 time constants: no oscillation, the held input is reached
     within two samples."""
     made = program({"x": -1e5 * (X - U), "v": X - V}, {"x": X, "v": V})
@@ -99,7 +96,7 @@ def test_sdirk2_follows_a_slow_input_through_a_rate_of_1e5() -> None:
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-4])
-def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width: float) -> None:
+def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width):
     """A push of at most 100 against a friction of 1000: the speed stays within a tenth of the
     width."""
     made = program({"v": 100.0 * U - 1e3 * tanh(V / width)}, {"v": V})
@@ -107,7 +104,7 @@ def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width: float) -> None:
     assert np.abs(found[5:]).max() < 0.2 * width
 
 
-def test_a_run_that_blows_up_names_its_sample() -> None:
+def test_a_run_that_blows_up_names_its_sample():
     made = program({"x": X * X}, {"x": X})
     _, _, bad = made.run(
         begin(made, [20.0], EXPLICIT), SampledInputs(np.zeros((100, 1)), PERIOD_S), np.zeros(0)
@@ -172,7 +169,7 @@ MODELS: dict[str, Callable[[], Model]] = {
 
 @BOTH
 @pytest.mark.parametrize("name", MODELS)
-def test_sensitivities_equal_central_differences(name: str, implicit: bool) -> None:
+def test_sensitivities_equal_central_differences(name, implicit):
     rates, outputs, p = MODELS[name]()
     x = [0.31, -0.1]
     made = program(rates, outputs, ["a", "b"])
@@ -184,7 +181,7 @@ def test_sensitivities_equal_central_differences(name: str, implicit: bool) -> N
     assert error.max() < 2e-6, error
 
 
-def test_sensitivities_of_the_joint_in_its_own_loop() -> None:
+def test_sensitivities_of_the_joint_in_its_own_loop():
     """The whole one-dof rig with memories, under its controller: exact against differences."""
     rig = rig_named("one-dof")
     attached = tuple(
@@ -206,7 +203,7 @@ def test_sensitivities_of_the_joint_in_its_own_loop() -> None:
     chosen = np.full(len(p), -1, np.int64)
     chosen[free] = range(len(free))
 
-    def outputs(values: Array, sens: bool) -> tuple[Array, Array]:
+    def outputs(values, sens):
         memory = made.memory(a.start(values), len(free), stepping=Stepping(2), period_s=0.003)
         y, J, bad = made.run(
             memory,
@@ -247,12 +244,12 @@ class Sprung(Rig):
     )
     period_s = PERIOD_S
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         force = u.force_n - p.stiffness * x.position - p.damping * x.velocity
         force = port("force", force, velocity=x.velocity, position=x.position)
         return {"position": x.velocity, "velocity": force / p.mass}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"position_m": port("gauge", x.position)}
 
 
@@ -267,7 +264,7 @@ class Sprung(Rig):
         (1e8, 1e3, IMPLICIT),
     ],
 )
-def test_stepping_follows_stiffness(stiffness: float, damping: float, expected: Stepping) -> None:
+def test_stepping_follows_stiffness(stiffness, damping, expected):
     a = Assembly(Sprung())
     p = np.array([1.0, stiffness, damping])
     u = steps(14, 300, hold=30)[:, None]
@@ -284,7 +281,7 @@ def test_stepping_follows_stiffness(stiffness: float, damping: float, expected: 
 
 @BOTH
 @pytest.mark.parametrize("cut", [1, 37, 119])
-def test_two_calls_equal_one(cut: int, implicit: bool) -> None:
+def test_two_calls_equal_one(cut, implicit):
     rates, outputs, _ = _held_by(
         20.0 * play(delay(lag(X, 0.01), 0.0347, 0.1), 0.01 * B)
         + 5.0 * bristle(X, 0.1)
@@ -296,7 +293,7 @@ def test_two_calls_equal_one(cut: int, implicit: bool) -> None:
     u, p, stepping = steps(15, 120)[:, None], np.array([41.3, 3.0]), Stepping(2, implicit)
     chosen = np.arange(2, dtype=np.int64)
 
-    def whole(edges: list[int]) -> tuple[Array, Array]:
+    def whole(edges):
         memory = begin(made, [0.3, -0.1], stepping, 4)
         memory.S[:2, 2:4] = np.eye(2)
         parts = [
@@ -327,7 +324,7 @@ def _stuck() -> tuple[Runner, Array]:
     return Runner(a, track, EXPLICIT, free=(1, 2)), p
 
 
-def test_a_new_window_keeps_what_effects_remember() -> None:
+def test_a_new_window_keeps_what_effects_remember():
     """A corrected position is not a motion: the friction's deflection stays, and so does its
     force."""
     runner, p = _stuck()
@@ -355,9 +352,7 @@ def test_a_new_window_keeps_what_effects_remember() -> None:
     ids=["play", "bristle", "rate", "play of a lag"],
 )
 @pytest.mark.parametrize("linear", [(), ("u",)], ids=["held", "linear"])
-def test_a_memory_of_an_input_sees_the_step_with_which_a_window_begins(
-    remembered: Expr, linear: tuple[str, ...]
-) -> None:
+def test_a_memory_of_an_input_sees_the_step_with_which_a_window_begins(remembered, linear):
     """No state that is set anew corrects what was recorded: a command that changes with the first
     sample of a window has moved."""
     made = program({"x": remembered - X}, {"y": remembered}, ["b"], linear=linear)

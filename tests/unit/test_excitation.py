@@ -1,9 +1,5 @@
 """Excitation signals and what they cover."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,7 +9,7 @@ from pamid.simulation.excitation.aprbs import aprbs, coverage
 PERIOD = 0.003
 
 
-def test_the_default_covers_the_range_evenly_from_rest() -> None:
+def test_the_default_covers_the_range_evenly_from_rest():
     signal = aprbs(200, PERIOD, 40.0, seed=1)
     assert signal.shape == (66667,)
     assert not signal[: round(0.4 / PERIOD)].any()
@@ -25,17 +21,17 @@ def test_the_default_covers_the_range_evenly_from_rest() -> None:
     assert sum(covers.histogram) == pytest.approx(1.0)
 
 
-def test_latin_levels_spread_better_than_chance() -> None:
+def test_latin_levels_spread_better_than_chance():
     """Largest gap between neighbouring levels: a hypercube leaves at most two strata open."""
 
-    def gap(latin: bool) -> float:
+    def gap(latin):
         levels = np.unique(aprbs(100, PERIOD, 1.0, seed=2, latin=latin))
         return float(np.diff(np.sort(levels)).max()) * levels.size / 2
 
     assert gap(True) <= 2.1 < gap(False)
 
 
-def test_discrete_levels_are_each_used_equally_and_never_twice_running() -> None:
+def test_discrete_levels_are_each_used_equally_and_never_twice_running():
     signal = aprbs(200, PERIOD, 10.0, levels=5, seed=3)
     covers = coverage(signal, PERIOD)
     assert covers.levels == 5
@@ -45,7 +41,7 @@ def test_discrete_levels_are_each_used_equally_and_never_twice_running() -> None
     assert counts.max() - counts.min() <= 1 + 1  # whole decks, and the one cut by the end
 
 
-def test_rate_limit_holds() -> None:
+def test_rate_limit_holds():
     signal = aprbs(60, PERIOD, 40.0, rate_limit=100.0, seed=1)
     assert np.abs(np.diff(signal)).max() <= 100.0 * PERIOD * (1 + 1e-9)
     jumps = coverage(aprbs(60, PERIOD, 40.0, seed=1), PERIOD)
@@ -67,12 +63,12 @@ def test_rate_limit_holds() -> None:
         {"duration_s": float("inf")},
     ],
 )
-def test_requests_without_sense_are_refused(wrong: dict[str, Any]) -> None:
+def test_requests_without_sense_are_refused(wrong):
     with pytest.raises(UsageError):
         aprbs(**{"duration_s": 20.0, "period_s": PERIOD, "amplitude": 1.0, **wrong})
 
 
-def test_it_says_what_it_cannot_excite() -> None:
+def test_it_says_what_it_cannot_excite():
     two = " ".join(coverage(aprbs(60, PERIOD, 1.0, levels=2), PERIOD).sentences())
     assert "even nonlinearities" in two and "does not visit" in two
     slow = " ".join(coverage(aprbs(60, PERIOD, 1.0), PERIOD, bandwidth_hz=10.0).sentences())

@@ -1,8 +1,6 @@
 """Experiments without a loop leave the rig where it was recorded, and what was recorded beside is
 sent again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,7 +58,7 @@ def worst(predictions: Predictions, model: Any, way: Way) -> float:
     return max((x.high - x.low) / (x.recorded[1] - x.recorded[0]) for x in every)
 
 
-def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) -> None:
+def test_a_free_cart_stays_where_it_was_recorded(pushed):
     """As they are, the shapes drive it off; all the ways that are left keep it."""
     evidence, model = pushed
     bench = bench_of(evidence)
@@ -78,9 +76,7 @@ def test_a_free_cart_stays_where_it_was_recorded(pushed: tuple[DataSplit, Any]) 
         assert "recorded: " in predicted_text(predictions, way, [model])
 
 
-def test_a_model_that_would_run_off_forbids_it(
-    pushed: tuple[DataSplit, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_that_would_run_off_forbids_it(pushed, monkeypatch):
     """It is enough that one of the models leads away."""
     evidence, model = pushed
     light = replace(model, fit=replace(model.fit, p=model.fit.p / 50.0))

@@ -1,8 +1,6 @@
 """Experiments of a rig with several joints: what is sent, what the virtual arm does with it, and
 what a fit makes of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,7 @@ TRUTH = ("--set", "link_1_mass_kg=2.6", "--set", "viscous_2_n_m_s=0.08")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("arm")
 
 
@@ -52,7 +50,7 @@ def noted(path: Path) -> dict[str, Any]:
 # ---- random steps --------------------
 
 
-def test_every_joint_gets_steps_of_its_own(folder: Path) -> None:
+def test_every_joint_gets_steps_of_its_own(folder):
     path = folder / "steps.csv"
     options = ("--duration", "60", "--amplitude", "reference_2_deg=25")
     generate(path, *options, "--seed", "4")
@@ -87,7 +85,7 @@ def swing(folder: Path, *more: str) -> Recording:
     return simulated(path, "--noise", "none")
 
 
-def test_a_clamped_arm_swings_as_a_pendulum(folder: Path) -> None:
+def test_a_clamped_arm_swings_as_a_pendulum(folder):
     """Link 2 alone: f = sqrt(m g c/(I + m c^2))/2pi = 1.08 Hz, lower by its damping and for wide
     swings."""
     made = swing(folder, "--release", "0", "10", "--clamped", "1")
@@ -106,7 +104,7 @@ def test_a_clamped_arm_swings_as_a_pendulum(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def recorded(folder: Path) -> tuple[Path, Path]:
+def recorded(folder) -> tuple[Path, Path]:
     """A swing of both links, and pulses on one muscle of each joint."""
     free, pulses = folder / "free.csv", folder / "two.csv"
     generate(free, "--experiment", "gravity-test", "--duration", "6")
@@ -117,9 +115,7 @@ def recorded(folder: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_a_swing_and_pulses_fit_together(
-    recorded: tuple[Path, Path], folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_swing_and_pulses_fit_together(recorded, folder, capsys):
     for path in recorded:
         assert frame.run(["check", str(path)]) == 0, capsys.readouterr().out
     run = folder / "run"
@@ -150,7 +146,7 @@ def bench() -> Bench:
     )
 
 
-def test_the_arm_is_offered_everything() -> None:
+def test_the_arm_is_offered_everything():
     assert menu(bench()) == [*EXPERIMENTS, *MENU]
     for e in (*EXPERIMENTS, *MENU):
         columns = e.signals(bench())
@@ -164,7 +160,7 @@ def test_the_arm_is_offered_everything() -> None:
 @pytest.mark.parametrize(
     "name", ["torque-loops-two-pressures", "quick-release", "valve-pulses", "duty-staircase"]
 )
-def test_joints_take_turns(name: str) -> None:
+def test_joints_take_turns(name):
     e = next(e for e in EXPERIMENTS if e.name == name)
     columns = e.signals(bench())
     half = len(next(iter(columns.values()))) // 2

@@ -1,8 +1,6 @@
 """Answers to what people ask first: the functions of equations, the effects of a family, a table as
 a recording, a rig that was forgotten, and what to do after a check."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 
@@ -48,9 +46,7 @@ def table() -> pd.DataFrame:
     return pd.DataFrame({"time_s": time, "drive_n_m": drive, "angle_rad": angle[:-1]})
 
 
-def test_a_rig_that_was_forgotten_is_one_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_that_was_forgotten_is_one_error(tmp_path, capsys):
     path = tmp_path / "rec.csv"
     table().to_csv(path, index=False)
     assert run(["diagnose", str(path), "--output", str(tmp_path / "run")]) == 2
@@ -70,15 +66,7 @@ def test_a_rig_that_was_forgotten_is_one_error(
         ("pendulum.py", 0.0, "repair it, then pamid check"),
     ],
 )
-def test_a_check_ends_with_what_is_next(
-    rig: str | None,
-    spoil: float,
-    follow: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_check_ends_with_what_is_next(rig, spoil, follow, here, capsys):
     Path("pendulum.py").write_text(PENDULUM)
     made = table()
     if not spoil:

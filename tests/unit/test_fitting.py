@@ -1,8 +1,6 @@
 """Grey-box fits: planted parameters come back with honest intervals, priors rule where the data are
 silent."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -58,10 +56,10 @@ def fitted_joint(seed: int = 1) -> Fit:
     return fit_robustly(problem_of(JOINT, recorded(seed)))
 
 
-def test_a_fit_that_used_up_its_steps_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_that_used_up_its_steps_goes_on(monkeypatch):
     """Else an effect would be named for what its refit gains in the other parameters."""
 
-    def few_steps(*args: Any, iterations: int = 2, **options: Any) -> Fit:
+    def few_steps(*args, iterations=2, **options):
         return fit(*args, iterations=min(iterations, 2), **options)
 
     monkeypatch.setattr("pamid.estimation.robust_fit.fit", few_steps)
@@ -78,7 +76,7 @@ def by_name(found: dict[Bound, Estimate]) -> dict[str, Estimate]:
 # ---- one joint --------------------
 
 
-def test_planted_parameters_lie_within_their_intervals() -> None:
+def test_planted_parameters_lie_within_their_intervals():
     inside, count = 0, 0
     for seed in (1, 2, 3):
         for name, e in by_name(estimates(fitted_joint(seed))).items():
@@ -90,7 +88,7 @@ def test_planted_parameters_lie_within_their_intervals() -> None:
     assert inside >= 0.8 * count, f"{inside} of {count}: intervals of 95 % promise more"
 
 
-def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
+def test_refitting_from_elsewhere_finds_the_same_optimum():
     """The prior's mean stays the data sheet, wherever the search begins."""
     done = fitted_joint(2)
     problem = done.problem
@@ -146,14 +144,14 @@ def dense(fitted: Fit) -> Array:
     return inverse[:k, :k]
 
 
-def test_elimination_of_window_starts_equals_a_dense_solution() -> None:
+def test_elimination_of_window_starts_equals_a_dense_solution():
     done = fit(problem_of(JOINT, recorded(4, 6.0)))
     expected = dense(done)
     spread, expected_spread = np.sqrt(done.covariance.diagonal()), np.sqrt(expected.diagonal())
     np.testing.assert_allclose(spread, expected_spread, rtol=2e-2)
 
 
-def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
+def test_bootstrap_is_reproducible_and_of_the_jacobians_order():
     done = fitted_joint()
     draws = bootstrap(done, 24, seed=5)
     np.testing.assert_array_equal(draws[:6], bootstrap(done, 6, seed=5))
@@ -173,7 +171,7 @@ def joint_model() -> GreyBox:
     return fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []))
 
 
-def test_a_fit_reaches_the_noise_floor_on_what_it_has_not_seen() -> None:
+def test_a_fit_reaches_the_noise_floor_on_what_it_has_not_seen():
     told = fit_json(joint_model(), 0)
     for channel, mae in told["mae"].items():
         assert mae["refitted"] < 1.35 * mae["noise_floor"] + 1e-12, channel
@@ -194,7 +192,7 @@ def two_arms(folder: Path, stated: tuple[Any, Any] = (None, None)) -> list[Recor
     ]
 
 
-def test_names_and_order_of_recordings_do_not_matter(tmp_path: Path) -> None:
+def test_names_and_order_of_recordings_do_not_matter(tmp_path):
     arms, renamed = two_arms(tmp_path), []
     for number, r in enumerate(arms[::-1]):
         for suffix in (".csv", ".toml"):
@@ -208,7 +206,7 @@ def test_names_and_order_of_recordings_do_not_matter(tmp_path: Path) -> None:
 # ---- what a recording knows --------------------
 
 
-def test_known_parameters_are_held_and_not_reported(tmp_path: Path) -> None:
+def test_known_parameters_are_held_and_not_reported(tmp_path):
     stated = {**KNOWN, "viscous_n_m_s": 0.08, "scale": 1.1}
     done = fit_robustly(problem_of(JOINT, record(tmp_path / "rec.csv", 8.0, stated=stated)))
     a = done.problem.assembly
@@ -218,7 +216,7 @@ def test_known_parameters_are_held_and_not_reported(tmp_path: Path) -> None:
     assert own[a.index_of("inertia_kg_m2")] == 0.0896
 
 
-def test_two_recordings_with_their_own_known_inertia(tmp_path: Path) -> None:
+def test_two_recordings_with_their_own_known_inertia(tmp_path):
     right = fit_robustly(problem_of(JOINT, *two_arms(tmp_path)))
     found = by_name(estimates(right))
     assert sum(e.low <= SPECIMEN[n] <= e.high for n, e in found.items()) >= 7
@@ -227,7 +225,7 @@ def test_two_recordings_with_their_own_known_inertia(tmp_path: Path) -> None:
     assert (rms[1] / rms[0]).max() > 2.0
 
 
-def test_a_parameter_known_to_one_recording_is_fitted_on_the_other(tmp_path: Path) -> None:
+def test_a_parameter_known_to_one_recording_is_fitted_on_the_other(tmp_path):
     tight = {**KNOWN, "viscous_n_m_s": 0.3}
     hidden = {k: v for k, v in SPECIMEN.items() if k != "viscous_n_m_s"}
     knows = record(tmp_path / "knows.csv", 6.0, seed=3, known=tight, hidden=hidden)
@@ -258,12 +256,12 @@ class Cart(Rig):
     noise = {"position_m": 0.002}
     period_s = 0.01
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         force = u.force_n - p.stiffness * x.position - (p.damping + p.grip * u.brake) * x.velocity
         force = port("force", force, velocity=x.velocity, position=x.position)
         return {"position": x.velocity, "velocity": force / p.mass}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"position_m": port("gauge", x.position)}
 
 
@@ -288,7 +286,7 @@ def cart_estimates(rig: Rig, *recordings: Recording) -> dict[str, Estimate]:
     return by_name(estimates(fit_robustly(problem_of(rig, *recordings))))
 
 
-def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -> None:
+def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path):
     found = cart_estimates(Cart(), cart_record(tmp_path, **TRUTH))
     grip = found["grip_n_s_per_m"]
     assert (grip.word, grip.at_bound) == ("silent", None)
@@ -298,7 +296,7 @@ def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -
         assert found[name].word == "settled" and found[name].value == pytest.approx(value, rel=0.03)
 
 
-def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
+def test_two_sampling_periods_in_one_fit(tmp_path):
     slow, fast = (
         cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH),
         cart_record(tmp_path, seed=2, **TRUTH),
@@ -308,7 +306,7 @@ def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
         assert found[name].value == pytest.approx(value, rel=0.03)
 
 
-def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:
+def test_a_parameter_at_its_bound_is_said(tmp_path):
     """The specimen is stiffer than the data sheet's bounds allow."""
     soft = Cart()
     soft.parameters = tuple(
@@ -320,7 +318,7 @@ def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:
     assert found["damping_n_s_per_m"].at_bound is None
 
 
-def test_no_convergence_is_a_value_with_a_reason(tmp_path: Path) -> None:
+def test_no_convergence_is_a_value_with_a_reason(tmp_path):
     problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
     short = fit(problem, iterations=1, tolerance=1e-12)
     assert not short.converged and short.why == "iterations used up" and np.isfinite(short.cost)
@@ -346,7 +344,7 @@ class Runaway(Cart):
 
 
 @pytest.mark.parametrize("pole", [False, True])
-def test_a_model_that_blows_up_is_an_outcome(pole: bool, tmp_path: Path) -> None:
+def test_a_model_that_blows_up_is_an_outcome(pole, tmp_path):
     done = fit_robustly(problem_of(Runaway(pole), cart_record(tmp_path, **TRUTH)))
     assert not done.converged and "unstable" in done.why and done.cost == np.inf
     assert np.isfinite(done.p).all()

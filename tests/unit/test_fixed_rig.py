@@ -1,7 +1,5 @@
 """A rig of which no parameter is fitted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,9 +27,7 @@ def evidence_of(recording: Path) -> DataSplit:
 
 
 @pytest.mark.parametrize("planted", [(), ("coulomb-friction",), ("coulomb-friction", "dead-time")])
-def test_a_rig_without_fitted_parameters_is_diagnosed(
-    planted: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_rig_without_fitted_parameters_is_diagnosed(planted, tmp_path):
     evidence = evidence_of(record_cart(tmp_path, planted))
     model = fit_model(evidence)
     assert model.fit.converged and not model.fit.problem.free

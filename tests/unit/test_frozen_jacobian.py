@@ -1,8 +1,6 @@
 """Chord steps with the frozen Jacobian of a fitted model: exact where it was computed, and on the
 way to where exact steps lead."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -37,7 +35,7 @@ class Candidate(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def candidate(tmp_path_factory: pytest.TempPathFactory) -> Candidate:
+def candidate(tmp_path_factory) -> Candidate:
     data = cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
     model = fit_model(data)
     fitted = model.fit
@@ -56,9 +54,7 @@ def candidate(tmp_path_factory: pytest.TempPathFactory) -> Candidate:
     return Candidate(fitted, problem, p, frozen)
 
 
-def test_a_candidate_is_integrated_as_finely_as_the_baseline(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+def test_a_candidate_is_integrated_as_finely_as_the_baseline(tmp_path_factory):
     """Errors of longer steps would otherwise be made up for by its parameters."""
     data = cart_evidence(record_cart(tmp_path_factory.mktemp("fine")))
     model = fit_model(data)
@@ -73,7 +69,7 @@ def chords(c: Candidate) -> tuple[ChordShooting, Iteration[ShootingPoint]]:
     return begin_chords(c.problem, c.frozen, replace(c.fitted.end, p=c.p))
 
 
-def test_normal_equations_are_those_of_exact_derivatives(candidate: Candidate) -> None:
+def test_normal_equations_are_those_of_exact_derivatives(candidate):
     """Of the fitted model itself, frozen where it is asked for: no column is out of date."""
     f = candidate.fitted
     point = begin_chords(f.problem, candidate.frozen, f.end)[1].point
@@ -90,7 +86,7 @@ def test_normal_equations_are_those_of_exact_derivatives(candidate: Candidate) -
         np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=most)
 
 
-def test_own_columns_are_exact_where_shared_ones_are_frozen(candidate: Candidate) -> None:
+def test_own_columns_are_exact_where_shared_ones_are_frozen(candidate):
     f, p = candidate.fitted, candidate.p
     shooting, begun = chords(candidate)
     exact = begin(candidate.problem, replace(f.end, p=p))[1].point
@@ -101,7 +97,7 @@ def test_own_columns_are_exact_where_shared_ones_are_frozen(candidate: Candidate
         np.testing.assert_allclose(ours, theirs, rtol=1e-3)
 
 
-def test_chord_steps_lead_where_exact_steps_lead(candidate: Candidate) -> None:
+def test_chord_steps_lead_where_exact_steps_lead(candidate):
     f = candidate.fitted
     shooting, begun = chords(candidate)
     reached = iterate(shooting, begun, 12).point.cost

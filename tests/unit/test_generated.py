@@ -1,7 +1,5 @@
 """Options of a command, and arguments of a function, from one record."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -53,7 +51,7 @@ def record_of(*words: str) -> Arguments:
     return record
 
 
-def test_a_command_line_becomes_a_record() -> None:
+def test_a_command_line_becomes_a_record():
     line = "a b --scale 2 --draw 4 --span 0 1.5 --known mass=2 --columns x,y --no-check --force"
     assert record_of(*line.split()) == Arguments(
         (Path("a"), Path("b")),  # type: ignore[arg-type]
@@ -68,7 +66,7 @@ def test_a_command_line_becomes_a_record() -> None:
     )
 
 
-def test_defaults_are_those_of_the_record() -> None:
+def test_defaults_are_those_of_the_record():
     record = record_of("a", "--scale", "1")
     assert record == Arguments((Path("a"),), 1.0, known={}, output=Path("w.csv"))  # type: ignore[arg-type]
 
@@ -76,17 +74,17 @@ def test_defaults_are_those_of_the_record() -> None:
 @pytest.mark.parametrize(
     "words", ["a", "--scale 1", "a --scale x", "a --scale 1 --draw 10", "a --scale 1 --unit t"]
 )
-def test_wrong_lines_are_refused(words: str) -> None:
+def test_wrong_lines_are_refused(words):
     with pytest.raises(click.UsageError):
         record_of(*words.split())
 
 
-def test_a_pair_without_a_number_is_refused() -> None:
+def test_a_pair_without_a_number_is_refused():
     with pytest.raises(UsageError, match="NAME=VALUE"):
         record_of("a", "--scale", "1", "--known", "mass")
 
 
-def test_help_states_default_and_range() -> None:
+def test_help_states_default_and_range():
     parameters = {p.name: p for p in parameters_of(Arguments)}
     context = click.Context(click.Command("weigh"))
     draws = parameters["draws"]
@@ -98,7 +96,7 @@ def test_help_states_default_and_range() -> None:
     assert "listener" not in parameters
 
 
-def test_a_function_takes_the_fields_of_its_record() -> None:
+def test_a_function_takes_the_fields_of_its_record():
     @verb(Arguments)
     def weigh(arguments: Arguments) -> float:
         """Weigh.
@@ -118,7 +116,7 @@ def test_a_function_takes_the_fields_of_its_record() -> None:
     assert "check\n    Check first.\n" in parameters and "Called for every thing." in parameters
 
 
-def test_help_of_a_public_function_lists_its_arguments() -> None:
+def test_help_of_a_public_function_lists_its_arguments():
     import inspect
 
     names = list(inspect.signature(pamid.train_residual).parameters)

@@ -1,7 +1,5 @@
 """Physical reasons against a model, whatever it predicts."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -40,9 +38,7 @@ def found(patch: pytest.MonkeyPatch, **by_label: dict[str, Any]) -> None:
         )
 
 
-def test_every_effect_of_a_model_is_held_against_physics(
-    guards: Guards, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_effect_of_a_model_is_held_against_physics(guards, monkeypatch):
     found(
         monkeypatch,
         at_bounds={"leak@tank": ("exponent",)},
@@ -57,8 +53,8 @@ def test_every_effect_of_a_model_is_held_against_physics(
 
 
 def test_an_effect_at_the_limit_of_its_form_leaves_its_place_to_the_other_family(
-    guards: Guards, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    guards, monkeypatch
+):
     found(monkeypatch, limits={"drag@joint": {"reach_rad": "friction"}})
     drag = model(np.full(8, 3.0), DRAG)
     search: Any = guards.search
@@ -73,11 +69,11 @@ def test_an_effect_at_the_limit_of_its_form_leaves_its_place_to_the_other_family
 
 @pytest.mark.parametrize("explained", [True, False])
 def test_a_model_that_predicts_as_well_without_its_inputs_is_set_aside(
-    explained: bool, guards: Guards, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    explained, guards, monkeypatch
+):
     runs: list[Any] = []
 
-    def explained_channels(budget: Any, c: Any, response: Any, seed: int) -> Any:
+    def explained_channels(budget, c, response, seed):
         runs.append(c)
         return np.array([explained, False])
 

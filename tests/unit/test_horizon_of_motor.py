@@ -1,7 +1,5 @@
 """The horizon of a motor: parameter errors that add up over a long run are no gap."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ from pamid.diagnosis.settings import DEFAULT
 
 
 @pytest.fixture(scope="module")
-def budget(tmp_path_factory: pytest.TempPathFactory) -> Budget:
+def budget(tmp_path_factory) -> Budget:
     """Of a motor that is its rig to the noise, recorded under its controller for 12 s from the
     second row on."""
     folder = tmp_path_factory.mktemp("motor")
@@ -34,7 +32,7 @@ def budget(tmp_path_factory: pytest.TempPathFactory) -> Budget:
     )
 
 
-def test_a_run_over_which_parameter_errors_add_up_is_not_scored(budget: Budget) -> None:
+def test_a_run_over_which_parameter_errors_add_up_is_not_scored(budget):
     assert budget.evidence.per_run == 1
     refitted, floor = seen_mean(budget.baseline.absolutes), seen_mean(budget.floor)
     assert np.all(refitted < 1.2 * floor)

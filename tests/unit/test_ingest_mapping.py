@@ -1,8 +1,6 @@
 """The mapping of a raw log: every key checked with its path, units by quantity, gauge and absolute
 never guessed."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 
@@ -32,8 +30,8 @@ def load(folder: Path, text: str, pressures: str | None = None) -> Mapping:
 # ---- keys --------------------
 
 
-def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> None:
-    def absolute(text: str, pressures: str | None = None) -> bool:
+def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path):
+    def absolute(text, pressures=None):
         return resolved_signals(load(tmp_path, text, pressures), ONE_DOF, {}, "map.toml")[
             0
         ].absolute
@@ -50,7 +48,7 @@ def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> Non
         absolute(PRESSURE + 'pressure = "gauge"', "absolute")
 
 
-def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path: Path) -> None:
+def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path):
     names = {
         "reference_deg": "deg",
         "command": "1",
@@ -106,7 +104,7 @@ CONVERSIONS = [
 @pytest.mark.parametrize(
     ("text", "value", "symbol", "made"), CONVERSIONS, ids=[c[0] for c in CONVERSIONS]
 )
-def test_units_are_converted(text: str, value: float, symbol: str, made: float) -> None:
+def test_units_are_converted(text, value, symbol, made):
     assert in_unit(np.array([value]), read_unit(text), symbol)[0] == pytest.approx(made, rel=1e-12)
 
 
@@ -126,7 +124,7 @@ def test_units_are_converted(text: str, value: float, symbol: str, made: float) 
         ("bar", ""),
     ],
 )
-def test_gauge_and_absolute_are_read_from_the_unit(text: str, mark: str) -> None:
+def test_gauge_and_absolute_are_read_from_the_unit(text, mark):
     found = read_unit(text)
     assert found.pressure == mark and found.dimension == unit("Pa").dimension
 
@@ -151,7 +149,7 @@ def test_gauge_and_absolute_are_read_from_the_unit(text: str, mark: str) -> None
         ("u", "command", ""),
     ],
 )
-def test_names_are_understood_in_several_languages(name: str, kind: str, which: str) -> None:
+def test_names_are_understood_in_several_languages(name, kind, which):
     assert kind in meanings(name) and number(name) == which
 
 
@@ -179,7 +177,7 @@ def guessed(*, p_unit: str = "bar", pressures: str | None = None) -> tuple[str, 
     return found.text, found.open
 
 
-def test_a_guess_is_a_mapping_with_open_questions() -> None:
+def test_a_guess_is_a_mapping_with_open_questions():
     text, left = guessed()
     tables = tomllib.loads(text)
     assert {c: s["source"] for c, s in tables["signals"].items()} == {

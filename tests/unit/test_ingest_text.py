@@ -1,8 +1,6 @@
 """Text logs of every dialect: what can be told is read and said, what can be read in two ways is
 refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +50,7 @@ def holds(log: Log, **columns: Any) -> None:
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", "   "])
 @pytest.mark.parametrize("decimal", [".", ","])
-def test_delimiters_and_decimal_marks(tmp_path: Path, delimiter: str, decimal: str) -> None:
+def test_delimiters_and_decimal_marks(tmp_path, delimiter, decimal):
     table = (
         delimiter.join(("t", "angle", "p1"))
         + "\n"
@@ -68,7 +66,7 @@ def test_delimiters_and_decimal_marks(tmp_path: Path, delimiter: str, decimal: s
     assert said(log, "decimal comma" if decimal == "," else "decimal point")
 
 
-def test_preamble_units_czech_and_carriage_returns(tmp_path: Path) -> None:
+def test_preamble_units_czech_and_carriage_returns(tmp_path):
     head = (
         "Záznam č. 7;příliš žluťoučký\r\nPerioda;0,003\r\nKp;0,1\r\nKd;0,003\r\n\r\nČas;Úhel;Tlak "
         "1;\r\n"
@@ -91,7 +89,7 @@ def test_preamble_units_czech_and_carriage_returns(tmp_path: Path) -> None:
         )
 
 
-def test_units_in_names_quotes_duplicates_and_comment_marks(tmp_path: Path) -> None:
+def test_units_in_names_quotes_duplicates_and_comment_marks(tmp_path):
     log = read(
         tmp_path,
         '"Time [ms]","Winkel, ist (deg)","p","p","q (1)",""\n'
@@ -114,7 +112,7 @@ def test_units_in_names_quotes_duplicates_and_comment_marks(tmp_path: Path) -> N
     assert [channel.unit for channel in log.channels] == ["s", "deg"]
 
 
-def test_columns_are_numbers_or_said(tmp_path: Path) -> None:
+def test_columns_are_numbers_or_said(tmp_path):
     """pandas' own guess of the delimiter leaves every column a text, without a word; here none may
     stay one."""
     state = ["run", "stop"] * (N // 2)
@@ -158,13 +156,13 @@ def test_columns_are_numbers_or_said(tmp_path: Path) -> None:
         (["1,5", "1.5"] * (N // 2), "decimal-mark"),
     ],
 )
-def test_thousands_and_mixed_marks_are_refused(tmp_path: Path, cells: list[str], code: str) -> None:
+def test_thousands_and_mixed_marks_are_refused(tmp_path, cells, code):
     with pytest.raises(FileError) as caught:
         read(tmp_path, "n;x\n" + rows([str(index) for index in range(N)], cells, delimiter=";"))
     assert caught.value.code == code
 
 
-def test_commas_without_names_to_count_them_are_refused(tmp_path: Path) -> None:
+def test_commas_without_names_to_count_them_are_refused(tmp_path):
     whole = "".join(f"{index},{index + 1}\n" for index in range(N))
     with pytest.raises(FileError, match="which commas"):
         read(tmp_path, whole)
@@ -175,7 +173,7 @@ def test_commas_without_names_to_count_them_are_refused(tmp_path: Path) -> None:
     holds(read(tmp_path, "a,b\n" + quoted), a=np.arange(N) + 0.5, b=np.arange(N) + 0.25)
 
 
-def test_names_that_do_not_fit_and_ragged_rows_are_refused(tmp_path: Path) -> None:
+def test_names_that_do_not_fit_and_ragged_rows_are_refused(tmp_path):
     table = rows(TIME, ANGLE, PRESSURE)
     with pytest.raises(FileError, match=r"line 1 has 4 names \(a, b, c, d\).* 3 columns"):
         read(tmp_path, "a,b,c,d\n" + table)
@@ -186,7 +184,7 @@ def test_names_that_do_not_fit_and_ragged_rows_are_refused(tmp_path: Path) -> No
             read(tmp_path, "\n".join(hurt))
 
 
-def test_a_log_that_was_cut_loses_its_last_row_and_says_so(tmp_path: Path) -> None:
+def test_a_log_that_was_cut_loses_its_last_row_and_says_so(tmp_path):
     table = "t,angle\n" + rows(TIME, ANGLE)
     for lost in range(1, 25):
         log = read(tmp_path, table[:-lost])
@@ -212,7 +210,7 @@ STAMPS = np.datetime64("2024-03-01T23:59:59.950") + (np.arange(N) * 3).astype("t
         "%H:%M:%S:{ms}",
     ],
 )
-def test_dates_and_times_become_seconds(tmp_path: Path, form: str) -> None:
+def test_dates_and_times_become_seconds(tmp_path, form):
     moments = (STAMPS + np.timedelta64(12, "D")).tolist()  # the 13th is no month
     cells = [
         moment.strftime(form).format(ms=f"{moment.microsecond // 1000:03d}") for moment in moments
@@ -257,9 +255,7 @@ def lvm(x_columns: str, decimal: str, segments: int) -> str:
 @pytest.mark.parametrize("x_columns", ["One", "No", "Multi"])
 @pytest.mark.parametrize("decimal", [".", ","])
 @pytest.mark.parametrize("segments", [1, 2])
-def test_labview_measurement_files(
-    tmp_path: Path, x_columns: str, decimal: str, segments: int
-) -> None:
+def test_labview_measurement_files(tmp_path, x_columns, decimal, segments):
     log = read(tmp_path, lvm(x_columns, decimal, segments), name="rig.lvm")
     assert log.kind == "lvm"
     for number in range(segments):
@@ -291,7 +287,7 @@ def test_labview_measurement_files(
         "[" * 5000 + "\n" + "1,2,3\n" * 5,
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
+def test_what_is_no_table_is_refused(tmp_path, text):
     for name in ("log.csv", "log.lvm"):
         with pytest.raises(FileError):
             read(tmp_path, text, name=name)

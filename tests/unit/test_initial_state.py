@@ -1,16 +1,13 @@
 """Windows begin in the state that their readings show, and are as short as growing errors allow."""
 
-from __future__ import annotations
-
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
-from pamid.engine.symbolic.vocabulary import Number, cos, sin
+from pamid.engine.symbolic.vocabulary import cos, sin
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -41,7 +38,7 @@ class LinkedPendulums(Rig):
     parameters = (Parameter("steepness", RATE**2, 1.0, 100.0, spread=0.1, source="length"),)
     period_s = PERIOD_S
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         torque = port("hinge", u.torque, velocity=x.a_rate)
         pull = 9.0 * sin(x.a - x.b)
         return {
@@ -51,7 +48,7 @@ class LinkedPendulums(Rig):
             "b_rate": p.steepness * sin(x.b) + pull,
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"sum": x.a + x.b, "slider": x.a + 0.3 * cos(x.b)}
 
 
@@ -65,10 +62,10 @@ class Unstable(Rig):
     parameters = (Parameter("rate", 3.0, -50.0, 100.0, spread=0.1, source="bench"),)
     period_s = PERIOD_S
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         return {"place": p.rate * x.place + port("drive", u.push)}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"read": x.place}
 
 
@@ -86,7 +83,7 @@ def swung() -> tuple[Recording, Assembly, Array]:
     return recording_of(PERIOD_S * np.arange(SAMPLES), columns, name="swung"), model, true
 
 
-def test_start_is_found_far_from_the_rest_through_a_known_map() -> None:
+def test_start_is_found_far_from_the_rest_through_a_known_map():
     """From the rig's start no derivative over the whole window leads to the state that was read."""
     recording, model, true = swung()
     track = track_of(model, data_of(model.rig, recording), ("sum", "slider"))
@@ -117,7 +114,7 @@ def held_back(rate: float, period_s: float = PERIOD_S, noise: float = NOISE) -> 
 
 
 @pytest.mark.parametrize("rate", [-20.0, -1.0, 15.0, 30.0])
-def test_growth_time_is_that_of_the_exponential(rate: float) -> None:
+def test_growth_time_is_that_of_the_exponential(rate):
     """exp(rate t)/exp(rate t/2) reaches the limit at 2 ln(limit)/rate; what decays, never."""
     model = Assembly(Unstable())
     track = track_of(model, data_of(model.rig, held_back(rate)), ("read",))
@@ -127,7 +124,7 @@ def test_growth_time_is_that_of_the_exponential(rate: float) -> None:
     assert found == pytest.approx(min(expected, 1.0), abs=2.0 * PERIOD_S)
 
 
-def test_windows_of_a_model_whose_errors_grow_are_shorter() -> None:
+def test_windows_of_a_model_whose_errors_grow_are_shorter():
     """The same recording, as a model that decays and as one that grows would explain it."""
     recording = held_back(30.0)
     splits = []

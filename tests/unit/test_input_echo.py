@@ -1,15 +1,10 @@
 """A measured column that repeats an input is named; a machine that follows its input is not."""
 
-from __future__ import annotations
-
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pamid_cli.frame import run
 from small_cart import PERIOD_S, RIG
 
 from pamid.engine.symbolic.vocabulary import Number, tanh
@@ -36,14 +31,14 @@ class StiffServo(Rig):
         Parameter("damping", 0.8, low=0.3, high=2.0, source="manual"),
     )
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         w = p.bandwidth_per_s
         return {
             "position": x.velocity,
             "velocity": w * w * (u.target_mm - x.position) - 2.0 * p.damping * w * x.velocity,
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"position_mm": port("sensor", x.position)}
 
 
@@ -100,7 +95,7 @@ def issues(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
 
 @pytest.mark.parametrize("kind", list(kinds(levels())))
 @pytest.mark.parametrize("period", [0.01, 36.0])
-def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
+def test_an_echo_of_the_input_is_named(kind, period):
     u = levels()
     columns = {"force_n": u, "position_m": kinds(u)[kind]}
     (issue,) = before_a_fit(recording_of(period * np.arange(u.size), columns, {}), rig_named(RIG))
@@ -113,16 +108,14 @@ def test_an_echo_of_the_input_is_named(kind: str, period: float) -> None:
 @pytest.mark.parametrize("bandwidth", [20.0, 60.0, 150.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("count", [50, 1500])
-def test_a_stiff_machine_that_follows_its_input_is_genuine(
-    bandwidth: float, noise: float, count: int
-) -> None:
+def test_a_stiff_machine_that_follows_its_input_is_genuine(bandwidth, noise, count):
     u, random = levels(count), np.random.default_rng(3)
     y = servo(u, bandwidth, 0.02) + noise * random.standard_normal(u.size)
     recording = recording_of(0.02 * np.arange(u.size), {"target_mm": u, "position_mm": y}, {})
     assert not issues(recording, StiffServo())
 
 
-def test_a_servo_far_from_the_zero_of_its_model_is_genuine() -> None:
+def test_a_servo_far_from_the_zero_of_its_model_is_genuine():
     """From zero the motor would need the whole recording to get there."""
     t = 0.02 * np.arange(500)
     u = 500.0 + 2.0 * np.sin(3.0 * t) + np.sin(7.0 * t)
@@ -139,7 +132,7 @@ class LoadedServo(StiffServo):
         return {"position_mm": port("sensor", x.position) + 1e-3 * u.load_n}
 
 
-def test_a_servo_stiffer_than_its_data_sheet_is_genuine() -> None:
+def test_a_servo_stiffer_than_its_data_sheet_is_genuine():
     u, load = levels(), levels(seed=5)
     y = servo(u, 60.0, 0.02) + 0.05 * load
     columns = {"target_mm": u, "load_n": 0.3 * load, "position_mm": y}
@@ -161,7 +154,7 @@ class TippingServo(StiffServo):
         return {"position_mm": port("sensor", x.position + 0.01 * x.tilt), "tilt_rad": x.tilt}
 
 
-def test_a_servo_on_a_pole_that_falls_in_the_model_is_genuine() -> None:
+def test_a_servo_on_a_pole_that_falls_in_the_model_is_genuine():
     """A run on the recorded push falls whatever the parameters, as a robot arm does."""
     u, period, fine = levels(), 0.02, 50
     tilt, push = np.zeros_like(u), np.zeros_like(u)
@@ -179,13 +172,10 @@ def test_a_servo_on_a_pole_that_falls_in_the_model_is_genuine() -> None:
 
 
 @pytest.mark.parametrize("command", ["check", "diagnose", "fit"])
-def test_the_commands_refuse_an_echo(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_refuse_an_echo(command, tmp_path, cli):
     u = levels()
     file = tmp_path / "rec.csv"
     write_recording(file, PERIOD_S * np.arange(u.size), {"force_n": u, "position_m": u})
     into = [] if command == "check" else ["--output", str(tmp_path / "run")]
-    assert run([command, str(file), "--rig", RIG, *into, "--json"]) == 3
-    assert "contain the same signal" in json.loads(capsys.readouterr().out)["message"]
+    assert "contain the same signal" in cli(command, file, "--rig", RIG, *into, code=3)["message"]
     assert not (tmp_path / "run").exists()

@@ -1,7 +1,5 @@
 """Inputs whose term moves nothing, and recorded columns that the rig leaves out, are named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +41,7 @@ DECLARED = ', "flow_ml_per_min": "m3/s"'
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory) -> Path:
     """A recording with pulses of water, and three rigs: with the right term of the water, with one
     in ml/min though the equations see m3/s, and without any."""
     folder = tmp_path_factory.mktemp("boiler")
@@ -75,7 +73,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("rig", "idle"), [("right", False), ("dead", True)])
-def test_check_names_an_input_that_moves_nothing(made: Path, rig: str, idle: bool) -> None:
+def test_check_names_an_input_that_moves_nothing(made, rig, idle):
     said = check(made / "rec.csv", rig=str(made / f"{rig}.py")).to_dict()
     found = [f["detail"] for f in said["findings"] if f["check"] == "idle-input"]
     assert len(found) == idle and said["ok"]
@@ -84,7 +82,7 @@ def test_check_names_an_input_that_moves_nothing(made: Path, rig: str, idle: boo
         assert "Check its unit" in text
 
 
-def test_a_regression_explains_what_follows_and_nothing_else() -> None:
+def test_a_regression_explains_what_follows_and_nothing_else():
     random = np.random.default_rng(3)
     pulses = np.repeat(random.choice([0.0, 0.0, 1.0], 200), 15)
     other = np.repeat(random.choice([0.0, 0.0, 1.0], 200), 15)

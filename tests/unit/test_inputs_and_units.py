@@ -1,9 +1,5 @@
 """What a rig says of its inputs and units, and what `pamid check` makes of it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -69,7 +65,7 @@ def recorded(way: str, noise: float = 0.0, samples: int = 2500) -> Recording:
 
 @pytest.mark.parametrize("truth", ["held", "linear"])
 @pytest.mark.parametrize("taken", ["held", "linear"])
-def test_both_ways_are_tried_and_the_true_one_fits(truth: str, taken: str) -> None:
+def test_both_ways_are_tried_and_the_true_one_fits(truth, taken):
     (one,) = compare_holds(recorded(truth, 0.002), varied(between={"force_n": taken}))
     assert (one.column, one.better, one.wrong) == ("force_n", truth, truth != taken)
     errors = {"held": one.rms_held, "linear": one.rms_linear}
@@ -77,7 +73,7 @@ def test_both_ways_are_tried_and_the_true_one_fits(truth: str, taken: str) -> No
     assert one.channel == "position_mm"
 
 
-def test_check_says_what_to_write() -> None:
+def test_check_says_what_to_write():
     found = pamid.check(recorded("linear", 0.002), varied())
     assert found.ok, found.summary()
     (note,) = [f for f in found.notes if f.check == "between"]
@@ -101,7 +97,7 @@ def test_check_says_what_to_write() -> None:
         ({"name": "give_m", "size": "position"}, "'give'"),
     ],
 )
-def test_units_that_contradict_a_name_are_refused(parameter: dict[str, str], mend: str) -> None:
+def test_units_that_contradict_a_name_are_refused(parameter, mend):
     with pytest.raises(FileError, match=mend):
         Parameter(value=1.0, **parameter)  # type: ignore[arg-type]
 
@@ -119,12 +115,12 @@ def test_units_that_contradict_a_name_are_refused(parameter: dict[str, str], men
         ({"ranges": {"valve_percent": (1.0, 0.0)}}, "lowest, highest"),
     ],
 )
-def test_what_a_rig_says_of_its_columns_is_checked(declared: dict[str, object], mend: str) -> None:
+def test_what_a_rig_says_of_its_columns_is_checked(declared, mend):
     with pytest.raises(FileError, match=mend):
         check_rig(varied(**declared), "here")
 
 
-def test_equations_see_si_and_known_values_any_unit() -> None:
+def test_equations_see_si_and_known_values_any_unit():
     assembly = Assembly(varied())
     assert assembly.values()[:2] == pytest.approx([0.4, 1e4])
     p, places = known_values(assembly, {"mass_kg": 0.5, "spring_n_per_m": 9e3})
@@ -138,7 +134,7 @@ def test_equations_see_si_and_known_values_any_unit() -> None:
 # ---- exports -------------------------------------------------------------------------------------
 
 
-def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path: Path) -> None:
+def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path):
     from pamid.exports.exporting import export_model
     from pamid.exports.form import known_forms
     from pamid.networks.correction.identified_model import load_identified

@@ -1,15 +1,12 @@
 """What sensors can tell apart by structure: against every subset of random systems, by hand, and a
 published table."""
 
-from __future__ import annotations
-
 import random
 from itertools import combinations
-from typing import Any
 
 import pytest
 
-from pamid.engine.symbolic.vocabulary import Expr, Number
+from pamid.engine.symbolic.vocabulary import Expr
 from pamid.model.effect import State
 from pamid.model.isolability import Isolability, Split, Structure, isolability
 from pamid.model.parameter import Parameter
@@ -48,7 +45,7 @@ def _minimal_checks(system: Structure) -> list[set[int]]:
 
 
 @pytest.mark.parametrize("seed", range(150))
-def test_decomposition_agrees_with_all_minimal_checks(seed: int) -> None:
+def test_decomposition_agrees_with_all_minimal_checks(seed):
     system = _random(seed)
     checks = _minimal_checks(system)
     count = len(system.equations)
@@ -78,21 +75,21 @@ class Cascade(Rig):
     states = (State("level_1", "m"), State("level_2", "m"))
     parameters = (Parameter("area", 0.01, 0.001, 0.1, "m2", source="ruler"),)
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         pipe, outlet = port("pipe", 1e-3 * x.level_1), port("outlet", 1e-3 * x.level_2)
         return {
             "level_1": (port("pump", u.command) - pipe) / p.area,
             "level_2": (pipe - outlet) / p.area,
         }
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {
             "level_1_m": port("gauge", x.level_1, place="1"),
             "level_2_m": port("gauge", x.level_2, place="2"),
         }
 
 
-def test_two_tanks_with_the_lower_gauge_have_one_check() -> None:
+def test_two_tanks_with_the_lower_gauge_have_one_check():
     """Five cuts and states are settled from command and outlet on; the reading of level 2 is one
     equation too many."""
     found = isolability(Cascade(), ("level_2_m",))
@@ -102,7 +99,7 @@ def test_two_tanks_with_the_lower_gauge_have_one_check() -> None:
     assert found.unseen == () and found.unseen_places == ()
 
 
-def test_what_lies_downstream_of_the_only_gauge_is_unseen() -> None:
+def test_what_lies_downstream_of_the_only_gauge_is_unseen():
     found = isolability(Cascade(), ("level_1_m",))
     assert found.redundancy == 1
     assert found.places == (("pump", "pipe", "gauge_1"),)
@@ -126,10 +123,10 @@ class Tapped(OneDof):
     name = "tapped"
     outputs = {**OneDof.outputs, "flow_1": "m3/s", "flow_2": "m3/s", "torque_nm": "N m"}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         passed: dict[tuple[str, str], Expr] = {}
 
-        def tap(name: str, value: Any, place: str = "", **signals: Any) -> Expr:
+        def tap(name, value, place="", **signals):
             passed[name, place] = port(name, value, place=place, **signals)
             return passed[name, place]
 
@@ -181,15 +178,13 @@ def _their_classes(found: Isolability) -> set[frozenset[str]]:
 
 
 @pytest.mark.parametrize(("outputs", "redundancy", "classes"), TABLE)
-def test_published_table_of_the_joint(
-    outputs: tuple[str, ...], redundancy: int, classes: str
-) -> None:
+def test_published_table_of_the_joint(outputs, redundancy, classes):
     found = isolability(Tapped(), outputs)
     assert found.redundancy == redundancy and found.unseen_places == ()
     assert _their_classes(found) == {frozenset(c.split()) for c in classes.split(", ")}
 
 
-def test_ports_in_line_stay_together_until_what_lies_between_is_measured() -> None:
+def test_ports_in_line_stay_together_until_what_lies_between_is_measured():
     found = isolability(OneDof(), ANGLE + PRESSURES + FORCES)
     assert {("valve_1", "pressure_1", "relief_1"), ("muscle_2", "chain_2"), ("joint", "arm")} < set(
         found.places
@@ -206,7 +201,7 @@ def test_ports_in_line_stay_together_until_what_lies_between_is_measured() -> No
     assert ("valve_1",) in metered.places and ("pressure_1", "relief_1") in metered.places
 
 
-def test_groups_and_sensors_of_the_joint() -> None:
+def test_groups_and_sensors_of_the_joint():
     alone = isolability(OneDof(), ANGLE)
     assert alone.groups == (
         ("command", "valve", "pressure", "muscle", "structure", "joint", "sensor"),
@@ -222,7 +217,7 @@ def test_groups_and_sensors_of_the_joint() -> None:
 
 
 @pytest.mark.parametrize("port", ["valve", "joint"])
-def test_a_direct_measurement_splits_as_the_same_sensor_in_a_rig_does(port: str) -> None:
+def test_a_direct_measurement_splits_as_the_same_sensor_in_a_rig_does(port):
     """What is promised for "the value at port X" holds for a rig that has that output."""
     before = isolability(OneDof(), ANGLE + PRESSURES + FORCES)
     after = isolability(

@@ -1,8 +1,6 @@
 """A channel is used wherever it was recorded: what one recording lacks is not taken away from the
 others."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -45,7 +43,7 @@ class Sprung(Rig):
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def rig(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("lacking") / "sprung.py"
     path.write_text(SPRUNG)
     return path
@@ -66,7 +64,7 @@ def recorded(
 
 
 @pytest.fixture(scope="module")
-def both(rig: Path) -> tuple[Recording, Recording]:
+def both(rig) -> tuple[Recording, Recording]:
     return recorded(rig, "all", 1), recorded(rig, "less", 2, "position_m")
 
 
@@ -78,9 +76,7 @@ def widths(g: GreyBox) -> dict[str, float]:
     return {b.full_name: (e.high or 0.0) - (e.low or 0.0) for b, e in estimates(g.fit).items()}
 
 
-def test_force_in_one_recording_only_still_tells_its_parameter(
-    rig: Path, both: tuple[Recording, Recording]
-) -> None:
+def test_force_in_one_recording_only_still_tells_its_parameter(rig, both):
     alone, together = fitted(rig, both[0]), fitted(rig, *both)
     assert together.evidence.channels == ("position_m", "cell_n")
     one, two = widths(alone), widths(together)
@@ -90,9 +86,7 @@ def test_force_in_one_recording_only_still_tells_its_parameter(
     assert gain.low < 1.3 < gain.high and gain.word == "settled"
 
 
-def test_what_is_missing_is_told_and_nothing_else_is_made_up(
-    rig: Path, both: tuple[Recording, Recording]
-) -> None:
+def test_what_is_missing_is_told_and_nothing_else_is_made_up(rig, both):
     g = fitted(rig, *both)
     found = fit_json(g, 0)
     assert {r["name"]: r["lacks"] for r in found["recordings"]} == {"all": [], "less": ["cell_n"]}
@@ -112,9 +106,7 @@ def test_what_is_missing_is_told_and_nothing_else_is_made_up(
 
 
 @pytest.mark.slow
-def test_the_commands_go_all_the_way(
-    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_go_all_the_way(rig, tmp_path, capsys):
     """Diagnosis, report page and a network on a channel that one recording lacks."""
     friction = ("coulomb-friction:force_n=2.0",)
     made = [

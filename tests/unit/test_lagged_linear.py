@@ -1,7 +1,5 @@
 """The lagged linear regression that shows whether recordings contain a response."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +42,7 @@ def response(folder: Path, force: Array, position: Array, period_s: float = PERI
 
 
 @pytest.mark.parametrize("step", [1, -1], ids=["forward", "rows in reverse order"])
-def test_a_machine_responds_in_its_direction(step: int, force: Array, tmp_path: Path) -> None:
+def test_a_machine_responds_in_its_direction(step, force, tmp_path):
     found = response(tmp_path, force[::step], moved(force)[::step])
     assert found.is_clear and found.is_reversed == (step < 0)
 
@@ -52,9 +50,7 @@ def test_a_machine_responds_in_its_direction(step: int, force: Array, tmp_path: 
 @pytest.mark.parametrize(
     ("scale", "period_s"), [(-1.0, PERIOD_S), (1e4, PERIOD_S), (1e-6, PERIOD_S), (1.0, 60.0)]
 )
-def test_neither_sign_nor_unit_matters(
-    scale: float, period_s: float, force: Array, tmp_path: Path
-) -> None:
+def test_neither_sign_nor_unit_matters(scale, period_s, force, tmp_path):
     usual = response(tmp_path, force, moved(force))
     other = response(tmp_path, -scale * force, scale * moved(force), period_s)
     assert other.forward == pytest.approx(usual.forward, rel=1e-3)
@@ -62,9 +58,7 @@ def test_neither_sign_nor_unit_matters(
 
 
 @pytest.mark.parametrize("kind", ["ramp", "sine", "noise", "foreign"])
-def test_an_output_without_the_input_does_not_respond(
-    kind: str, force: Array, tmp_path: Path
-) -> None:
+def test_an_output_without_the_input_does_not_respond(kind, force, tmp_path):
     time_s = PERIOD_S * np.arange(SAMPLES)
     noise = np.random.default_rng(5).standard_normal(SAMPLES)
     position = {
@@ -86,7 +80,7 @@ def test_an_output_without_the_input_does_not_respond(
         (np.sin(np.arange(100)), True),
     ],
 )
-def test_an_input_moves_to_and_fro(u: Array, moves: bool) -> None:
+def test_an_input_moves_to_and_fro(u, moves):
     y = np.zeros((len(u), 1))
     track = Track("rec", u[:, None], y, np.zeros(0), (), 1.0, np.zeros(0), 1.0)
     assert inputs_move([track]) == moves

@@ -1,7 +1,5 @@
 """Hypotheses side by side are the runs of each by itself, whatever happens in the other lanes."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 
@@ -86,7 +84,7 @@ def _largest_error(Y: Array, single: Array) -> float:
     [Stepping(1), Stepping(2), Stepping(1, implicit=True)],
     ids=["one", "two", "implicit"],
 )
-def test_lanes_are_single_runs(rig: str, names: tuple[str, ...], stepping: Stepping) -> None:
+def test_lanes_are_single_runs(rig, names, stepping):
     machine = rig_named(rig)
     effect = tuple(attach(machine, name, effects()) for name in names)
     assembly = Assembly(machine, effect, background=True, sensitive=frozenset())
@@ -141,7 +139,7 @@ def _full_range() -> Array:
 
 
 @pytest.mark.parametrize("name", ["exp", "tanh", "sqrt", "sin", "cos", "log", "floor"])
-def test_vector_functions_are_those_of_numpy(name: str) -> None:
+def test_vector_functions_are_those_of_numpy(name):
     written = {"exp": exp, "tanh": tanh, "sqrt": sqrt, "sin": sin, "cos": cos, "log": log}
     values = _full_range()
     if name in ("sin", "cos"):
@@ -166,7 +164,7 @@ def _explosive() -> tuple[LaneProgram, Program]:
     return lane_program(rates, outputs, ["a"]), scalar_program(rates, outputs, ["a"])
 
 
-def test_a_lane_that_diverges_leaves_the_others_alone() -> None:
+def test_a_lane_that_diverges_leaves_the_others_alone():
     lanes, single = _explosive()
     a = np.array([-1.0, 300.0, -2.0, 30.0, 0.0, -3.0, 1e4, -4.0, 40.0, -5.0])
     u, x = steps(1, 120)[:, None], np.ones((1, len(a)))
@@ -202,9 +200,7 @@ def _windows_case() -> tuple[Array, Array, Array, Array]:
 
 @pytest.mark.parametrize("serial", [False, True], ids=["side by side", "serial"])
 @pytest.mark.parametrize("dependent", [None, 1, 4, 9])
-def test_windows_carry_the_memory_of_their_lane_or_of_lane_0(
-    dependent: int | None, serial: bool
-) -> None:
+def test_windows_carry_the_memory_of_their_lane_or_of_lane_0(dependent, serial):
     """Lanes from `dependent` on begin every window with the memory of lane 0."""
     together, single = _remembering()
     lanes = SerialLanes(single) if serial else together  # type: ignore[arg-type]
@@ -231,7 +227,7 @@ def test_windows_carry_the_memory_of_their_lane_or_of_lane_0(
             np.testing.assert_allclose(ends[w, :, lane], alone.x, **rounding)
 
 
-def test_windows_may_begin_within_a_track() -> None:
+def test_windows_may_begin_within_a_track():
     lanes, _ = _remembering()
     u, edges, p, entered = _windows_case()
     memory = lanes.memory(np.zeros((3, 11)), period_s=PERIOD_S)

@@ -1,9 +1,6 @@
 """What a check takes for late."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import numpy as np
 import one_cart
@@ -11,7 +8,7 @@ import pytest
 
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
-from pamid.engine.symbolic.vocabulary import Number, clip, sin
+from pamid.engine.symbolic.vocabulary import clip, sin
 from pamid.intake.checks.recording_quality import examine
 from pamid.intake.checks.rig_consistency import _fits_better_later
 from pamid.model.assembly import Assembly
@@ -25,7 +22,7 @@ from pamid.simulation.free_runs import free_run
 
 
 @pytest.mark.parametrize("time", [1.0, 200.0, 1.0 / 200.0])
-def test_late_is_late_at_any_pace(time: float) -> None:
+def test_late_is_late_at_any_pace(time):
     """Neither what counts as late nor how far is looked is a matter of the unit of time."""
     written = one_cart.Written(time=time)
     recording, rig = one_cart.recorded(written), one_cart.cart(written)
@@ -41,7 +38,7 @@ def test_late_is_late_at_any_pace(time: float) -> None:
     assert shifts == pytest.approx([8.0, 12.0], abs=1.1)
 
 
-def test_a_reading_that_is_early_is_led_by_its_slope_where_the_rig_offers_none() -> None:
+def test_a_reading_that_is_early_is_led_by_its_slope_where_the_rig_offers_none():
     """The damper bench offers no rate of its force, which rises ever faster here: one that
     is read two samples early is two rises ahead."""
     rig = rig_named("damper-bench")
@@ -74,12 +71,12 @@ class Swing(Rig):
     period_s = 0.01
     friction = 0.0
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         torque = port("hinge", u.torque - p.damping * x.velocity, velocity=x.velocity)
         rubbed = self.friction * clip(50.0 * x.velocity, -1.0, 1.0)
         return {"angle": x.velocity, "velocity": torque - rubbed - p.steepness * sin(x.angle)}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"angle": x.angle}
 
 
@@ -96,7 +93,7 @@ def swung(friction: float, early: int = 0) -> Recording:
 
 
 @pytest.mark.parametrize("friction", [0.0, 2.0])
-def test_friction_that_is_missing_is_no_early_reading(friction: float) -> None:
+def test_friction_that_is_missing_is_no_early_reading(friction):
     """The model without it falls behind within a run, not within short windows; a reading that is
     early is early there, too."""
     for early in (0, 6):

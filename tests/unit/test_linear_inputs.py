@@ -1,7 +1,5 @@
 """Inputs that lead in a straight line from one sample to the next: against closed solutions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +64,7 @@ def lagged(rate: float, start: float) -> Array:
 
 
 @pytest.mark.parametrize("stepping", STEPPINGS)
-def test_the_integrator_takes_the_straight_line_at_every_stage(stepping: Stepping) -> None:
+def test_the_integrator_takes_the_straight_line_at_every_stage(stepping):
     """Errors fall with the order of the method; a held input is off by half a sample."""
     model, rate = made({"x": a * (u - x)}, {"y": x}), 0.3 / H
     exact = lagged(rate, 0.2)
@@ -79,7 +77,7 @@ def test_the_integrator_takes_the_straight_line_at_every_stage(stepping: Steppin
 
 @pytest.mark.parametrize("stepping", STEPPINGS)
 @pytest.mark.parametrize("kind", ["rate", "lag", "delay", "play"])
-def test_sensitivities_are_exact(kind: str, stepping: Stepping) -> None:
+def test_sensitivities_are_exact(kind, stepping):
     enters = {
         "rate": a * u,
         "lag": lag(u, a),
@@ -97,7 +95,7 @@ def test_sensitivities_are_exact(kind: str, stepping: Stepping) -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.4 * H, H, 1.7 * H, 6.0 * H])
-def test_a_delayed_line_is_the_line_delayed(seconds: float) -> None:
+def test_a_delayed_line_is_the_line_delayed(seconds):
     stepping = Stepping(10)
     late = delay(u, a, 10.0 * H)
     y = run(made({"x": late}, {"y": late, "x": x}), seconds, 0.0, stepping)
@@ -121,7 +119,7 @@ def recorded(way: str, samples: int = 900) -> Recording:
     return recording_of(t, columns, {"between": {"force_n": way}} if way else {})
 
 
-def test_a_recording_says_it_for_its_rig() -> None:
+def test_a_recording_says_it_for_its_rig():
     rig = rig_named(CART)
     assert as_recorded(rig, [recorded("")]) is rig and as_recorded(rig, [recorded("held")]) is rig
     assert cart("linear")[0].program.linear == (0,) and cart("held")[0].program.linear == ()
@@ -139,7 +137,7 @@ class LinearBench(EveryPortRig):
 
 
 @pytest.mark.parametrize("spec", ["dead-time", "first-order-lag", "dead-zone", "two-mass"])
-def test_effects_vanish_and_slope_exactly_there_too(spec: str) -> None:
+def test_effects_vanish_and_slope_exactly_there_too(spec):
     rig = LinearBench()
     fit = [a for a in attachments(rig, effects().values()) if a.effect.name == spec]
     attachment = min(fit, key=lambda a: a.ports != ("command",))

@@ -1,9 +1,6 @@
 """The rows of a fit's least squares: they add up to its cost, and their derivatives are those of
 differences."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +15,7 @@ EVERYTHING = 10**9
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fit:
+def fitted(tmp_path_factory) -> Fit:
     return fit_model(cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))).fit
 
 
@@ -26,22 +23,22 @@ def rows_of(f: Fit, most: int = EVERYTHING) -> LinearRows:
     return linear_rows(f, most)
 
 
-def test_they_add_up_to_the_cost_of_the_fit(fitted: Fit) -> None:
+def test_they_add_up_to_the_cost_of_the_fit(fitted):
     away = rows_of(fitted).away
     assert away @ away == pytest.approx(fitted.cost, rel=1e-9)
 
 
-def test_derivatives_are_those_of_differences(fitted: Fit) -> None:
+def test_derivatives_are_those_of_differences(fitted):
     found, scale = rows_of(fitted), fitted.problem.scale
 
-    def at(ds: float, dx: float) -> np.ndarray:
+    def at(ds, dx):
         p, starts = fitted.p.copy(), [x.copy() for x in fitted.starts]
         free = list(fitted.problem.free)
         p[free] = scale.outside(scale.inside(p[free]) + ds)
         starts[0][1, 0] += dx
         return linear_rows(replace(fitted, p=p, starts=tuple(starts)), EVERYTHING).away
 
-    def slope(f: Callable[[float], np.ndarray], h: float) -> np.ndarray:
+    def slope(f, h):
         return (f(h) - f(-h)) / (2.0 * h)
 
     n = fitted.starts[0].shape[1]

@@ -1,7 +1,5 @@
 """A function written in parts is the function written at once, to the last bit."""
 
-from __future__ import annotations
-
 import ctypes
 
 import numpy as np
@@ -43,14 +41,14 @@ def _values(roots: list[Expr], part: int | None) -> Array:
 
 
 @pytest.mark.parametrize("part", [1, 7, 200, 10**6])
-def test_a_function_in_parts_is_the_same(part: int) -> None:
+def test_a_function_in_parts_is_the_same(part):
     roots = _equations(150)
     once = _values(roots, None)
     assert np.unique(once).size == len(roots) - 1
     assert np.array_equal(_values(roots, part), once)
 
 
-def test_long_modules_alone_are_written_in_parts() -> None:
+def test_long_modules_alone_are_written_in_parts():
     short, long = _equations(10), _equations(LONG_MODULE // 5)
     assert part_of([short]) is None and not declarations(None).startswith(IN_PARTS)
     part = part_of([long])

@@ -1,8 +1,6 @@
 """Regimes: a gap planted at known values of a signal is told in that signal, once, with its bounds
 and shares."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -41,7 +39,7 @@ def replayed(evidence: DataSplit, known: dict[str, float]) -> CandidateModel:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+def joint(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
     """40 s of a joint without any fault, and the model that made it."""
     path = tmp_path_factory.mktemp("joint") / "rec.csv"
     evidence = split_recordings(
@@ -66,7 +64,7 @@ def with_gap(joint: tuple[DataSplit, CandidateModel], inside: np.ndarray) -> Can
     return replace(base, replays=(replace(r, full_outputs=whole),))
 
 
-def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, CandidateModel]) -> None:
+def test_a_model_without_error_has_no_regime(joint):
     evidence, base = joint
     r = base.replays[0]
     assert (
@@ -77,7 +75,7 @@ def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, CandidateMo
     assert regimes(evidence, everywhere, None) == (), "a gap that is everywhere is in no regime"
 
 
-def test_opening_is_told_from_closing(joint: tuple[DataSplit, CandidateModel]) -> None:
+def test_opening_is_told_from_closing(joint):
     best = regimes(joint[0], with_gap(joint, signals(joint)["command"] > 0.0), None)[0]
     assert best.signal == "command" and best.low == 0.0 and best.high == pytest.approx(1.0)
 
@@ -90,9 +88,7 @@ def test_opening_is_told_from_closing(joint: tuple[DataSplit, CandidateModel]) -
         ("muscle_pressure_1", "kPa", 0.0, 300.0),
     ],
 )
-def test_a_gap_inside_the_model_is_told_there(
-    joint: tuple[DataSplit, CandidateModel], signal: str, unit: str, low: float, high: float
-) -> None:
+def test_a_gap_inside_the_model_is_told_there(joint, signal, unit, low, high):
     """Reversals and load are not measured; without their sensors, neither are the pressures."""
     if signal == "muscle_pressure_1":
         evidence = replace(joint[0], channels=("angle_deg",), noise=joint[0].noise[:1])
@@ -107,7 +103,7 @@ def test_a_gap_inside_the_model_is_told_there(
     assert shared > 0.5 * (best.high - best.low)
 
 
-def test_one_regime_is_told_once(joint: tuple[DataSplit, CandidateModel]) -> None:
+def test_one_regime_is_told_once(joint):
     """The angle and the contractions of both muscles are the same thing."""
     evidence, base = joint
     found = regimes(evidence, with_gap(joint, signals(joint)["angle"] > 15.0), None)
@@ -119,7 +115,7 @@ def test_one_regime_is_told_once(joint: tuple[DataSplit, CandidateModel]) -> Non
     assert gains[0] == max(gains) and min(gains) > 0.1
 
 
-def test_what_the_cause_explains_is_the_gap(joint: tuple[DataSplit, CandidateModel]) -> None:
+def test_what_the_cause_explains_is_the_gap(joint):
     """Samples that a cause leaves as they are belong to no regime of it."""
     evidence, base = joint
     angle = signals(joint)["angle"]

@@ -1,9 +1,6 @@
 """Of long recordings evenly spread stretches are searched; short ones are used whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,13 +20,13 @@ LEAST = 1.2  # correlation times of a stretch, so that a small recording is a lo
 
 
 @pytest.fixture(autouse=True)
-def short_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_stretches(monkeypatch) -> None:
     monkeypatch.setattr(data_split, "LEAST_FITTED", LEAST)
     monkeypatch.setattr(data_split, "LEAST_HELD_OUT", LEAST)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+def whole(tmp_path_factory) -> DataSplit:
     """A cart with friction whose pushes bring it back, so that it soon forgets them."""
     path, random = tmp_path_factory.mktemp("cart") / "push.csv", np.random.default_rng(3)
     sizes = random.uniform(2.0, 6.0, round(LONG_S / (80 * PERIOD_S)))
@@ -49,9 +46,7 @@ def times(evidence: DataSplit, spans: tuple[Span, ...]) -> np.ndarray:
     )
 
 
-def test_stretches_are_bounded_and_reach_from_the_first_sample_to_the_last(
-    whole: DataSplit,
-) -> None:
+def test_stretches_are_bounded_and_reach_from_the_first_sample_to_the_last(whole):
     fitted, held = 4.0 * LEAST, 3.01 * LEAST
     assert times(whole, whole.fit).sum() > fitted and times(whole, whole.held_out).sum() > held
     part = whole.excerpt(fitted, held)
@@ -66,7 +61,7 @@ def test_stretches_are_bounded_and_reach_from_the_first_sample_to_the_last(
     assert all_s == pytest.approx(LONG_S, rel=0.01) and whole.used_s[0] == all_s
 
 
-def test_what_is_short_stays_whole(whole: DataSplit, tmp_path: Path) -> None:
+def test_what_is_short_stays_whole(whole, tmp_path):
     short = cart_evidence(record_cart(tmp_path, seconds=20.0))
     assert short.excerpt(DEFAULT.fitted_most, DEFAULT.held_out_most) == short
     # many short recordings: no stretch of them would be long enough
@@ -77,9 +72,7 @@ def test_what_is_short_stays_whole(whole: DataSplit, tmp_path: Path) -> None:
     assert many.excerpt(most, DEFAULT.held_out_most).fit == many.fit
 
 
-def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(
-    whole: DataSplit,
-) -> None:
+def test_a_diagnosis_of_stretches_finds_the_cause_and_says_what_was_used(whole):
     settings = replace(DEFAULT, fitted_most=9.0, held_out_most=6.0)
     catalogue = {name: effects()[name] for name in ("coulomb-friction", "dead-time")}
     found = diagnose(whole, catalogue, settings=settings)

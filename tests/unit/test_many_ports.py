@@ -1,7 +1,5 @@
 """A rig with many like ports: what is looked at closely, and what is screened."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,7 +24,7 @@ def located(gains: dict[str, float]) -> PortEvidence:
     return PortEvidence({name: gains.get(name, 0.0) for name in ARM.ports}, (), {}, {})
 
 
-def test_of_many_those_where_something_is_missing() -> None:
+def test_of_many_those_where_something_is_missing():
     assert len(EVERY) > 100
     gains = {
         "joint_2": 100.0,
@@ -46,7 +44,7 @@ def test_of_many_those_where_something_is_missing() -> None:
     assert "leak@pressure_12" not in kept and len(kept) >= 30
 
 
-def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
+def test_one_port_far_ahead_leaves_rivals_in_the_race():
     """A reading whose latent value explains everything is no reason to try the clock alone."""
     gains = {
         "contraction_sensor_11": 1000.0,
@@ -83,7 +81,7 @@ def gains_beside_nothing(smoothers: dict[str, Looked]) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("count", [MANY_PORTS, MANY_PORTS + 1])
-def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
+def test_many_ports_are_looked_at_roughly_first(count):
     looked, share = list[float](), 0.5 * OUTSTANDING
     smoothers = {
         f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
@@ -95,7 +93,7 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
         assert found["p5"] == pytest.approx(share * 80.0)
 
 
-def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence() -> None:
+def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence():
     """Free to move, they end far below the evidence without any latent value."""
     smoothers = {f"p{k}": Looked(100.0, 80.0, []) for k in range(MANY_PORTS + 1)}
     smoothers["p3"] = Looked(90.0, -500.0, [])
@@ -104,7 +102,7 @@ def test_a_port_whose_parameters_run_away_keeps_its_rough_evidence() -> None:
     assert found["p3"] == pytest.approx(0.8 * 90.0) and found["p4"] == 0.0
 
 
-def test_ports_without_rough_evidence_are_all_looked_at() -> None:
+def test_ports_without_rough_evidence_are_all_looked_at():
     """The coarse grid of sizes may put all of them a little below none."""
     smoothers = {f"p{k}": Looked(-5.0, 2.0, []) for k in range(MANY_PORTS + 1)}
     assert set(gains_beside_nothing(smoothers).values()) == {2.0}

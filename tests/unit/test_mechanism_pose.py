@@ -1,9 +1,5 @@
 """What is drawn of a robot model stands where MuJoCo puts it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -37,7 +33,7 @@ ARM = """
 """
 
 
-def test_chains_pass_through_the_joints_and_end_at_the_last_mass(tmp_path: Path) -> None:
+def test_chains_pass_through_the_joints_and_end_at_the_last_mass(tmp_path):
     path = tmp_path / "crane.xml"
     path.write_text(ARM, encoding="utf-8")
     m = read_mechanism(path)
@@ -56,7 +52,7 @@ def test_chains_pass_through_the_joints_and_end_at_the_last_mass(tmp_path: Path)
         np.testing.assert_allclose(pose["hook"][k], [p[[0, 2]] for p in places], atol=1e-9)
 
 
-def test_a_joint_that_nothing_reads_is_named(tmp_path: Path) -> None:
+def test_a_joint_that_nothing_reads_is_named(tmp_path):
     path = tmp_path / "crane.xml"
     path.write_text(ARM.replace('<jointpos name="swing" joint="swing"/>', ""), encoding="utf-8")
     m = read_mechanism(path)

@@ -1,10 +1,7 @@
 """What a raw log declares is charged to a budget before anything is allocated for it."""
 
-from __future__ import annotations
-
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +37,7 @@ def refusal(path: Path, kind: str) -> FileError:
     return caught.value
 
 
-def test_the_sum_of_arrays_counts_not_each_alone(tmp_path: Path) -> None:
+def test_the_sum_of_arrays_counts_not_each_alone(tmp_path):
     path = declared(tmp_path / "many.h5", [(20_000_000,)] * 8)  # each would fit
     error = refusal(path, "hdf5")
     assert error.code == "too-large" and str(path) in error.message
@@ -48,7 +45,7 @@ def test_the_sum_of_arrays_counts_not_each_alone(tmp_path: Path) -> None:
     assert refusal(path, "hdf5").hint.count("memory_limit") == 1
 
 
-def test_an_array_beyond_the_limit_is_left_out_with_the_rest_read(tmp_path: Path) -> None:
+def test_an_array_beyond_the_limit_is_left_out_with_the_rest_read(tmp_path):
     log = read_here(declared(tmp_path / "one.h5", [(10**12,)]), "hdf5")
     assert [channel.name for channel in log.channels] == ["t"]
     assert any("memory limit" in detail and "x0" in detail for detail in log.details)
@@ -113,22 +110,20 @@ def bomb(path: Path) -> None:
         ("mf4", "mdf", mdf, 0.002),
     ],
 )
-def test_other_formats_are_refused_by_the_sum_of_their_channels(
-    tmp_path: Path, suffix: str, kind: str, write: Callable[[Path], None], gib: float
-) -> None:
+def test_other_formats_are_refused_by_the_sum_of_their_channels(tmp_path, suffix, kind, write, gib):
     write(path := tmp_path / f"log.{suffix}")
     assert len(read_here(path, kind).channels) == 8
     with limited_memory(gib):
         assert refusal(path, kind).code == "too-large"
 
 
-def test_a_compressed_variable_is_measured_before_it_is_unpacked(tmp_path: Path) -> None:
+def test_a_compressed_variable_is_measured_before_it_is_unpacked(tmp_path):
     bomb(path := tmp_path / "bomb.mat")
     assert path.stat().st_size < 1_000_000
     assert refusal(path, "mat").code == "too-large"
 
 
-def test_the_limit_holds_in_the_reading_process_too(tmp_path: Path) -> None:
+def test_the_limit_holds_in_the_reading_process_too(tmp_path):
     path = declared(tmp_path / "log.h5", [(40_000,)] * 8)
     assert len(read_log(path).channels) == 9
     with limited_memory(0.002), pytest.raises(FileError, match="too large"):
@@ -137,7 +132,7 @@ def test_the_limit_holds_in_the_reading_process_too(tmp_path: Path) -> None:
         guess_mapping(path, None, memory_limit=0.002)
 
 
-def test_the_limit_is_stated_once_and_can_be_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limit_is_stated_once_and_can_be_raised(monkeypatch):
     monkeypatch.delenv(LIMIT_VARIABLE, raising=False)
     assert memory_limit() == LOG_MEMORY
     with limited_memory(3.5):

@@ -1,7 +1,5 @@
 """Errors, shrinkage and their interval."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,13 +13,13 @@ from pamid.base.metrics import (
 )
 
 
-def test_mae_and_rms_by_hand() -> None:
+def test_mae_and_rms_by_hand():
     assert mae([1.0, 2.0, 3.0], [1.0, 0.0, 4.0]) == 1.0
     assert rms([3.0, 0.0, 0.0], [0.0, 0.0, 0.0]) == pytest.approx(3**0.5)
     assert rms([3.0, 4.0]) == pytest.approx(12.5**0.5)
 
 
-def test_interval_is_seeded_and_holds_the_ratio() -> None:
+def test_interval_is_seeded_and_holds_the_ratio():
     random = np.random.default_rng(3)
     before = random.uniform(0.5, 1.5, 60)
     after = 0.3 * before + 0.1 * random.random(60)
@@ -31,7 +29,7 @@ def test_interval_is_seeded_and_holds_the_ratio() -> None:
     assert interval[0] < after.sum() / before.sum() < interval[1]
 
 
-def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
+def test_interval_covers_the_truth_when_errors_are_alike_in_time():
     """95 % intervals over 150 worlds with autocorrelated losses; independent draws would cover far
     fewer."""
     random = np.random.default_rng(11)
@@ -51,14 +49,14 @@ def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
     assert hits[1] < 0.75 * hits[12]
 
 
-def test_shapes_must_agree() -> None:
+def test_shapes_must_agree():
     with pytest.raises(DataError, match="equal shape"):
         mae([1.0, 2.0], [1.0])
     with pytest.raises(DataError, match="equal shape"):
         mae([], [])
 
 
-def test_longer_blocks_do_not_widen_the_interval_of_independent_errors() -> None:
+def test_longer_blocks_do_not_widen_the_interval_of_independent_errors():
     """Entries of one block are successive, not copies of each other."""
     after = np.random.default_rng(2).exponential(size=600)
     expected = 2 * 1.96 * after.std() / 600**0.5
@@ -67,7 +65,7 @@ def test_longer_blocks_do_not_widen_the_interval_of_independent_errors() -> None
         assert high - low == pytest.approx(expected, rel=0.2)
 
 
-def test_interval_refuses_what_has_no_ratio() -> None:
+def test_interval_refuses_what_has_no_ratio():
     for above, below in (
         ([1.0], [1.0]),
         ([1.0, 2.0], [1.0]),
@@ -78,7 +76,7 @@ def test_interval_refuses_what_has_no_ratio() -> None:
             moving_block_interval(above, below)
 
 
-def test_a_cycle_of_a_sine_holds_four_independent_samples() -> None:
+def test_a_cycle_of_a_sine_holds_four_independent_samples():
     """However finely it is sampled; noise holds as many as there are samples."""
     random = np.random.default_rng(4)
     for count in (500, 5000):
@@ -92,7 +90,7 @@ def test_a_cycle_of_a_sine_holds_four_independent_samples() -> None:
     assert independent_samples(np.ones(50), noise[:50]) == 0.0
 
 
-def test_a_share_that_chance_makes_is_none() -> None:
+def test_a_share_that_chance_makes_is_none():
     """The mean of the adjusted share over independent noise is zero, whatever the parts."""
     random, parts, n = np.random.default_rng(7), 8, 40
     raw = []

@@ -1,9 +1,5 @@
 """missing.csv, and the words of a missing term's formula."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 
 from pamid.base.run_files import read_columns
@@ -32,7 +28,7 @@ def missing(count: int) -> Missing:
     )
 
 
-def test_the_points_come_with_their_units(tmp_path: Path) -> None:
+def test_the_points_come_with_their_units(tmp_path):
     m = missing(300)
     (tmp_path / "missing.csv").write_bytes(missing_csv(m))
     found = read_columns(tmp_path / "missing.csv")
@@ -43,7 +39,7 @@ def test_the_points_come_with_their_units(tmp_path: Path) -> None:
     assert found["recording"].tolist() == m.recording.tolist()
 
 
-def test_long_recordings_are_thinned_evenly(tmp_path: Path) -> None:
+def test_long_recordings_are_thinned_evenly(tmp_path):
     (tmp_path / "missing.csv").write_bytes(missing_csv(missing(9001)))
     found = read_columns(tmp_path / "missing.csv")
     assert found is not None and 0.5 < len(found["time_s"]) / MISSING_ROWS <= 1.0

@@ -1,7 +1,5 @@
 """How large what passes at the ports of a MuJoCo model is: by the run, not by the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,7 @@ def rig(text: str, folder: Path) -> CompiledMechanism:
     return CompiledMechanism(read_mechanism(path))
 
 
-def test_a_size_is_stated_only_where_nothing_drives_a_joint(tmp_path: Path) -> None:
+def test_a_size_is_stated_only_where_nothing_drives_a_joint(tmp_path):
     passive = TWO.replace('<motor name="m2" joint="elbow" gear="1.5" ctrlrange="-1 1"/>', "")
     assert passive != TWO
     assert not any(port.size for port in rig(TWO, tmp_path).ports.values())
@@ -30,7 +28,7 @@ def test_a_size_is_stated_only_where_nothing_drives_a_joint(tmp_path: Path) -> N
     assert stated == {"elbow"}
 
 
-def test_sizes_are_those_of_what_was_sent(tmp_path: Path) -> None:
+def test_sizes_are_those_of_what_was_sent(tmp_path):
     a = Assembly(rig(ONE, tmp_path))
     u = np.repeat([0.2, -0.2, 0.1, -0.2, 0.2], 100)[:, None]  # of a range of -1 .. 1
     sizes = port_sizes(a, [(u, a.values(), 0.004)])

@@ -1,7 +1,5 @@
 """The made arms: what is planted shows, and what needs no effect needs none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import ModuleType
 
@@ -33,7 +31,7 @@ def positions(truth: ModuleType, machine, planted) -> np.ndarray:
 
 @pytest.mark.parametrize("joints", [1, 2, 7])
 @pytest.mark.parametrize("kind", ["frictionloss", "backlash", "delay", "armature"])
-def test_what_is_planted_shows_and_stays_within_the_joints(truth, joints, kind) -> None:
+def test_what_is_planted_shows_and_stays_within_the_joints(truth, joints, kind):
     machine, planted = drawn(truth, joints, kind)
     with_it, without = positions(truth, machine, planted), positions(truth, machine, ())
     at = [link.joint for link in machine.links].index(planted[0].joint)
@@ -43,7 +41,7 @@ def test_what_is_planted_shows_and_stays_within_the_joints(truth, joints, kind) 
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_mass_and_armature_of_one_joint_are_a_link_with_its_load(truth, seed) -> None:
+def test_mass_and_armature_of_one_joint_are_a_link_with_its_load(truth, seed):
     machine, (load,) = drawn(truth, 1, "payload", seed)
     link = machine.links[0]
     factor = 1.0 + 2.0 * load.size / link.mass  # the same moment of gravity

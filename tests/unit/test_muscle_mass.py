@@ -1,8 +1,6 @@
 """A single muscle against a mass: its equations beside those of the first paper written by hand,
 and what a fit of a virtual recording finds again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -38,7 +36,7 @@ def run(samples: int, u: np.ndarray, **known: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("push", [-60.0, 80.0])
-def test_it_comes_to_rest_where_the_forces_are_equal(push: float) -> None:
+def test_it_comes_to_rest_where_the_forces_are_equal(push):
     """Valves shut, the air trapped: p V stays, and the pull is the weight less what pushes."""
     y = run(3000, np.array([SHUT, push]))
     position, gauge, pull = y[-1]
@@ -46,14 +44,14 @@ def test_it_comes_to_rest_where_the_forces_are_equal(push: float) -> None:
     contraction = 0.10 + position / 0.250
     assert static_force(contraction, gauge) == pytest.approx(pull, abs=0.05)
 
-    def volume(e: float) -> float:
+    def volume(e):
         return 2.6421e-4 * e**3 - 7.9263e-4 * e**2 + 4.4988e-4 * e + 7.8540e-5 + 5e-6
 
     trapped = (352.3e3 + ATMOSPHERE) * volume(0.10)
     assert (gauge + ATMOSPHERE) * volume(contraction) == pytest.approx(trapped, rel=1e-4)
 
 
-def test_rates_are_the_paper_s_equations() -> None:
+def test_rates_are_the_paper_s_equations():
     """Equations 1 to 5 by hand at one state, while filling and while venting."""
     rig, x = MuscleMass(), {"position": 0.004, "velocity": 0.05, "pressure": 3.2e5}
     rates = Assembly(rig)
@@ -65,7 +63,7 @@ def test_rates_are_the_paper_s_equations() -> None:
     volume = 2.6421e-4 * e**3 - 7.9263e-4 * e**2 + 4.4988e-4 * e + 7.8540e-5 + 5e-6
     slope = 3 * 2.6421e-4 * e**2 - 2 * 7.9263e-4 * e + 4.4988e-4
 
-    def flow(up: float, down: float) -> float:
+    def flow(up, down):
         inside = max(down / up - 0.433, 0.0) / (1.0 - 0.433)
         return 3.777e-9 * up * np.sqrt(1.0 - inside**2)
 
@@ -83,10 +81,7 @@ def test_rates_are_the_paper_s_equations() -> None:
         assert moved == pytest.approx(0.05 * step + 0.5 * acceleration * step**2, abs=1e-15)
 
 
-def test_a_virtual_recording_tells_its_damper_and_its_scale(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_virtual_recording_tells_its_damper_and_its_scale(here, capsys):
     for words in (
         "generate-aprbs --rig muscle-mass --duration 9 --seed 1 --output u.csv",
         "simulate --rig muscle-mass --excitation u.csv --set damping_m2_s=0.001 --set scale=1.1 "

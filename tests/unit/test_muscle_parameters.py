@@ -1,7 +1,5 @@
 """What was once a number in the equations of a muscle is a parameter of every rig with muscles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -13,7 +11,7 @@ from pamid.rigs.one_dof import OneDof
 
 @pytest.mark.parametrize("name", ["one-dof", "two-link"])
 @pytest.mark.parametrize("law", LAWS)
-def test_coefficients_of_the_law_are_held_parameters(name: str, law: str) -> None:
+def test_coefficients_of_the_law_are_held_parameters(name, law):
     rig = catalogue_rig(f"{name}:{law}")
     own = {p.name: p for p in rig.parameters}
     assert set(LAWS[law].parameters) <= set(rig.parameters)
@@ -23,7 +21,7 @@ def test_coefficients_of_the_law_are_held_parameters(name: str, law: str) -> Non
         assert not p.fitted and p.source and p.low <= p.value <= p.high
 
 
-def test_another_law_brings_its_own_coefficients_and_no_others() -> None:
+def test_another_law_brings_its_own_coefficients_and_no_others():
     rig = OneDof()
     double = replace(LAWS["three-element"].parameters[0], name="gain")
     rig.static_force = CoefficientLaw(lambda e, p, c: c.gain * p * (1.0 - 3.0 * e), (double,))

@@ -1,8 +1,6 @@
 """The next experiment: found by simulation, it separates what it says, by about as much as it
 says."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -67,9 +65,7 @@ def drawn(folder: Path, name: str, columns: dict[str, Array], rig: Path, seed: i
 
 
 @pytest.fixture(scope="module")
-def rubbing(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[Path, Path, Recording, Diagnosis, Proposal]:
+def rubbing(tmp_path_factory) -> tuple[Path, Path, Recording, Diagnosis, Proposal]:
     """A cart with dry friction, recorded with hard pushes only, and what to do next about it."""
     folder = tmp_path_factory.mktemp("cart")
     rig = folder / "cart.py"
@@ -94,9 +90,7 @@ def apart(d: Diagnosis, way: Way) -> float:
     return float(np.sqrt((last**2).mean()))
 
 
-def test_it_separates_more_than_the_same_excitation_again(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
+def test_it_separates_more_than_the_same_excitation_again(rubbing):
     _, _, _, d, p = rubbing
     assert p.experiment.separates == RIVALS
     again = Experiment(
@@ -105,9 +99,7 @@ def test_it_separates_more_than_the_same_excitation_again(
     assert p.experiment.expected_separation > 1.2 * apart(d, Way(bench_of(d.evidence), again))
 
 
-def test_what_it_expects_is_what_comes(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
+def test_what_it_expects_is_what_comes(rubbing):
     """The experiment is made, with noise, and both models are fitted to both recordings: the wrong
     one misses the new one by about what was expected, the right one by a small part of that."""
     folder, rig, old, d, p = rubbing
@@ -130,10 +122,7 @@ def test_what_it_expects_is_what_comes(
     assert met < 0.2 * missed
 
 
-def test_the_file_reads_back_and_simulates(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_file_reads_back_and_simulates(rubbing, monkeypatch):
     folder, rig, made, d, p = rubbing
     monkeypatch.setattr(diagnosis_run, "diagnose", lambda *_, **__: d)
     run = Run.create(folder / "run", command=["test"], seed=0)
@@ -151,9 +140,7 @@ def test_the_file_reads_back_and_simulates(
     assert len(read_recording(folder / "simulated.csv")) == len(back)
 
 
-def test_nothing_in_question_nothing_to_do(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
+def test_nothing_in_question_nothing_to_do(rubbing):
     _, _, _, d, _ = rubbing
     assert d.answer is not None
     quiet = replace(d.answer, verdict="no-structural-gap", causes=())
@@ -171,9 +158,7 @@ def decided(d: Diagnosis) -> Diagnosis:
     return replace(d, answer=replace(d.answer, verdict="explained", causes=d.answer.causes[:1]))
 
 
-def test_no_experiment_separates_what_the_recordings_have_separated(
-    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
-) -> None:
+def test_no_experiment_separates_what_the_recordings_have_separated(rubbing):
     """A rival hundreds of standard errors behind needs no further minute at the rig; the reason
     stands among the notes."""
     _, _, _, d, _ = rubbing

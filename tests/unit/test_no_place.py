@@ -1,7 +1,5 @@
 """Effects that a rig has no place for, while another rig for the same quantities has one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +25,7 @@ def lacking(rig: Rig) -> dict[str, tuple[str, ...]]:
     }
 
 
-def test_a_motor_of_one_inertia_has_no_place_for_play_to_its_load() -> None:
+def test_a_motor_of_one_inertia_has_no_place_for_play_to_its_load():
     assert lacking(rig_named("dc-motor"))["coupling-play"] == ("geared-motor",)
     text = rig_text(rig_story(rig_named("dc-motor"), effects().values(), rigs()))
     assert "Effects without a port in this rig" in text
@@ -35,7 +33,7 @@ def test_a_motor_of_one_inertia_has_no_place_for_play_to_its_load() -> None:
 
 
 @pytest.mark.parametrize("name", ["geared-motor", "two-masses", "linear-axis", "thermal-block"])
-def test_what_has_a_place_is_not_missed(name: str) -> None:
+def test_what_has_a_place_is_not_missed(name):
     """Nothing that fits is listed, and no smaller rig is offered to a larger one."""
     rig = rig_named(name)
     fit = {a.effect.name for a in attachments(rig, effects().values())}
@@ -45,7 +43,7 @@ def test_what_has_a_place_is_not_missed(name: str) -> None:
         assert all(len(rigs()[other]().states) >= len(rig.states) for other in others)
 
 
-def test_it_follows_from_ports_and_quantities_alone() -> None:
+def test_it_follows_from_ports_and_quantities_alone():
     """A rig of one's own is compared with those that take and read the same; with the port that an
     effect takes, it has a place."""
     cart = rig_named(str(ROOT / "data" / "rigs" / "cart.py"))
@@ -66,7 +64,7 @@ def test_it_follows_from_ports_and_quantities_alone() -> None:
     assert lacking(Other()) == {}  # nothing else takes that
 
 
-def test_new_rig_states_it(tmp_path: Path) -> None:
+def test_new_rig_states_it(tmp_path):
     levels = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 20), 20)
     given = recording_of(
         0.01 * np.arange(400), {"voltage_v": levels, "angle_deg": np.cumsum(levels)}, name="motor"

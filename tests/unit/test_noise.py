@@ -1,7 +1,5 @@
 """The step and the noise of a channel, read back from channels whose step and noise are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +57,7 @@ def digits(y: Array, count: int = 9) -> Array:
 
 @pytest.mark.parametrize("channel", CHANNELS)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_the_step_is_found_and_the_noise_is_never_below_it(motion: str, channel: str) -> None:
+def test_the_step_is_found_and_the_noise_is_never_below_it(motion, channel):
     """Noise-free, a tenth of a step of noise, a third, one, three: what a reading is off by, in any
     unit."""
     step, written = CHANNELS[channel]
@@ -75,7 +73,7 @@ def test_the_step_is_found_and_the_noise_is_never_below_it(motion: str, channel:
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_white_noise_is_found_where_nothing_is_quantised(motion: str) -> None:
+def test_white_noise_is_found_where_nothing_is_quantised(motion):
     y = MOTIONS[motion] + 0.05 * np.random.default_rng(3).standard_normal(SAMPLES)
     assert quantisation_step(digits(y)) == 0.0
     assert noise_level(digits(y)[:, None])[0] == pytest.approx(0.05, rel=0.1)
@@ -85,7 +83,7 @@ def test_white_noise_is_found_where_nothing_is_quantised(motion: str) -> None:
 @pytest.mark.parametrize("pace", [0.0, 0.01, 0.2, 0.72])
 @pytest.mark.parametrize("share", [0.0, 2.0])
 @pytest.mark.parametrize("samples", [1000, 20000])
-def test_a_tone_is_no_noise(pace: float, share: float, samples: int) -> None:
+def test_a_tone_is_no_noise(pace, share, samples):
     """White noise alone, beside a slow and a fast swing, in a converter of twice its size."""
     random = np.random.default_rng(11)
     noise, swing = 0.01, 50.0 * np.sin(pace * np.arange(samples) + 0.4)
@@ -98,7 +96,7 @@ def test_a_tone_is_no_noise(pace: float, share: float, samples: int) -> None:
     assert sensor_noise([y[:, None]], np.array([1.0])).used[0] == pytest.approx(off, rel=0.2)
 
 
-def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show() -> None:
+def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show():
     random = np.random.default_rng(5)
     smooth = MOTIONS["slow"][:, None]
     filtered = (
@@ -139,7 +137,7 @@ def clinging(values: Array, step: float, seed: int) -> Array:
 
 @pytest.mark.parametrize("step", [0.2, 0.3, 0.6])
 @pytest.mark.parametrize("averaged", [1, 6])
-def test_a_gauge_that_clings_lags_by_as_much_as_it_leaps(step: float, averaged: int) -> None:
+def test_a_gauge_that_clings_lags_by_as_much_as_it_leaps(step, averaged):
     """A tank drains; the logger averages so many readings."""
     level = 22.5 * (1.0 - 0.9 * np.linspace(0.0, 1.0, 840 * averaged)) ** 2
     reading, true = (
@@ -154,7 +152,7 @@ def test_a_gauge_that_clings_lags_by_as_much_as_it_leaps(step: float, averaged: 
 
 
 @pytest.mark.parametrize("share", [0.2, 0.45, 0.7])
-def test_a_channel_at_its_limit_shows_the_noise_it_has_elsewhere(share: float) -> None:
+def test_a_channel_at_its_limit_shows_the_noise_it_has_elsewhere(share):
     """Clipped again and again, and at rest where the sensor was switched off."""
     y = MOTIONS["slow"] + 0.05 * np.random.default_rng(3).standard_normal(SAMPLES)
     clipped = np.minimum(y, np.quantile(y, 1.0 - share))
@@ -176,7 +174,7 @@ REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
         ("tendon", "angle_deg", np.radians(0.499), np.radians(0.501)),
     ],
 )
-def test_floors_of_real_gauges(folder: str, channel: str, least: float, most: float) -> None:
+def test_floors_of_real_gauges(folder, channel, least, most):
     rig = rig_named(str(REAL / folder / "rig.py"))
     for path in sorted((REAL / folder).glob("*.csv")):
         whole = read_recording(path)
@@ -188,9 +186,7 @@ def test_floors_of_real_gauges(folder: str, channel: str, least: float, most: fl
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("recorded", [0.0, 0.01])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
-def test_plateaus_are_seen_through_the_noise_behind_them(
-    motion: str, recorded: float, unit: float
-) -> None:
+def test_plateaus_are_seen_through_the_noise_behind_them(motion, recorded, unit):
     """What rounds before noise is added leaves plateaus, whatever step the recorder has."""
     step, noise = 4.0, np.random.default_rng(5).normal(size=SAMPLES)
     y = step * np.round(MOTIONS[motion] / step) + 0.05 * step * noise
@@ -199,7 +195,7 @@ def test_plateaus_are_seen_through_the_noise_behind_them(
 
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
-def test_noise_of_a_feedback_in_the_input_is_not_the_sensor_s(unit: float) -> None:
+def test_noise_of_a_feedback_in_the_input_is_not_the_sensor_s(unit):
     """A current answers a voltage that carries an encoder's noise within two samples."""
     random = np.random.default_rng(3)
     voltage = 3.0 * np.sin(np.arange(4000) / 90.0) + 0.4 * random.standard_normal(4000)

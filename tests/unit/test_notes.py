@@ -1,7 +1,5 @@
 """Notes that a reader needs before believing a figure."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,7 +38,7 @@ def told(late_periods: float, between: dict[str, str]) -> list[str]:
 
 
 @pytest.mark.parametrize("late", [-0.5, -0.47, 0.52])
-def test_half_a_sample_points_to_what_inputs_do_between_samples(late: float) -> None:
+def test_half_a_sample_points_to_what_inputs_do_between_samples(late):
     (said,) = told(late, {"slope_rad": "linear"})
     column, way = ("force_n", "linear") if late < 0.0 else ("slope_rad", "held")
     assert f'between = {{"{column}": "{way}"}}' in said
@@ -49,7 +47,7 @@ def test_half_a_sample_points_to_what_inputs_do_between_samples(late: float) -> 
 @pytest.mark.parametrize(
     ("periods", "noted"), [(1.0, True), (-0.98, True), (1.2, False), (2.0, False), (0.0, False)]
 )
-def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
+def test_a_delay_of_one_sample_is_the_log(periods, noted):
     delay, lag = (
         SimpleNamespace(owner="dead-time", key=f"dead-time:{name}")
         for name in ("delay", "time_constant")
@@ -69,7 +67,7 @@ def test_a_delay_of_one_sample_is_the_log(periods: float, noted: bool) -> None:
     assert not noted or f"{abs(periods):.2f} sampling periods" in told[0]
 
 
-def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
+def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told():
     causes = (
         SimpleNamespace(effect=effect("coulomb-friction", "friction"), instead=()),
         SimpleNamespace(effect=effect("leak"), instead=("overflow", "dead-time")),
@@ -82,7 +80,7 @@ def test_a_family_that_does_as_well_in_the_place_of_a_cause_is_told() -> None:
     assert _instead(d) == [], "they are named"
 
 
-def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
+def test_what_physics_objects_to_is_told_where_it_would_have_led():
     before = np.linspace(9.0, 30.0, 24)
     made = comparison(before)
     best, objected, behind = (
@@ -116,9 +114,7 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led() -> None:
         (5.0, None, 0.1, False),
     ],
 )
-def test_a_channel_that_no_model_explains_is_always_told(
-    sheet: float, cause: float | None, floor: float, told: bool
-) -> None:
+def test_a_channel_that_no_model_explains_is_always_told(sheet, cause, floor, told):
     reach = Reach(mae_data_sheet=sheet, mae_with_cause=cause, noise_floor=floor)
     good = Reach(mae_data_sheet=5.0, mae_with_cause=0.2, noise_floor=0.1)
     said = unexplained({"current_a": reach, "angle_deg": good})

@@ -1,11 +1,8 @@
 """Results that are objects: handed over as they are in one process, packed where they are sent or
 kept, and the same to the last bit either way."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,7 +20,7 @@ from pamid.simulation.data_split import DataSplit
 
 
 @pytest.fixture(scope="module")
-def evidence(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+def evidence(tmp_path_factory) -> DataSplit:
     return cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
 
 
@@ -36,7 +33,7 @@ class Doubling(Work[int, set[int]]):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_sent_and_kept_they_come_back(jobs: int, tmp_path: Path) -> None:
+def test_sent_and_kept_they_come_back(jobs, tmp_path):
     for again in (False, True):
         pool = WorkerPool(jobs, Store(tmp_path))
         assert pool.run(Doubling(), [1, 2]) == [{2}, {4}] and pool.one(Doubling(), 3) == {6}
@@ -49,7 +46,7 @@ def packed_and_unpacked(work: Work[Any, Any], item: Any, result: Any) -> Any:
     return Question(work, item).unpacked(packed)
 
 
-def test_models_are_the_same_objects_to_the_last_bit(evidence: DataSplit) -> None:
+def test_models_are_the_same_objects_to_the_last_bit(evidence):
     """Values, kinds and memory layout: one digest. What belongs to the question is not copied."""
     baseline = _Baseline(evidence, silent)
     model = baseline(0)
@@ -70,7 +67,7 @@ class Alien:
     size: float
 
 
-def test_only_what_is_known_is_packed_and_unpacked() -> None:
+def test_only_what_is_known_is_packed_and_unpacked():
     """An object of neither pamid nor the question is no result, and no name loads a class."""
     alien = Alien(1.0)
     assert packed_and_unpacked(Doubling(), alien, [alien, (alien,)])[1][0] is alien

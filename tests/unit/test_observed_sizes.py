@@ -1,13 +1,10 @@
 """How large values at the ports were: from states estimated on the recordings, from free runs only
 where these say nothing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import one_cart
-import pytest
 from effect_bench import carts, inputs_of
 
 from pamid.estimation import observed_sizes as module
@@ -16,9 +13,7 @@ from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import split_recordings
 
 
-def test_a_free_run_is_made_only_where_something_is_missing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_free_run_is_made_only_where_something_is_missing(monkeypatch):
     made: list[Any] = []
     plain = module.port_sizes
     monkeypatch.setattr(module, "port_sizes", lambda *given: made.append(given) or plain(*given))

@@ -1,15 +1,12 @@
 """The table of operators: value, derivative, machine code, C, MATLAB, ONNX, NumPy and plain text
 agree for each of its entries, and for one that is added here."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,7 +69,7 @@ def slope(node: Expr, by: Expr, point: tuple[float, float]) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_plain_text_and_numpy_mean_the_same(name: str) -> None:
+def test_plain_text_and_numpy_mean_the_same(name):
     operator = OPERATORS[name]
     for a, b in POINTS:
         arguments = (a, b)[: operator.arity]
@@ -82,7 +79,7 @@ def test_plain_text_and_numpy_mean_the_same(name: str) -> None:
         assert float(eval(text(root(name)), words)) == pytest.approx(at(root(name), (a, b)))
 
 
-def test_machine_code_gives_values_and_derivatives() -> None:
+def test_machine_code_gives_values_and_derivatives():
     nodes = roots()
     outputs = dict(zip(NAMES, nodes, strict=True))
     made, u = program({"a": ZERO, "b": ZERO}, outputs), np.zeros(1)
@@ -93,8 +90,8 @@ def test_machine_code_gives_values_and_derivatives() -> None:
         np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-13)
 
 
-def test_the_condition_of_a_choice_is_not_differentiated(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Expr) -> tuple[Expr, ...]:
+def test_the_condition_of_a_choice_is_not_differentiated(monkeypatch):
+    def refuse(*_):
         raise AssertionError("a condition has no derivative")
 
     monkeypatch.setitem(OPERATORS, "tanh", replace(OPERATORS["tanh"], derivative=refuse))
@@ -104,7 +101,7 @@ def test_the_condition_of_a_choice_is_not_differentiated(monkeypatch: pytest.Mon
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-def test_c_gives_the_values(tmp_path: Path) -> None:
+def test_c_gives_the_values(tmp_path):
     places: dict[Symbol, str] = {("state", "a"): "x[0]", ("state", "b"): "x[1]"}
     targets = [(f"y[{i}]", node) for i, node in enumerate(roots())]
     body = "\n".join(
@@ -125,7 +122,7 @@ OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 
 
 @pytest.mark.skipif(OCTAVE is None, reason="there is no octave")
-def test_matlab_gives_the_values(tmp_path: Path) -> None:
+def test_matlab_gives_the_values(tmp_path):
     assert OCTAVE is not None
     places: dict[Symbol, str] = {("state", "a"): "x(1)", ("state", "b"): "x(2)"}
     targets = [(f"y({i})", node) for i, node in enumerate(roots(), 1)]
@@ -144,7 +141,7 @@ def test_matlab_gives_the_values(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, expected(), rtol=1e-13)
 
 
-def test_onnx_gives_the_values() -> None:
+def test_onnx_gives_the_values():
     onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
     reference = pytest.importorskip("onnx.reference")
     from pamid.exports.onnx_graph import Graph, Values, graph_of, model_bytes

@@ -1,12 +1,8 @@
 """A log that no rig has names for becomes a recording with all of its channels."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pamid_cli import frame
 
 from pamid.intake.logs.channel_columns import channel_columns
@@ -22,7 +18,7 @@ def channel(name: str, unit: str = "") -> Channel:
     return Channel(name, np.zeros(3), unit=unit)
 
 
-def test_names_and_units_are_spelt_as_a_recording_spells_them() -> None:
+def test_names_and_units_are_spelt_as_a_recording_spells_them():
     found = channel_columns(
         [
             channel("M_soll", "Nm"),
@@ -61,11 +57,8 @@ def strangers_log(folder: Path) -> Path:
     return path
 
 
-def test_from_a_strangers_log_to_a_rig_of_ones_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    log = strangers_log(tmp_path)
+def test_from_a_strangers_log_to_a_rig_of_ones_own(here, capsys, cli):
+    log = strangers_log(here)
     assert frame.run(["check", str(log)]) == 3
     assert f"pamid ingest --guess {log}" in capsys.readouterr().out
     assert frame.run(["ingest", "--guess", str(log), "--output", "map.toml"]) == 0
@@ -74,13 +67,12 @@ def test_from_a_strangers_log_to_a_rig_of_ones_own(
     recording = read_recording("rec.csv")
     assert recording.rig is None and set(recording.columns) == {"m_soll_n_m", "winkel_deg"}
     capsys.readouterr()
-    assert frame.run(["new-rig", "rec.csv", "--output", "belt.py", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli("new-rig", "rec.csv", "--output", "belt.py")
     assert said["like"] == "servo-axis" and said["unused"] == []
     assert [c["stands_for"] for c in said["columns"]] == ["torque_nm", "angle_deg"]
 
 
-def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
+def test_what_moves_in_steps_is_held(tmp_path):
     """A duty that somebody set, not the reading of few bits that follows it slowly."""
     random = np.random.default_rng(4)
     duty = np.repeat(random.uniform(0.0, 100.0, 30), 30)
@@ -97,7 +89,7 @@ def test_what_moves_in_steps_is_held(tmp_path: Path) -> None:
     assert 'unit = "?"' in heater
 
 
-def test_an_undecided_clock_is_a_question(tmp_path: Path) -> None:
+def test_an_undecided_clock_is_a_question(tmp_path):
     """Irregular stamps, and no signal that moves enough to tell why."""
     random = np.random.default_rng(6)
     stamps = np.cumsum(2.0 + random.exponential(0.4, COUNT))

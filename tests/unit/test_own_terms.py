@@ -1,9 +1,6 @@
 """An effect that does what a parameter of the rig does already is no missing effect."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from small_cart import PERIOD_S, record_cart
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from, refit, replayed
 from pamid.diagnosis.guards import _acting_elsewhere, duplicated_terms
 from pamid.diagnosis.settings import DEFAULT
-from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.background import RoughMap
@@ -42,12 +38,12 @@ class DraggedCart(Rig):
     period_s = PERIOD_S
     noise = {"position_m": 1e-5}
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         force = u.force_n - p.drag * x.velocity
         force = port("force", force, velocity=x.velocity, position=x.position)
         return {"position": x.velocity, "velocity": force / p.mass}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"position_m": port("sensor", x.position)}
 
 
@@ -65,14 +61,14 @@ class CreepingDrag(Effect):
         Parameter("time_constant", 0.3, 0.01, 3.0, "s", spread=2.0, log=True, source="test"),
     )
 
-    def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
+    def act(self, value, at, p, z):
         return value - p.drag * at.velocity + z.given / p.time_constant, {
             "given": p.drag * at.velocity - z.given / p.time_constant
         }
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+def recorded(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
     path = record_cart(
         tmp_path_factory.mktemp("dragged"), planted=("viscous-friction:damping_n_s_per_m=3.4",)
     )
@@ -104,9 +100,7 @@ def duplicated(
         ("directional-damping", {"forward": 4.0, "backward": 4.02}),
     ],
 )
-def test_drag_once_more_is_told(
-    recorded: tuple[DataSplit, CandidateModel], name: str, amounts: dict[str, float]
-) -> None:
+def test_drag_once_more_is_told(recorded, name, amounts):
     assert duplicated(recorded, name, **amounts) == ("drag_n_s_per_m",)
 
 
@@ -120,14 +114,12 @@ def test_drag_once_more_is_told(
         ("creeping-drag", {"drag": 4.0, "time_constant": 0.2}),
     ],
 )
-def test_what_no_parameter_of_the_rig_does_is_an_effect(
-    recorded: tuple[DataSplit, CandidateModel], name: str, amounts: dict[str, float]
-) -> None:
+def test_what_no_parameter_of_the_rig_does_is_an_effect(recorded, name, amounts):
     assert duplicated(recorded, name, **amounts) == ()
 
 
 @pytest.mark.parametrize("name", list(rigs()))
-def test_every_rig_is_asked_what_acts_beside_its_ports(name: str) -> None:
+def test_every_rig_is_asked_what_acts_beside_its_ports(name):
     """Also where nothing may pass a port without dividing by zero."""
     rig = catalogue_rig(name)
     assert set(_acting_elsewhere(rig)) == set(rig.ports)

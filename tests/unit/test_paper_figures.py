@@ -1,7 +1,5 @@
 """The figures of the papers: what their titles say is what is drawn, and each is a picture."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 
@@ -53,9 +51,7 @@ def told(monkeypatch: pytest.MonkeyPatch, name: str) -> list[tuple[Any, ...]]:
     return heard
 
 
-def test_pressures_are_those_of_the_analytic_model_in_its_loop(
-    steps: dict[str, Recording], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pressures_are_those_of_the_analytic_model_in_its_loop(steps, monkeypatch):
     heard = told(monkeypatch, "pressures_picture")
     monkeypatch.setattr(
         figures,
@@ -69,7 +65,7 @@ def test_pressures_are_those_of_the_analytic_model_in_its_loop(
     )
 
 
-def test_the_force_surface_is_the_paper_s_polynomial(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_force_surface_is_the_paper_s_polynomial(monkeypatch):
     heard = told(monkeypatch, "force_surface_picture")
     size_of(figures.force_surface_png())
     contraction, pressure, own, other, title = heard[0]

@@ -1,7 +1,5 @@
 """Constructors of the common kinds of parameters, and the files that state every field instead."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -110,12 +108,12 @@ class SealFriction(Effect):
         ),
     ],
 )
-def test_a_constructor_states_the_fields_of_its_kind(short: Parameter, full: Parameter) -> None:
+def test_a_constructor_states_the_fields_of_its_kind(short, full):
     assert short == full
     assert short.outside_name == full.outside_name
 
 
-def test_an_effect_file_that_states_every_field_is_sound(tmp_path: Path) -> None:
+def test_an_effect_file_that_states_every_field_is_sound(tmp_path):
     """Its parameters are those of the catalogue's effect of the same equation."""
     path = tmp_path / "seal_friction.py"
     path.write_text(EFFECT)
@@ -126,7 +124,7 @@ def test_an_effect_file_that_states_every_field_is_sound(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("sensor", ["angle-sensor-lag", "pressure-sensor-gain"])
-def test_a_sensor_of_one_unit_acts_on_its_readings_alone(sensor: str) -> None:
+def test_a_sensor_of_one_unit_acts_on_its_readings_alone(sensor):
     effect = effects()[sensor]
     assert (effect.kinds, effect.general_kinds) == (("reading",), ())
     assert [effect.suits_unit(unit) for unit in ("rad", "Pa", "m")] == [
@@ -136,7 +134,7 @@ def test_a_sensor_of_one_unit_acts_on_its_readings_alone(sensor: str) -> None:
     ]
 
 
-def test_rig_files_of_measured_machines_load() -> None:
+def test_rig_files_of_measured_machines_load():
     """Rigs that were written outside of this project, before the constructors existed."""
     files = sorted(MEASURED.glob("*/rig*.py"))
     if not files:

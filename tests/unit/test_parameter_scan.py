@@ -1,9 +1,5 @@
 """Parameters over which the misfit has many narrow minima: values are tried, no slope helps."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence
@@ -25,7 +21,7 @@ NO_HINTS = GapHints((), {})
 
 
 @pytest.fixture(scope="module")
-def cogged(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+def cogged(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
     """A cart with 0.6 N of cogging, a period in 0.21 m, and its baseline."""
     folder, random = tmp_path_factory.mktemp("cogging"), np.random.default_rng(5)
     push = np.repeat(random.choice([-1.0, 1.0], 40) * random.uniform(0.2, 1.2, 40), 40)
@@ -54,7 +50,7 @@ def scanned(evidence: DataSplit, base: CandidateModel, effect: Attachment) -> tu
     return ScanPart(problem, p, fit.starts, fit.weights, fit.stepping), place
 
 
-def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateModel]) -> None:
+def test_the_period_is_found_without_a_hint(cogged):
     evidence, base = cogged
     effect = attach(evidence.rig, "cogging", effects())
     whole, place = scanned(evidence, base, effect)
@@ -70,7 +66,7 @@ def test_the_period_is_found_without_a_hint(cogged: tuple[DataSplit, CandidateMo
     assert told.p[place] == pytest.approx(PERIOD_M, rel=0.02)
 
 
-def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
+def test_the_step_of_a_command_is_found(tmp_path):
     """And what is read, not sent, is not scanned: its plateaus tell its step."""
     step_v, random = 0.4, np.random.default_rng(7)
     sent = np.repeat(random.uniform(-5.0, 5.0, 60), 40)
@@ -98,7 +94,7 @@ def test_the_step_of_a_command_is_found(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def pulsed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+def pulsed(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
     """A heater of 100 W that is on or off, its share of 120 s rounded to a twelfth, while the log
     holds what was asked for."""
     folder, random = tmp_path_factory.mktemp("pulses"), np.random.default_rng(8)
@@ -122,9 +118,7 @@ def pulsed(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Candida
     return evidence, candidate_from(model.assembly, model.fit, model.held_out)
 
 
-def test_the_step_of_a_duty_is_found_beside_its_pulses(
-    pulsed: tuple[DataSplit, CandidateModel],
-) -> None:
+def test_the_step_of_a_duty_is_found_beside_its_pulses(pulsed):
     """At the null of the pulses what rounding leaves is lost in them."""
     evidence, base = pulsed
     effect = attach(evidence.rig, "pwm-quantisation", effects())
@@ -154,7 +148,7 @@ def test_the_step_of_a_duty_is_found_beside_its_pulses(
     assert best * found["full"] == pytest.approx(100.0 / 12.0, rel=0.03)
 
 
-def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path: Path) -> None:
+def test_a_long_delay_is_found_and_a_prior_allows_it(tmp_path):
     """Transport takes 80 samples here, of which no slope at a delay of a few samples knows."""
     delay_s, random = 800.0, np.random.default_rng(3)
     power = np.repeat(random.uniform(5.0, 95.0, 12), 100)

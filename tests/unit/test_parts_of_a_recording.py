@@ -1,7 +1,5 @@
 """What of a recording is held out: its end, unless a part of it rests."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -45,9 +43,7 @@ def parts(e: DataSplit) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
         (np.where(TIME < 7.0, 0.0, SWINGS), True),  # it begins late
     ],
 )
-def test_where_a_part_rests_tenths_spread_over_the_recording_are_held_out(
-    shape: Array, rests: bool
-) -> None:
+def test_where_a_part_rests_tenths_spread_over_the_recording_are_held_out(shape, rests):
     recording = moved(shape)
     evidence = split_recordings(rig_named(RIG), [recording], [])
     spread = ([(0, 100), (200, 400), (500, 700), (800, 1000)], [(100, 200), (400, 500), (700, 800)])
@@ -57,9 +53,7 @@ def test_where_a_part_rests_tenths_spread_over_the_recording_are_held_out(
 
 
 @pytest.mark.parametrize(("sent", "rests"), [(0.0, True), (1.0, True), (SWINGS, False)])
-def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(
-    sent: float | Array, rests: bool
-) -> None:
+def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(sent, rests):
     """A motion that becomes small while the drive goes on is worth to be judged on."""
     noise = NOISE_MM * np.random.default_rng(3).standard_normal(len(TIME))
     columns = {"force_n": sent + 0.0 * TIME, "position_mm": 20.0 * SWINGS * FADES + noise}
@@ -67,7 +61,7 @@ def test_what_is_sent_rests_too_and_what_never_moves_says_nothing(
     assert bool(split_recordings(rig_named(RIG), [recording], []).spread) == rests
 
 
-def test_a_step_response_is_judged() -> None:
+def test_a_step_response_is_judged():
     """A cart that is pushed, and braked: its last three tenths are a plateau, of which nothing can
     be told."""
     time = PERIOD_S * np.arange(1200)

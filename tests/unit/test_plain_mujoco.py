@@ -1,8 +1,5 @@
 """Runs of a model file in plain MuJoCo on recorded stretches."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import mechanisms
@@ -41,9 +38,7 @@ PERIOD_S, SAMPLES, NOISE = 0.01, 100, 1e-4
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_start_of_a_fast_undamped_arm_is_estimated_over_a_long_opening(
-    seed: int, tmp_path: Path
-) -> None:
+def test_start_of_a_fast_undamped_arm_is_estimated_over_a_long_opening(seed, tmp_path):
     """Over the whole opening the arm of the first guess swings another way."""
     file = tmp_path / "whip.xml"
     file.write_text(WHIP)

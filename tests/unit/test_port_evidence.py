@@ -1,7 +1,5 @@
 """A latent value per port: the smoother's algebra, and where it places what was planted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +19,7 @@ from pamid.simulation.data_split import DataSplit, split_recordings
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 
 
-def test_elimination_equals_the_dense_solution() -> None:
+def test_elimination_equals_the_dense_solution():
     random = np.random.default_rng(3)
     w, n, m = 7, 4, 3
     A = random.standard_normal((w * n, w * n))
@@ -65,7 +63,7 @@ def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
         ("pressure-sensor-offset", "pressure_sensor", 1),
     ],
 )
-def test_places_what_was_planted(tmp_path: Path, effect: str, port: str, among: int) -> None:
+def test_places_what_was_planted(tmp_path, effect, port, among):
     """The planted port is in the class of ports with the largest evidence; for a leak, which shows
     in the pressures alone, the pressure sensors can follow it as well."""
     _, found = located(tmp_path, effect)
@@ -76,19 +74,19 @@ def test_places_what_was_planted(tmp_path: Path, effect: str, port: str, among: 
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
-def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
+def test_nothing_missing_finds_nothing(tmp_path):
     base, found = located(tmp_path, "")
     samples = sum(int(r.scored.sum()) for r in base.replays)
     assert found.most < 0.05 * samples
 
 
 @pytest.fixture(scope="module")
-def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
+def bent(tmp_path_factory) -> tuple[DataSplit, CandidateModel]:
     """Its parameters have bent to the friction."""
     return recorded(tmp_path_factory.mktemp("bent"), "coulomb-friction")
 
 
-def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -> None:
+def test_the_right_port_leaves_nothing(bent):
     """With a latent torque the data are explained down to the noise; with a latent flow they are
     not."""
     left = {}
@@ -102,13 +100,13 @@ def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -
     assert left["joint"] < 1.3 < 1.6 < left["valve"]
 
 
-def test_two_classes_share_what_they_explain_together() -> None:
+def test_two_classes_share_what_they_explain_together():
     values = shapley_value(3.0, 1.0, 3.5), shapley_value(1.0, 3.0, 3.5)
     assert values == (2.75, 0.75) and sum(values) == 3.5
     assert shapley_value(3.0, 3.0, 3.0) == 1.5, "what either explains is shared equally"
 
 
-def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, CandidateModel]) -> None:
+def test_a_step_goes_where_the_cost_falls(bent):
     """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
     over states, latent values, joints and parameters is that of the cost."""
     smoother = Smoother(*bent, ("joint",))
@@ -117,7 +115,7 @@ def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, CandidateModel]
     point = solver.point(s, x, smoother._linearised(s, x, True))
     step = solver.step(point, 1e-3)
 
-    def cost(share: float) -> float:
+    def cost(share):
         part = step._replace(s=share * step.s, x=[share * d for d in step.x])
         return solver.moved(point, part).cost
 

@@ -1,7 +1,5 @@
 """Shares of the gap by port: what causes remove, and what remains where the evidence places it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,13 +42,13 @@ def shares(removed: float, **causes: float) -> dict[str, float]:
     return {s.port: s.share for s in _port_shares(d)}
 
 
-def test_causes_share_what_is_removed_and_the_evidence_what_remains() -> None:
+def test_causes_share_what_is_removed_and_the_evidence_what_remains():
     found = shares(0.8, coulomb_friction_at_carriage_1=0.6, coulomb_friction_at_carriage_2=0.2)
     assert found["carriage_1"] == pytest.approx(0.8 * 0.75 + 0.1)
     assert found["carriage_2"] == pytest.approx(0.8 * 0.25 + 0.1)
     assert sum(found.values()) == pytest.approx(1.0)
 
 
-def test_without_a_cause_the_evidence_alone_counts() -> None:
+def test_without_a_cause_the_evidence_alone_counts():
     found = shares(0.0)
     assert found["carriage_1"] == found["carriage_2"] == pytest.approx(0.5)

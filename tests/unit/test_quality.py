@@ -1,10 +1,7 @@
 """The quality card: nothing is claimed of good recordings, every planted defect is found, with its
 name and place."""
 
-from __future__ import annotations
-
 import dataclasses
-import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -93,7 +90,7 @@ GOOD = [
 
 
 @pytest.mark.parametrize(("name", "bits"), GOOD)
-def test_nothing_is_claimed_of_a_good_recording(name: str, bits: int) -> None:
+def test_nothing_is_claimed_of_a_good_recording(name, bits):
     if name == "example":
         recording, rig = read_recording(EXAMPLE), library.rig_named("one-dof")
     else:
@@ -160,7 +157,7 @@ DEFECTS: dict[str, tuple[str, Callable[[Array], Array], str, tuple[float, float]
 
 @pytest.mark.parametrize("defect", DEFECTS)
 @pytest.mark.parametrize("with_rig", [False, True])
-def test_a_planted_defect_is_found(joint: Recording, defect: str, with_rig: bool) -> None:
+def test_a_planted_defect_is_found(joint, defect, with_rig):
     column, spoil, kind, window = DEFECTS[defect]
     spoilt = changed(joint, **{column: spoil(joint.columns[column])})
     issue = only(examine(spoilt, library.rig_named("one-dof") if with_rig else None), kind)
@@ -182,7 +179,7 @@ def test_a_planted_defect_is_found(joint: Recording, defect: str, with_rig: bool
         (np.concatenate([reference()[:3000], np.full(7000, 5.0)]), "most of the time"),
     ],
 )
-def test_a_poor_excitation_is_told(joint: Recording, sent: Array, word: str) -> None:
+def test_a_poor_excitation_is_told(joint, sent, word):
     issues = examine(changed(joint, reference_deg=sent), library.rig_named("one-dof"))
     assert word in only(issues, "excitation").message
 
@@ -216,7 +213,7 @@ CONTRADICTIONS: dict[str, tuple[Callable[[Columns], Columns], str, set[str], str
 
 
 @pytest.mark.parametrize("case", CONTRADICTIONS)
-def test_what_contradicts_the_rig_is_found(joint: Recording, case: str) -> None:
+def test_what_contradicts_the_rig_is_found(joint, case):
     change, kind, columns, severity = CONTRADICTIONS[case]
     spoilt = changed(joint, **change(joint.columns))
     issue = only(examine(spoilt, library.rig_named("one-dof")), kind)
@@ -234,7 +231,7 @@ def test_what_contradicts_the_rig_is_found(joint: Recording, case: str) -> None:
         ("angle_1_deg", "angle_2_deg"),
     ],
 )
-def test_an_exchange_on_the_arm_is_found(a: str, b: str) -> None:
+def test_an_exchange_on_the_arm_is_found(a, b):
     arm, rig = sent_as("arm")
     issue = only(examine(changed(arm, **{a: arm.columns[b], b: arm.columns[a]}), rig), "exchanged")
     assert set(issue.columns) == {a, b}
@@ -244,7 +241,7 @@ def test_an_exchange_on_the_arm_is_found(a: str, b: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def spoilt(joint: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def spoilt(joint, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("spoilt") / "rec.csv"
     columns = {**joint.columns, P2: np.minimum(joint.columns[P2], 540.0)}
     write_recording(
@@ -256,12 +253,9 @@ def spoilt(joint: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_check_tells_the_issues_and_writes_nothing(
-    spoilt: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_tells_the_issues_and_writes_nothing(spoilt, capsys, cli):
     before = sorted(spoilt.parent.iterdir())
-    assert run(["check", str(spoilt), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = cli("check", spoilt)
     assert said["schema"] == "pamid.check/1" and said["ok"]
     assert sorted(spoilt.parent.iterdir()) == before
     (issue,) = said["quality"]["issues"]

@@ -1,7 +1,5 @@
 """Parameters of an effect that ended at nothing, or at a bound."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,15 +10,15 @@ from pamid.diagnosis import ranges
 from pamid.effects.maxwell_slip_hysteresis import MaxwellSlipHysteresis
 
 
-def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
-    def given(owner: str, name: str, null: float | None) -> Any:
+def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing():
+    def given(owner, name, null):
         return SimpleNamespace(owner=owner, name=name, null=null, key=f"{owner}:{name}")
 
     parameters = [given("", "mass", None), given("slip", "forth", 0.0), given("slip", "back", 0.0)]
     parameters.append(given("slip", "reach", None))
     assembly = SimpleNamespace(parameters=parameters)
 
-    def gone(*values: float, defining: tuple[str, ...] = ()) -> tuple[str, ...]:
+    def gone(*values, defining=()):
         slip = SimpleNamespace(label="slip", effect=SimpleNamespace(defining=defining))
         model: Any = SimpleNamespace(
             assembly=assembly, attached=(slip,), fit=SimpleNamespace(p=np.array(values))
@@ -35,9 +33,7 @@ def test_an_effect_has_vanished_where_all_its_amounts_are_at_nothing() -> None:
 
 
 @pytest.mark.parametrize(("end", "families"), [("low", {"reach_m": "friction"}), ("", {})])
-def test_hysteresis_that_slips_at_once_is_friction(
-    end: str, families: dict[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hysteresis_that_slips_at_once_is_friction(end, families, monkeypatch):
     level, reach = (
         SimpleNamespace(owner="slip", key=f"slip:{name}", name=f"{name}_m")
         for name in ("level", "reach")

@@ -1,7 +1,5 @@
 """Recordings: what is read, and that nonsense is refused with file, column and line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,13 +25,11 @@ Make = Callable[..., Path]
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Make:
+def make(tmp_path) -> Make:
     """Write a recording, changed by `change(lines)` (lines[0] is the header), and its TOML; return
     the CSV's path."""
 
-    def write(
-        change: Callable[[list[str]], object] = lambda lines: None, toml: str = "", end: str = "\n"
-    ) -> Path:
+    def write(change=lambda lines: None, toml="", end="\n"):
         lines = _lines()
         change(lines)
         path = tmp_path / "rec.csv"
@@ -45,7 +41,7 @@ def make(tmp_path: Path) -> Make:
     return write
 
 
-def test_a_good_recording(make: Make) -> None:
+def test_a_good_recording(make):
     path = make(
         toml='[recording]\nrig = "one-dof"\nloop = "closed"\nsampling_period_s = 0.003\n'
         "[known]\ninertia_kg_m2 = 0.0896\nsupply_pressure_kpa = 600\n"
@@ -71,7 +67,7 @@ def test_a_good_recording(make: Make) -> None:
         recording.columns["command"][0] = 1.0
 
 
-def test_units_are_converted(make: Make) -> None:
+def test_units_are_converted(make):
     recording = read_recording(make())
     np.testing.assert_allclose(
         recording.signal("angle_rad"), np.radians(recording.signal("angle_deg")), rtol=1e-14
@@ -84,8 +80,8 @@ def test_units_are_converted(make: Make) -> None:
 
 
 @pytest.mark.parametrize("end", ["\r\n", "\n"])
-def test_dialects_that_mean_the_same(make: Make, end: str) -> None:
-    def change(lines: list[str]) -> None:
+def test_dialects_that_mean_the_same(make, end):
+    def change(lines):
         lines[0] = '\ufefftime_s, command,angle_deg ,"pressure_1_kpa"'
         lines[5] = lines[5].replace(",", ", ")
         lines.insert(9, "")
@@ -99,7 +95,7 @@ def test_dialects_that_mean_the_same(make: Make, end: str) -> None:
     ]
 
 
-def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+def test_what_is_written_is_read_again(tmp_path):
     random = np.random.default_rng(0)
     stamps = 0.003 * np.arange(400) + 5000.0
     columns = {
@@ -129,7 +125,7 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     not EMPS.is_dir(), reason="the measured EMPS records are not beside this checkout"
 )
 @pytest.mark.parametrize("name", ["estimation", "pulses"])
-def test_measured_records_load(name: str) -> None:
+def test_measured_records_load(name):
     recording = read_recording(EMPS / f"{name}.csv")
     assert (
         len(recording) == 24841

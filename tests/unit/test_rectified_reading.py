@@ -1,7 +1,5 @@
 """A drive whose sensor reads its speed without the sign: where windows begin, either may be it."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 
@@ -47,11 +45,11 @@ class Drive(Rig):
     )
     period_s = PERIOD_S
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         torque = port("shaft", u.torque - p.viscous * x.speed, velocity=x.speed)
         return {"speed": torque / p.inertia, "warmth": x.speed * x.speed - x.warmth}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"read": absolute(x.speed)}
 
 
@@ -79,7 +77,7 @@ def driven(begun: float) -> tuple[Recording, Array]:
 
 
 @pytest.mark.parametrize("begun", [-2.5, 2.5])
-def test_windows_begin_with_the_sign_of_the_motion(begun: float) -> None:
+def test_windows_begin_with_the_sign_of_the_motion(begun):
     recording, speed = driven(begun)
     evidence = split_recordings(Drive(), [recording], [])
     assembly = Assembly(evidence.rig)
@@ -96,7 +94,7 @@ def test_windows_begin_with_the_sign_of_the_motion(begun: float) -> None:
 
 
 @pytest.mark.parametrize("begun", [-2.5, 2.5])
-def test_a_fit_comes_out_alike_whichever_way_the_motion_goes(begun: float) -> None:
+def test_a_fit_comes_out_alike_whichever_way_the_motion_goes(begun):
     recording, _ = driven(begun)
     found = fit_model(split_recordings(Drive(), [recording], []))
     values = dict(zip(found.assembly.keys, found.fit.p, strict=True))
@@ -114,7 +112,7 @@ class Trusting(Drive):
 
 
 @pytest.mark.parametrize("begun, fold", [(-2.5, 0.1), (-2.5, 1.0), (2.5, 0.1)])
-def test_a_reading_that_folds_signs_begins_its_windows_anew(begun: float, fold: float) -> None:
+def test_a_reading_that_folds_signs_begins_its_windows_anew(begun, fold):
     """The model without the effect has found every window begin forwards."""
     recording, speed = driven(begun)
     evidence = split_recordings(Trusting(), [recording], [])

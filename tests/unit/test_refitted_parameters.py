@@ -1,9 +1,6 @@
 """The refitted parameters of the answer's model, after the causes: on terminal and page, and in the
 page's table."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 from report_pages import flat, text_of
@@ -19,7 +16,7 @@ def estimate(value: float, *, prior: float = 0.5, half: float = 0.01, **more: An
     return Estimate(value=value, low=value - half, high=value + half, prior=prior, **more)
 
 
-def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
+def test_of_many_parameters_only_those_that_moved_are_shown():
     same = {f"length_{i}_m": estimate(0.5, strain=0.0) for i in range(4)}
     resolved = {"inertia_kg_m2": estimate(0.502, half=1e-4, strain=0.01)}  # but no shift to act on
     weak = {"damping_n_s_per_m": estimate(0.6, half=0.2, strain=0.8)}
@@ -33,7 +30,7 @@ def test_of_many_parameters_only_those_that_moved_are_shown() -> None:
     assert refitted_texts({**same, **resolved}) == ["5 parameters not moved materially"]
 
 
-def test_parameters_that_the_recordings_do_not_determine_are_named() -> None:
+def test_parameters_that_the_recordings_do_not_determine_are_named():
     silent = {f"link{i}_mass_kg": estimate(0.5, word="silent", strain=0.0) for i in range(6)}
     settled = {"m1_kg": estimate(0.6, strain=1.0, word="settled")}
     (moved, rest) = refitted_texts({**settled, "m2_kg": silent["link0_mass_kg"]})
@@ -43,7 +40,7 @@ def test_parameters_that_the_recordings_do_not_determine_are_named() -> None:
     assert rest.endswith("link2_mass, link3_mass, 2 more")
 
 
-def test_page_and_table_show_the_model_of_the_answer(tmp_path: Path) -> None:
+def test_page_and_table_show_the_model_of_the_answer(tmp_path):
     folder = make_run(tmp_path / "RUN", "explained")
     page = flat(text_of(folder))
     assert "damping 0.0014 → 0.0016 m² s (95 % interval 0.0015 to 0.0017)" in page

@@ -1,7 +1,5 @@
 """Which parameters of a model are fitted, and how a user holds or releases one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,15 +29,15 @@ def log(**tables: dict[str, float]) -> Recording:
     return recording_of(t, {"force_n": np.sin(t), "position_m": np.cos(t)}, tables)
 
 
-def test_armature_and_damping_of_zero_are_fitted_and_friction_is_an_effect(tmp_path: Path) -> None:
+def test_armature_and_damping_of_zero_are_fitted_and_friction_is_an_effect(tmp_path):
     found = parameters(BARE, tmp_path)
-    fitted = {name for name, p in found.items() if p.assumed and p.parameter.fitted}
+    fitted = {name for name, p in found.items() if not p.stated and p.parameter.fitted}
     assert fitted == {"shoulder_armature", "shoulder_damping"}
     assert not found["shoulder_frictionloss"].parameter.fitted
     assert not found["shoulder_stiffness"].parameter.fitted
 
 
-def test_the_prior_of_a_zero_has_the_size_of_the_actuator(tmp_path: Path) -> None:
+def test_the_prior_of_a_zero_has_the_size_of_the_actuator(tmp_path):
     """A motor of 2 N m accelerates 0.2 kg m2 by 10 rad/s2; the rod alone has 0.05."""
     weak = parameters(BARE, tmp_path)["shoulder_armature"].parameter
     strong = parameters(BARE.replace('gear="2"', 'gear="40"'), tmp_path)
@@ -51,7 +49,7 @@ def test_the_prior_of_a_zero_has_the_size_of_the_actuator(tmp_path: Path) -> Non
     assert unlimited.parameter.spread == pytest.approx(0.2 * inertia)
 
 
-def test_what_the_file_states_keeps_its_tolerance(tmp_path: Path) -> None:
+def test_what_the_file_states_keeps_its_tolerance(tmp_path):
     found = parameters(TWO, tmp_path)
     assert found["elbow_armature"].parameter.log and found["elbow_armature"].parameter.value == 0.01
 
@@ -59,7 +57,7 @@ def test_what_the_file_states_keeps_its_tolerance(tmp_path: Path) -> None:
 # ---- [free] ------------------------------------------------------------------------------------
 
 
-def test_a_recording_releases_what_its_rig_holds(tmp_path: Path) -> None:
+def test_a_recording_releases_what_its_rig_holds(tmp_path):
     path = tmp_path / "model.xml"
     path.write_text(BARE)
     rig = rig_named(str(path))

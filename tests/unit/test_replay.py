@@ -1,10 +1,7 @@
 """Recorded-command replay: what nothing measures is carried over, and the floor knows of every
 correction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +21,7 @@ ANGLE = ("reference_deg", "command", "angle_deg")
 
 
 @pytest.fixture(scope="module")
-def angle_only(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Assembly, np.ndarray]:
+def angle_only(tmp_path_factory) -> tuple[DataSplit, Assembly, np.ndarray]:
     """A healthy joint of which only the angle was recorded, and the model that made it with 3 %
     more force."""
     path = tmp_path_factory.mktemp("joint") / "rec.csv"
@@ -50,9 +47,7 @@ def run(given: tuple[DataSplit, Assembly, np.ndarray], jump: np.ndarray | None =
     )
 
 
-def test_pressures_that_nobody_measured_are_carried_over(
-    angle_only: tuple[DataSplit, Assembly, np.ndarray],
-) -> None:
+def test_pressures_that_nobody_measured_are_carried_over(angle_only):
     """Estimated anew from the angle in every window they follow each error of the model, and the
     replay goes astray."""
     carried = run(angle_only)
@@ -64,9 +59,7 @@ def test_pressures_that_nobody_measured_are_carried_over(
     assert carried.losses().mean() < 0.7 * anew.losses().mean()
 
 
-def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(
-    angle_only: tuple[DataSplit, Assembly, np.ndarray],
-) -> None:
+def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(angle_only):
     """The truth of the floor makes the same corrections: a mean absolute error of 0.8 standard
     deviations is left."""
     evidence, assembly, p = angle_only
@@ -78,7 +71,7 @@ def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(
     )
 
 
-def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path: Path) -> None:
+def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path):
     """A held-out part begins in the middle of a recording: what a wide play holds there was settled
     long before, what a lag holds was not."""
     evidence = split_recordings(rig_named(RIG), [read_recording(record_cart(tmp_path))], [])
@@ -96,7 +89,7 @@ def test_what_travel_alone_makes_forget_is_led_in_from_the_beginning(tmp_path: P
     assert not Assembly(evidence.rig).keeps_memories
 
 
-def test_a_wide_hysteresis_foretells_what_it_was_held_out_from(tmp_path: Path) -> None:
+def test_a_wide_hysteresis_foretells_what_it_was_held_out_from(tmp_path):
     """With the block's own parameters what is held out is met to the noise, however long ago the
     widest loops of its sensor began: by where they stand it would be off by degrees, and cool down
     to another room."""

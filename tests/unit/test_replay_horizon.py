@@ -1,8 +1,6 @@
 """Replays over more than one window: which models may run how long from one estimated state, and
 over which horizon they are compared."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,7 +11,6 @@ import pytest
 from pamid.diagnosis.budget import Budget, _over_horizon
 from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
-from pamid.engine.symbolic.vocabulary import Number
 from pamid.estimation.grey_box import GreyBox
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
@@ -48,12 +45,12 @@ class Carriage(Rig):
     period_s = PERIOD_S
     timescale_s = TIMESCALE_S
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def rates(self, x, u, p, port):
         force = u.force_n - p.damping * x.velocity - p.spring * x.position
         force = port("guide", force, position=x.position, velocity=x.velocity)
         return {"position": x.velocity, "velocity": force / p.mass}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+    def measure(self, x, u, p, port):
         return {"position_m": port("ruler", x.position, rate=x.velocity)}
 
 
@@ -110,14 +107,14 @@ def forgets() -> Held:
     return carriage(FORGETS)
 
 
-def test_a_whole_run_equals_its_windows_where_the_model_is_exact(forgets: Held) -> None:
+def test_a_whole_run_equals_its_windows_where_the_model_is_exact(forgets):
     whole, windows = forgets.replay(WHOLE), forgets.replay(1)
     assert whole.losses().shape == windows.losses().shape
     assert whole.losses().mean() == pytest.approx(windows.losses().mean(), rel=0.1)
     assert whole.losses().mean() == pytest.approx(NOISE_M * np.sqrt(2.0 / np.pi), rel=0.1)
 
 
-def test_a_contracting_model_forgets_where_it_began(forgets: Held) -> None:
+def test_a_contracting_model_forgets_where_it_began(forgets):
     """The first window of the recording is off by 50 times the noise, and with it the start."""
     (track,) = forgets.evidence.tracks(forgets.assembly, held_out=True)
     exact = forgets.replay(WHOLE, lead=0, first=0)
@@ -132,7 +129,7 @@ def test_a_contracting_model_forgets_where_it_began(forgets: Held) -> None:
 
 
 @pytest.mark.parametrize("per_run", [1, 2, 4, WHOLE])
-def test_only_the_start_of_a_run_is_not_scored(forgets: Held, per_run: int) -> None:
+def test_only_the_start_of_a_run_is_not_scored(forgets, per_run):
     r = forgets.replay(per_run)
     assert r.per_run == per_run
     expected = np.ones(len(r.track), bool)
@@ -143,7 +140,7 @@ def test_only_the_start_of_a_run_is_not_scored(forgets: Held, per_run: int) -> N
     assert len(r.losses()) == len(r.windows)
 
 
-def test_the_floor_is_simulated_over_the_same_horizon(forgets: Held) -> None:
+def test_the_floor_is_simulated_over_the_same_horizon(forgets):
     for per_run in (1, 4, WHOLE):
         floor = forgets.floor(per_run)
         assert floor.per_run == per_run
@@ -161,14 +158,14 @@ def budget(held: Held) -> Budget:
     return _over_horizon(model, 3, DEFAULT)
 
 
-def test_single_windows_are_kept_where_whole_recordings_show_no_more(forgets: Held) -> None:
+def test_single_windows_are_kept_where_whole_recordings_show_no_more(forgets):
     found = budget(forgets)
     assert found.evidence.per_run == 1 and found.short is None
     longest = max(w.stop - w.start for w in found.baseline.runs[0].windows)
     assert found.horizon_s == pytest.approx(longest * PERIOD_S)
 
 
-def test_whole_recordings_are_used_where_they_show_more_of_the_gap() -> None:
+def test_whole_recordings_are_used_where_they_show_more_of_the_gap():
     """Windows of 3.8 s hide a wrong spring behind a damper that yields in 30 s: each begins where
     it was measured."""
     slow = {"mass_kg": 1.0, "damping_n_s_per_m": 10.0, "spring_n_per_m": 0.3}

@@ -1,10 +1,7 @@
 """What the page says of a diagnosis: sensors, regimes, transfer, the missing term, and what went
 wrong."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,7 +19,7 @@ NO_TRACES = ("residual.csv", "trace.csv", "network.json")
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
+def test_the_page_says_what_was_found(verdict, tmp_path):
     text = re.sub(
         r" (?=[,.):;])", "", text_of(make_run(tmp_path / "RUN", verdict, without=NO_TRACES))
     )
@@ -98,7 +95,7 @@ def as_second_version(verdict: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_files_of_the_second_version_are_read(verdict: str, tmp_path: Path) -> None:
+def test_files_of_the_second_version_are_read(verdict, tmp_path):
     """By the page and by Python; what they lack is not told."""
     made, without = as_second_version(verdict), (*NO_TRACES, "missing.csv")
     folder = make_run(tmp_path / "RUN", verdict, diagnosis=made, without=without)
@@ -116,7 +113,7 @@ def test_files_of_the_second_version_are_read(verdict: str, tmp_path: Path) -> N
     assert {"ranking", "budget"} <= drawn and "missing" not in drawn
 
 
-def test_the_first_version_is_refused_with_what_has_changed(tmp_path: Path) -> None:
+def test_the_first_version_is_refused_with_what_has_changed(tmp_path):
     made = diagnosis_json("explained") | {"schema": "pamid.diagnosis/1"}
     with pytest.raises(FileError, match="now pamid.diagnosis/3.*separate probability") as caught:
         load_run(make_run(tmp_path / "RUN", diagnosis=made, without=NO_TRACES))
@@ -126,7 +123,7 @@ def test_the_first_version_is_refused_with_what_has_changed(tmp_path: Path) -> N
         load_run(later)
 
 
-def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
+def test_nothing_found_is_null_in_places(tmp_path):
     """As a diagnosis without a gap writes it."""
     diagnosis = {
         **diagnosis_json("no-structural-gap"),
@@ -143,7 +140,7 @@ def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
     assert "Comparison of the candidates" not in text
 
 
-def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
+def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path):
     run, fit = (
         {**run_json(), "ended": None},
         {**fit_json(), "converged": False, "why": "it wandered off"},
@@ -153,7 +150,7 @@ def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
     assert "The fit did not converge: it wandered off." in text
 
 
-def test_a_control_loop_is_shown_where_one_was_closed(tmp_path: Path) -> None:
+def test_a_control_loop_is_shown_where_one_was_closed(tmp_path):
     heading = "In its control loop"
     assert heading in text_of(make_run(tmp_path / "CLOSED"))
     open_loop = make_run(tmp_path / "OPEN", fit=fit_json() | {"closed_loop": {}})

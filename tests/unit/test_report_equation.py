@@ -1,8 +1,6 @@
 """Equations on the page: set from the code that is fitted, for every effect of the catalogue, and
 from the text of a formula; nothing that a file says becomes markup."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as xml
 
@@ -64,14 +62,14 @@ def set_in_type(node: Expr) -> Markup:
         (1.5e-7 * X, '<msup><mn>10</mn><mrow><mo form="prefix">−</mo><mn>7</mn></mrow></msup>'),
     ],
 )
-def test_the_vocabulary_is_typeset(node: Expr, expected: str) -> None:
+def test_the_vocabulary_is_typeset(node, expected):
     found = set_in_type(node)
     assert expected in found
     read(found)
 
 
 @pytest.mark.parametrize("rig, label", LABELS, ids=["-".join(one) for one in LABELS])
-def test_every_effect_of_the_catalogue_has_an_equation(rig: str, label: str) -> None:
+def test_every_effect_of_the_catalogue_has_an_equation(rig, label):
     found = acting(rig, label)
     assert found is not None
     parts = [found.value, *found.rates.values()]
@@ -82,7 +80,7 @@ def test_every_effect_of_the_catalogue_has_an_equation(rig: str, label: str) -> 
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+def run(tmp_path_factory) -> RunData:
     diagnosis = diagnosis_json("explained")
     diagnosis["causes"][0]["parameters"]["give_rad"] = {
         "value": 0.0007,
@@ -96,7 +94,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
     )
 
 
-def test_the_cause_is_told_in_names_and_in_values(run: RunData) -> None:
+def test_the_cause_is_told_in_names_and_in_values(run):
     html = "".join(cause_equations(run))
     text = read(html)
     assert "The equation of Coulomb friction at the joint port, and with the values found" in text
@@ -126,7 +124,7 @@ def test_the_cause_is_told_in_names_and_in_values(run: RunData) -> None:
         ("0.3 x -0.04 1 -0.1 x^3", "0.3⋅x−0.04−0.1⋅x3"),
     ],
 )
-def test_a_formula_is_typeset(text: str, expected: str) -> None:
+def test_a_formula_is_typeset(text, expected):
     assert read(formula_html(text)) == expected
 
 
@@ -148,6 +146,6 @@ def test_a_formula_is_typeset(text: str, expected: str) -> None:
         "\u202ea",
     ],
 )
-def test_what_is_no_formula_is_refused(text: str) -> None:
+def test_what_is_no_formula_is_refused(text):
     with pytest.raises(FormulaError):
         formula_html(text)

@@ -1,9 +1,8 @@
 """Numbers, percentages, names and markup of the report."""
 
-from __future__ import annotations
-
 import pytest
 
+from pamid.base.share_words import minutes_text
 from pamid.report import formatting
 from pamid.report.markup import escape, prose, tag
 from pamid.report.page import Page, Section, html_of, strong, table, text
@@ -24,7 +23,7 @@ from pamid.report.page import Page, Section, html_of, strong, table, text
         (None, "\u2013"),
     ],
 )
-def test_numbers(value: float | None, told: str) -> None:
+def test_numbers(value, told):
     assert formatting.number(value).replace(formatting.SPACE, " ") == told
 
 
@@ -42,17 +41,24 @@ def test_numbers(value: float | None, told: str) -> None:
         (None, "\u2013"),
     ],
 )
-def test_percentages(share: float | None, told: str) -> None:
+def test_percentages(share, told):
     assert formatting.percent(share).replace(formatting.SPACE, " ") == told
 
 
-def test_markup_escapes_everything_but_markup() -> None:
+@pytest.mark.parametrize(
+    ("minutes", "told"), [(8.0, "8 min"), (1.0, "1 min"), (0.67, "40 s"), (0.0017, "0.1 s")]
+)
+def test_short_experiments_are_told_in_seconds(minutes, told):
+    assert minutes_text(minutes) == told
+
+
+def test_markup_escapes_everything_but_markup():
     assert tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&#34;">&lt;b&gt;<i>&amp;</i></p>'
     assert prose("run `a<b`") == "run <code>a&lt;b</code>"
     assert escape("\x00\ud800") == "\ufffd\ufffd"
 
 
-def test_a_page_lists_its_headings_down_to_the_third_level() -> None:
+def test_a_page_lists_its_headings_down_to_the_third_level():
     inner = Section("Known <b>", (Section("Deep", (), 4), text("one", "")), 3)
     page = Page("Head", "sub", (Section("", (Section("Lead.", (), question="Where"),)), inner))
     html = html_of(page)
@@ -64,7 +70,7 @@ def test_a_page_lists_its_headings_down_to_the_third_level() -> None:
     assert html.count("<section>") == 4 and "<title>Head</title>" in html
 
 
-def test_a_table_marks_cells_that_repeat_the_row_above() -> None:
+def test_a_table_marks_cells_that_repeat_the_row_above():
     html = table(["a", "b", "n"], [["x", "<y>", "1"], ["x", strong("z"), "1"]], (2,))
     assert html.count(' class="again"') == 1 and html.count('<td class="n">1</td>') == 2
     assert "&lt;y&gt;" in html and "<strong>z</strong>" in html

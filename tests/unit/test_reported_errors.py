@@ -1,8 +1,6 @@
 """Reported errors are free of the choice: either half of the held-out windows is scored with the
 model that the other half would have chosen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -50,7 +48,7 @@ def diagnosis(best: CandidateModel, *candidates: CandidateModel) -> Diagnosis:
     )
 
 
-def test_each_half_is_scored_with_the_choice_of_the_other() -> None:
+def test_each_half_is_scored_with_the_choice_of_the_other():
     """Friction is chosen by the first half, and worse in the second; the leak the reverse."""
     friction = model(losses(2.0, 5.0), FRICTION)
     leak = model(losses(6.0, 3.0), LEAK)
@@ -61,7 +59,7 @@ def test_each_half_is_scored_with_the_choice_of_the_other() -> None:
     assert d.removed.share < d.comparison.removed(friction).share
 
 
-def test_a_model_that_both_halves_choose_is_reported_as_it_is() -> None:
+def test_a_model_that_both_halves_choose_is_reported_as_it_is():
     friction, leak = model(losses(2.0, 3.0), FRICTION), model(losses(4.0, 5.0), LEAK)
     d = diagnosis(friction, friction, leak)
     assert (d.reported(friction) == friction.absolutes).all()

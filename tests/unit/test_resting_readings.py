@@ -1,7 +1,5 @@
 """Rests, turning points and coarse gauges are not reported as faults; real faults are found."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +33,7 @@ def kinds(time: Array, columns: dict[str, Array], rig: Rig | None = None) -> set
     return {issue.kind for issue in examine(recording_of(time, columns), rig)}
 
 
-def test_turning_points_of_a_free_swing_are_no_fault() -> None:
+def test_turning_points_of_a_free_swing_are_no_fault():
     time, angle = swing()
     for count in (1e-3, 3e-3, 1e-2):
         reading = counted(angle, count)
@@ -52,7 +50,7 @@ def with_rests(
     return np.round(values + noise * added, 6)
 
 
-def test_a_swing_up_that_ends_upright_is_neither_clipped_nor_frozen() -> None:
+def test_a_swing_up_that_ends_upright_is_neither_clipped_nor_frozen():
     """At the top both encoders rest at their highest values, and flicker."""
     time = 0.005 * np.arange(2000)
     done = np.clip((time - 3.0) / 4.0, 0.0, 1.0)
@@ -71,7 +69,7 @@ def test_a_swing_up_that_ends_upright_is_neither_clipped_nor_frozen() -> None:
 
 
 @pytest.mark.parametrize("levels", [6, 12])
-def test_a_staircase_that_the_machine_was_sent_to_is_no_coarse_gauge(levels: int) -> None:
+def test_a_staircase_that_the_machine_was_sent_to_is_no_coarse_gauge(levels):
     """Long rests at levels of the reference, where the position creeps by the last digits."""
     reference = np.repeat(1.3 * np.arange(levels), 1000)
     time, position = 0.02 * np.arange(reference.size), np.zeros(reference.size)
@@ -88,7 +86,7 @@ def test_a_staircase_that_the_machine_was_sent_to_is_no_coarse_gauge(levels: int
     assert "coarse" in kinds(time, {"reference_v": reference, "position_v": noisy})
 
 
-def test_an_arm_that_rests_before_it_moves_has_lost_nothing() -> None:
+def test_an_arm_that_rests_before_it_moves_has_lost_nothing():
     time = 0.05 * np.arange(512)
     position = np.where(time < 1.4, 0.0, 1.1 - 1.1 * np.cos(0.5 * (time - 1.4)))
     pressure = 3.0 * np.sin(0.5 * np.maximum(time - 1.0, 0.0))
@@ -108,7 +106,7 @@ def real_recordings() -> list[Path]:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the recordings of real machines are not here")
 @pytest.mark.parametrize("path", real_recordings(), ids=lambda p: f"{p.parent.name}/{p.stem}")
-def test_no_false_alarm_on_a_real_machine(path: Path) -> None:
+def test_no_false_alarm_on_a_real_machine(path):
     """None of these recordings lost samples, was clipped or froze; one-rpm steps are coarse."""
     recording: Recording = read_recording(path)
     beside = path.parent / ("rig2.py" if path.stem.startswith("pend2") else "rig.py")

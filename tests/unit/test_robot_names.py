@@ -1,8 +1,6 @@
 """Joints and motors of a model, found in logs by name and by order; and what is said where they are
 not there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,7 +71,7 @@ def sources(found: GuessedMapping, folder: Path) -> dict[str, str]:
         ("panda_shoulder_joint", "panda_elbow_joint"),
     ],
 )
-def test_joints_are_known_by_their_names(tmp_path: Path, shoulder: str, elbow: str) -> None:
+def test_joints_are_known_by_their_names(tmp_path, shoulder, elbow):
     states = [("/joint_states", joint, "position", False) for joint in (elbow, shoulder)]
     sent = [("/commands", joint, "effort", True) for joint in (elbow, shoulder)]
     found = guess_of(of_robot(*states, *sent), model(tmp_path), "arm.xml")
@@ -97,14 +95,14 @@ def test_joints_are_known_by_their_names(tmp_path: Path, shoulder: str, elbow: s
         ("sensordata/1", "sensordata/2", "ctrl/1", "ctrl/2"),
     ],
 )
-def test_the_order_of_mujocos_own_vectors(tmp_path: Path, names: tuple[str, ...]) -> None:
+def test_the_order_of_mujocos_own_vectors(tmp_path, names):
     found = guess_of(plain(*names[::-1]), model(tmp_path), "arm.xml")
     columns = ("shoulder_angle_rad", "elbow_angle_rad", "m1_command", "m2_command")
     assert sources(found, tmp_path) == dict(zip(columns, names, strict=True))
     assert not found.open  # MuJoCo counts in rad
 
 
-def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
+def test_plain_columns_say_joint_and_quantity(tmp_path):
     log = plain("elbow_pos", "shoulder_pos", "elbow_cmd", "m1", "gripper_pos")
     found = guess_of(log, model(tmp_path), "arm.xml", angles="deg")
     assert sources(found, tmp_path) == {
@@ -117,7 +115,7 @@ def test_plain_columns_say_joint_and_quantity(tmp_path: Path) -> None:
     assert found.open == ("signals.m1_command.unit", "signals.m2_command.unit")
 
 
-def test_strangers_are_refused_with_the_nearest_names(tmp_path: Path) -> None:
+def test_strangers_are_refused_with_the_nearest_names(tmp_path):
     log = of_robot(
         ("/joint_states", "shoulder_lift", "position", False),
         ("/joint_states", "elbw", "position", False),
@@ -131,7 +129,7 @@ def test_strangers_are_refused_with_the_nearest_names(tmp_path: Path) -> None:
         guess_of(plain("hip_pos", "knee_pos"), model(tmp_path), "arm.xml")
 
 
-def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path: Path) -> None:
+def test_a_measured_effort_stands_for_a_motors_command_alone(tmp_path):
     values = [
         ("/joint_states", joint, quantity, False)
         for joint in ("shoulder", "elbow")
@@ -150,9 +148,7 @@ NUMBERED = TWO.replace('name="m1"', 'name="torque_1"').replace('name="m2"', 'nam
 @pytest.mark.parametrize(
     ("ending", "unit", "factor"), [("", "", 1.0), ("_nm", "", 1.0), ("", "kN*m", 1000.0)]
 )
-def test_a_numbered_torque_stands_for_the_command_of_its_motor(
-    tmp_path: Path, ending: str, unit: str, factor: float
-) -> None:
+def test_a_numbered_torque_stands_for_the_command_of_its_motor(tmp_path, ending, unit, factor):
     log = plain("shoulder_angle_rad", "elbow_angle_rad", f"torque_2{ending}", f"torque_1{ending}")
     log = replace(
         log, channels=(*log.channels[:3], *(replace(c, unit=unit) for c in log.channels[3:]))
@@ -165,7 +161,7 @@ def test_a_numbered_torque_stands_for_the_command_of_its_motor(
     assert "signals.torque_1_command" not in guess_of(volts, model(tmp_path, NUMBERED), "").text
 
 
-def test_a_recorded_torque_is_taken_as_the_command_that_is_missing(tmp_path: Path) -> None:
+def test_a_recorded_torque_is_taken_as_the_command_that_is_missing(tmp_path):
     columns = {name: np.sin(STAMPS) for name in ("torque_1_nm", "torque_2_nm", "elbow_angle_rad")}
     rig = model(tmp_path, NUMBERED)
     recording, notes = with_stand_ins(recording_of(STAMPS, columns), rig)

@@ -1,10 +1,6 @@
 """A reading that is rounded before the logger's noise: its step is read off, states follow it on
 the average."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
@@ -22,7 +18,7 @@ from pamid.recording.recording import read_recording, write_recording
 STEP_M = 0.02
 
 
-def test_slopes_are_those_of_the_value_behind_it() -> None:
+def test_slopes_are_those_of_the_value_behind_it():
     rig = rig_named(RIG)
     rounded = attach(rig, "quantisation@sensor", effects())
     u = np.repeat([3.0, -3.0, 4.0, -4.0], 50)[:, None]
@@ -51,9 +47,7 @@ def test_slopes_are_those_of_the_value_behind_it() -> None:
 
 
 @pytest.mark.parametrize("share", [1 / 30, 1 / 80])
-def test_the_step_stays_where_it_was_read_and_takes_the_error_with_it(
-    tmp_path: Path, share: float
-) -> None:
+def test_the_step_stays_where_it_was_read_and_takes_the_error_with_it(tmp_path, share):
     told = read_recording(record_cart(tmp_path, planted=()))
     place, random = told.columns["position_m"], np.random.default_rng(2)
     step = float(np.ptp(place)) * share

@@ -1,7 +1,5 @@
 """Readings that a log holds in another row than their own: seen, named with the cure, and cured."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -56,7 +54,7 @@ def found(recording: Recording, name: str) -> list[RowOrder]:
         (-1, "early", "rows = -1 below [signals.current_a] in the mapping"),
     ],
 )
-def test_a_current_in_another_row_is_the_log(name: str, rows: int, order: str, cure: str) -> None:
+def test_a_current_in_another_row_is_the_log(name, rows, order, cure):
     recording = logged(driven(name), rows)
     (one,) = found(recording, name)
     assert one.column == "current_a" and order in one.orders
@@ -66,7 +64,7 @@ def test_a_current_in_another_row_is_the_log(name: str, rows: int, order: str, c
 
 
 @pytest.mark.parametrize("name", list(ANGLES))
-def test_a_current_read_before_its_command_is_cured_by_one_line(name: str) -> None:
+def test_a_current_read_before_its_command_is_cured_by_one_line(name):
     columns = driven(name, before=True)
     (one,) = found(logged(columns), name)
     assert "before" in one.orders
@@ -77,13 +75,13 @@ def test_a_current_read_before_its_command_is_cured_by_one_line(name: str) -> No
 @pytest.mark.parametrize(
     "effect", ["", "dead-time@ammeter:delay_s=0.006", "first-order-lag@ammeter"]
 )
-def test_neither_right_rows_nor_a_slow_sensor_are_the_log(effect: str) -> None:
+def test_neither_right_rows_nor_a_slow_sensor_are_the_log(effect):
     recording = logged(driven("dc-motor", *[effect] * bool(effect)))
     assert found(recording, "dc-motor") == []
 
 
 @pytest.mark.parametrize("rows", [1, -1, 2])
-def test_a_mapping_moves_a_channel_by_rows(rows: int) -> None:
+def test_a_mapping_moves_a_channel_by_rows(rows):
     t = 0.01 * np.arange(200)
     sent, read = np.sin(3.0 * t), np.cos(5.0 * t)
     values = {"t": t, "u": sent, "i": np.roll(read, rows)}
@@ -101,7 +99,7 @@ def test_a_mapping_moves_a_channel_by_rows(rows: int) -> None:
     np.testing.assert_allclose(made.columns["voltage_v"], sent[first : first + count], atol=1e-9)
 
 
-def test_answer_and_check_state_the_order_with_its_cure() -> None:
+def test_answer_and_check_state_the_order_with_its_cure():
     recording = logged(driven("dc-motor"), -1)
     rows = [f for f in pamid.check(recording, "dc-motor").findings if f.check == "rows"]
     assert len(rows) == 1 and rows[0].advice and "rows = -1" in rows[0].detail

@@ -1,7 +1,5 @@
 """The models of what is printed and written, as a room: each has a name of its own."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -17,7 +15,7 @@ def kinds(of: type[Model]) -> list[type[Model]]:
     return [one for kind in of.__subclasses__() for one in (kind, *kinds(kind))]
 
 
-def test_no_two_models_bear_one_name() -> None:
+def test_no_two_models_bear_one_name():
     found = all_schemas()
     named = [
         kind.model_fields["schema_"]
@@ -31,14 +29,14 @@ def test_no_two_models_bear_one_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["diagnosis", "pamid.diagnosis/3", "pamid.diagnosis"])
-def test_a_schema_is_printed_with_its_number(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_schema_is_printed_with_its_number(name, capsys):
     assert run(["schema", name]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["$id"] == printed["properties"]["schema"]["const"] == "pamid.diagnosis/3"
     assert {"partly-explained", "cannot-tell"} < set(printed["properties"]["verdict"]["enum"])
 
 
-def test_every_earlier_schema_says_what_has_changed_and_what_writes_the_new_one() -> None:
+def test_every_earlier_schema_says_what_has_changed_and_what_writes_the_new_one():
     told = [kind for kind in kinds(Model) if kind.earlier]
     assert DiagnosisFile in told
     for kind in told:

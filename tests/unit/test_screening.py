@@ -1,7 +1,5 @@
 """Successive halving of candidates: which take further steps, and what they promise."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,7 +39,7 @@ def names(screened: list[ScreenedCandidate]) -> list[str]:
     return [s.added.label for s in screened]
 
 
-def test_twice_as_many_leaders_and_every_family_go_on() -> None:
+def test_twice_as_many_leaders_and_every_family_go_on():
     leading = [candidate(f"a{i:02d}", 100.0 - i) for i in range(2 * DEFAULT.refits)]
     others = [candidate("b0", -10.0), candidate("b1", -11.0)]
     family_of = {s.added.label: s.added.label[0] for s in (*leading, *others)}
@@ -52,12 +50,12 @@ def test_twice_as_many_leaders_and_every_family_go_on() -> None:
 
 
 @pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def cart(tmp_path_factory) -> Any:
     data = cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
     return data, fit_model(data)
 
 
-def test_no_candidate_is_screened_below_the_baseline(cart: Any) -> None:
+def test_no_candidate_is_screened_below_the_baseline(cart):
     """Every candidate that can be absent contains the baseline, so that none loses against it more
     than its prior costs."""
     data, model = cart
@@ -74,15 +72,13 @@ def test_no_candidate_is_screened_below_the_baseline(cart: Any) -> None:
     assert len(losses) > 10 and max(losses.values()) < 1e-3, losses
 
 
-def test_windows_are_replayed_only_where_free_runs_leave_it_open(
-    cart: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_windows_are_replayed_only_where_free_runs_leave_it_open(cart, monkeypatch):
     _, model = cart
     base = candidate_from(model.assembly, model.fit, model.held_out)
     budget: Any = SimpleNamespace(settings=DEFAULT, model=SimpleNamespace(evidence=cart[0]))
     replays: list[int] = []
 
-    def counted(*_: Any) -> Any:
+    def counted(*_):
         replays.append(1)
         return base.replays
 

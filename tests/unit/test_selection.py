@@ -1,7 +1,5 @@
 """Effects added step by step, with made-up losses in the place of refits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -106,16 +104,14 @@ def names_of(c: CandidateModel) -> list[str]:
     return [by_label[a.label] for a in c.attached]
 
 
-def test_a_single_effect_that_explains_the_gap_ends_the_search(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_single_effect_that_explains_the_gap_ends_the_search(monkeypatch):
     bench = Bench({("friction",): 0.1, ("leak",): 0.6, ("friction", "leak"): 0.0})
     found = bench.selected(monkeypatch)
     assert names_of(found.best) == ["friction"] and len(found.steps) == 1
     assert found.without[found.best.attached[0].label].label == "baseline"
 
 
-def test_a_second_effect_is_added_where_much_remains(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_effect_is_added_where_much_remains(monkeypatch):
     bench = Bench({("friction",): 0.5, ("leak",): 0.7, ("friction", "leak"): 0.1})
     found = bench.selected(monkeypatch)
     assert names_of(found.best) == ["friction", "leak"]
@@ -150,21 +146,19 @@ def test_a_second_effect_is_added_where_much_remains(monkeypatch: pytest.MonkeyP
     ],
     ids=["adds little", "pair", "stand-in", "three"],
 )
-def test_effects_stay_that_are_needed(
-    shares: dict[tuple[str, ...], float], best: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_effects_stay_that_are_needed(shares, best, monkeypatch):
     found = Bench(shares).selected(monkeypatch)
     assert sorted(names_of(found.best)) == sorted(best)
     if best == ["friction"]:
         assert len(found.steps) == 2 and found.steps[1].tied == ()
 
 
-def test_the_way_out_of_a_local_minimum_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_way_out_of_a_local_minimum_is_kept(monkeypatch):
     """Friction ended at 50 %; refitted after a leak had been added and removed it leaves 5 %."""
     bench = Bench({("friction",): 0.5, ("friction", "leak"): 0.05})
     first = bench.made
 
-    def better_when_refitted(names: Sequence[str]) -> CandidateModel:
+    def better_when_refitted(names):
         return (
             leaving(0.05, *names)
             if bench.refitted and list(names) == ["friction"]
@@ -178,7 +172,7 @@ def test_the_way_out_of_a_local_minimum_is_kept(monkeypatch: pytest.MonkeyPatch)
     assert found.instead["coulomb-friction@joint"] == ()
 
 
-def test_families_that_tie_are_held_against_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_families_that_tie_are_held_against_each_other(monkeypatch):
     bench = Bench({("friction",): 0.10, ("leak",): 0.11, ("lugre",): 0.10, ("delay",): 0.4})
     found = bench.selected(monkeypatch)
     assert [names_of(c) for c in found.steps[0].tied] == [["friction"], ["leak"]]
@@ -186,9 +180,7 @@ def test_families_that_tie_are_held_against_each_other(monkeypatch: pytest.Monke
     assert [names_of(c) for c in others] == [["leak"]], "one model of each further family"
 
 
-def test_in_the_place_of_one_of_two_causes_stands_what_does_as_well_next_to_the_other(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_in_the_place_of_one_of_two_causes_stands_what_does_as_well_next_to_the_other(monkeypatch):
     bench = Bench(
         {
             ("friction",): 0.5,
@@ -213,14 +205,14 @@ def step(guards: Objecting, *models: CandidateModel) -> Any:
 
 
 @pytest.mark.parametrize("guards", [Objecting(to=("friction",)), Objecting(idle=("friction",))])
-def test_a_model_that_is_objected_to_or_ignores_its_inputs_makes_room(guards: Objecting) -> None:
+def test_a_model_that_is_objected_to_or_ignores_its_inputs_makes_room(guards):
     best, next_best = leaving(0.1, "friction"), leaving(0.4, "leak")
     assert step(Objecting(), best, next_best).tied == (best,)
     made = step(guards, best, next_best)
     assert made.tied == made.candidates == (next_best,)
 
 
-def test_candidates_are_material_and_ordered_by_loss() -> None:
+def test_candidates_are_material_and_ordered_by_loss():
     models = [leaving(share, name) for share, name in ((0.95, "drag"), (0.5, "leak"))]
     best = leaving(0.3, "friction")
     made = step(Objecting(), *models, best)

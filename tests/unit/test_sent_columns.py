@@ -1,7 +1,5 @@
 """What is sent may stand still; a sensor that does so is told of."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,7 +40,7 @@ def frozen_columns(recording: Recording, rig: str | None) -> set[str]:
     }
 
 
-def test_held_set_points_are_not_frozen() -> None:
+def test_held_set_points_are_not_frozen():
     """Neither by their name nor by their values, with a rig that does not know them or without."""
     log = recorded(
         voltage_v=held(1), angle_deg=moving(2), target_deg=held(3), wanted_rpm=100.0 * held(4)
@@ -53,7 +51,7 @@ def test_held_set_points_are_not_frozen() -> None:
         assert frozen_columns(log, rig) == set()
 
 
-def test_a_sensor_that_froze_is_still_told_of() -> None:
+def test_a_sensor_that_froze_is_still_told_of():
     angle = moving(2)
     angle[2000:2400] = angle[2000]
     log = recorded(voltage_v=held(1), angle_deg=angle, speed_rpm=moving(5))
@@ -61,7 +59,7 @@ def test_a_sensor_that_froze_is_still_told_of() -> None:
         assert "angle_deg" in frozen_columns(log, rig)
 
 
-def test_a_slow_sensor_and_a_coarse_one_are_measured() -> None:
+def test_a_slow_sensor_and_a_coarse_one_are_measured():
     slow = np.repeat(moving(6), 5)[:COUNT]
     coarse = np.round(np.sin(np.arange(COUNT) / 900.0) * 60.0) / 60.0
     assert not held_by_jumps(slow) and not held_by_jumps(coarse)

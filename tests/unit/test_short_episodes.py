@@ -1,7 +1,5 @@
 """Short recordings count together: as episodes with a start each."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from small_cart import FEW, PERIOD_S, RIG
@@ -32,7 +30,7 @@ def episodes(count: int, samples: int) -> list[Recording]:
     return found
 
 
-def test_nine_episodes_of_100_samples_are_900_samples() -> None:
+def test_nine_episodes_of_100_samples_are_900_samples():
     evidence = split_recordings(rig_named(RIG), episodes(9, 100), [])
     assert {(s.start, s.stop) for s in (*evidence.fit, *evidence.held_out)} == {(0, 100)}
     assert (len(evidence.fit), len(evidence.held_out)) == (6, 3)
@@ -42,7 +40,7 @@ def test_nine_episodes_of_100_samples_are_900_samples() -> None:
     assert [c.effect for c in diagnosis_file(found).causes] == ["coulomb-friction"]
 
 
-def test_check_and_diagnose_draw_the_same_line() -> None:
+def test_check_and_diagnose_draw_the_same_line():
     rig = rig_named(RIG)
     for samples in (FEWEST_SAMPLES - 1, FEWEST_SAMPLES):
         (recording,) = episodes(1, samples)

@@ -1,8 +1,6 @@
 """Signals beside the APRBS: what makes each of them, limits, several columns, and what a signal is
 said to cover."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path
@@ -52,7 +50,7 @@ def noted(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("order", [4, 7, 10])
-def test_a_prbs_is_a_sequence_of_greatest_length(order: int) -> None:
+def test_a_prbs_is_a_sequence_of_greatest_length(order):
     """Every pattern of `order` bits but one occurs once, and the sequence is white: correlation
     -1/n at every lag."""
     clock, length = 5, 2**order - 1
@@ -68,7 +66,7 @@ def test_a_prbs_is_a_sequence_of_greatest_length(order: int) -> None:
     assert abs(once.sum()) == 1.0
 
 
-def test_the_multisine_has_odd_lines_in_its_band_and_no_others() -> None:
+def test_the_multisine_has_odd_lines_in_its_band_and_no_others():
     signal = samples_of("multisine", 4.0, duration_s=60.0, band_hz=(0.5, 5.0), periods=3, seed=1)
     one = 20000 // 3
     assert signal.shape == (20000,) and np.abs(signal).max() == pytest.approx(4.0)
@@ -87,9 +85,7 @@ def test_the_multisine_has_odd_lines_in_its_band_and_no_others() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("duration", "band"), [(200.0, (0.1, 10.0)), (40.0, (0.1, 5.0))])
-def test_crest_optimisation_reaches_1_5(
-    seed: int, duration: float, band: tuple[float, float]
-) -> None:
+def test_crest_optimisation_reaches_1_5(seed, duration, band):
     signal = samples_of("multisine", 1.0, duration_s=duration, band_hz=band, periods=2, seed=seed)
     one = signal[: round(duration / PERIOD) // 2]
     assert np.abs(one).max() / np.sqrt(np.mean(one**2)) <= 1.5
@@ -101,7 +97,7 @@ def test_crest_optimisation_reaches_1_5(
 
 
 @pytest.mark.parametrize("sweep", ["log", "linear"])
-def test_a_chirp_climbs_as_asked_and_ends_where_it_began(sweep: str) -> None:
+def test_a_chirp_climbs_as_asked_and_ends_where_it_began(sweep):
     signal = samples_of("chirp", 2.0, duration_s=60.0, band_hz=(0.2, 6.0), sweep=sweep, offset=1.0)
     assert (
         signal[0] == pytest.approx(1.0) and abs(signal[-1] - 1.0) < 2.0 * 2 * np.pi * 6.0 * PERIOD
@@ -117,7 +113,7 @@ def test_a_chirp_climbs_as_asked_and_ends_where_it_began(sweep: str) -> None:
     assert frequency[-1] > 5.5
 
 
-def test_torque_loops_return_and_hold_a_smaller_loop() -> None:
+def test_torque_loops_return_and_hold_a_smaller_loop():
     t = PERIOD * np.arange(round(14.0 / PERIOD), dtype=np.float64)
     wave = nested_loops(t)
     assert (
@@ -133,7 +129,7 @@ def test_torque_loops_return_and_hold_a_smaller_loop() -> None:
 
 
 @pytest.mark.parametrize("signal", SIGNAL_SETTINGS)
-def test_amplitude_and_rate_are_kept_by_every_signal(signal: str) -> None:
+def test_amplitude_and_rate_are_kept_by_every_signal(signal):
     band: dict[str, Any] = {"band_hz": (0.1, 1.0)} if "band_hz" in SIGNAL_SETTINGS[signal] else {}
     plan = plan_for(signal, PERIOD, rate_limit=200.0, **band)
     sent = draw(plan, {"a": 20.0, "b": 5.0})
@@ -145,7 +141,7 @@ def test_amplitude_and_rate_are_kept_by_every_signal(signal: str) -> None:
 
 
 @pytest.mark.parametrize("signal", ["multisine", "chirp"])
-def test_a_smooth_signal_is_never_bent_by_the_rate_limit(signal: str) -> None:
+def test_a_smooth_signal_is_never_bent_by_the_rate_limit(signal):
     with pytest.raises(UsageError, match="rate limit is 10") as refused:
         draw(
             plan_for(signal, PERIOD, rate_limit=10.0, band_hz=(0.1, 2.0), duration_s=30.0),
@@ -174,7 +170,7 @@ def test_a_smooth_signal_is_never_bent_by_the_rate_limit(signal: str) -> None:
         ("steps", {"duration_s": 3.0}),
     ],
 )
-def test_requests_without_sense_are_refused(signal: str, wrong: dict[str, Any]) -> None:
+def test_requests_without_sense_are_refused(signal, wrong):
     with pytest.raises(UsageError):
         draw(plan_for(signal, PERIOD, **wrong), {"a": 1.0})
 
@@ -183,7 +179,7 @@ def test_requests_without_sense_are_refused(signal: str, wrong: dict[str, Any]) 
 
 
 @pytest.mark.parametrize("signal", SIGNAL_SETTINGS)
-def test_columns_are_sent_apart_or_unlike(signal: str) -> None:
+def test_columns_are_sent_apart_or_unlike(signal):
     sent = draw(plan_for(signal, PERIOD, seed=5), {"a": 1.0, "b": 1.0, "c": 1.0})
     a, b, c = (one.samples for one in sent.values())
     assert max(abs(np.corrcoef(x, y)[0, 1]) for x, y in ((a, b), (a, c), (b, c))) < 0.15
@@ -209,9 +205,7 @@ def test_columns_are_sent_apart_or_unlike(signal: str) -> None:
     ],
     ids=["joint", "arm", "cart"],
 )
-def test_every_signal_for_every_rig(
-    signal: str, where: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_signal_for_every_rig(signal, where, tmp_path, capsys):
     path = tmp_path / "sent.csv"
     loops = signal == "torque-loops"
     if loops:
@@ -246,13 +240,13 @@ def test_every_signal_for_every_rig(
 
 
 @pytest.mark.parametrize("call", BEFORE)
-def test_what_there_was_is_bit_for_bit_what_it_was(call: str, tmp_path: Path) -> None:
+def test_what_there_was_is_bit_for_bit_what_it_was(call, tmp_path):
     path = tmp_path / "as-ever.csv"
     assert generate(path, *call.split()) == 0
     assert hashlib.sha256(path.read_bytes()).hexdigest() == BEFORE[call] == noted(path)["sha256"]
 
 
-def test_torque_loops_state_the_pressure_and_simulate(tmp_path: Path) -> None:
+def test_torque_loops_state_the_pressure_and_simulate(tmp_path):
     angles = {}
     for pressure in ("200", "500"):
         path, out = tmp_path / f"loops-{pressure}.csv", tmp_path / f"rec-{pressure}.csv"
@@ -271,13 +265,13 @@ def test_torque_loops_state_the_pressure_and_simulate(tmp_path: Path) -> None:
     assert angles["200"] > 1.5 * angles["500"]  # a joint with less air is softer
 
 
-def test_same_seed_same_multisine() -> None:
+def test_same_seed_same_multisine():
     settings = {"duration_s": 20.0, "band_hz": (0.2, 5.0)}
     first, again, other = (samples_of("multisine", 1.0, **settings, seed=s) for s in (1, 1, 2))
     assert np.array_equal(first, again) and not np.allclose(first, other)
 
 
-def test_steps_alternate_and_rest_before_and_after() -> None:
+def test_steps_alternate_and_rest_before_and_after():
     signal = samples_of("steps", 5.0, duration_s=40.0, hold_s=(1.0, 2.0), seed=3, offset=1.0)
     assert signal.shape == (13333,) and signal[0] == signal[-1] == 1.0
     edges = np.flatnonzero(np.diff(signal))
@@ -287,7 +281,7 @@ def test_steps_alternate_and_rest_before_and_after() -> None:
     assert lengths.min() >= 1.0 - PERIOD and lengths.max() <= 2.0 + PERIOD and np.ptp(lengths) > 0.5
 
 
-def test_a_staircase_grows_by_one_factor_there_and_back() -> None:
+def test_a_staircase_grows_by_one_factor_there_and_back():
     signal = samples_of("staircase", 0.3, levels=5, hold_s=(0.5, 0.5))
     held = signal[np.append(0, np.flatnonzero(np.diff(signal)) + 1)]
     assert held[0] == held[-1] == 0.0

@@ -1,11 +1,8 @@
 """Slips of units, signs and columns: each is found in what a virtual machine records, right data
 pass, and only what cannot be stops a fit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +81,7 @@ MOTOR: dict[str, tuple[Callable[[Columns], Columns], str, set[str], str]] = {
 
 
 @pytest.mark.parametrize("case", MOTOR)
-def test_a_slip_of_a_motor_is_found_in_either_direction(case: str, motor: Recording) -> None:
+def test_a_slip_of_a_motor_is_found_in_either_direction(case, motor):
     change, kind, columns, words = MOTOR[case]
     recording = changed(motor, change)
     (issue,) = slips_of(recording, "dc-motor")
@@ -110,7 +107,7 @@ OVEN: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
 
 
 @pytest.mark.parametrize("case", OVEN)
-def test_a_slip_of_an_oven_is_found(case: str, oven: Recording) -> None:
+def test_a_slip_of_an_oven_is_found(case, oven):
     """The bounds of its parameters are so wide that a fit would take up each of them."""
     change, column, words = OVEN[case]
     (issue,) = slips_of(changed(oven, change), "thermal-block")
@@ -143,7 +140,7 @@ FACTORS = {
 
 
 @pytest.mark.parametrize("other", FACTORS)
-def test_any_usual_factor_is_found(other: str, carriage: Recording, shaft: Recording) -> None:
+def test_any_usual_factor_is_found(other, carriage, shaft):
     rig, column, factor = FACTORS[other]
     recording = carriage if rig == "linear-axis" else shaft
     assert not slips_of(recording, rig)
@@ -152,7 +149,7 @@ def test_any_usual_factor_is_found(other: str, carriage: Recording, shaft: Recor
     assert f"look like {other}, not" in issue.message
 
 
-def test_right_recordings_have_no_slip(motor: Recording, oven: Recording, drive: Recording) -> None:
+def test_right_recordings_have_no_slip(motor, oven, drive):
     assert not slips_of(motor, "dc-motor") and not slips_of(oven, "thermal-block")
     assert not slips_of(drive, "geared-motor")
     assert not blocking(motor, rig_named("dc-motor"))
@@ -168,9 +165,7 @@ def test_right_recordings_have_no_slip(motor: Recording, oven: Recording, drive:
         ("motor_angle_deg", 5.56),
     ],
 )
-def test_any_factor_between_two_encoders_is_found(
-    column: str, factor: float, drive: Recording
-) -> None:
+def test_any_factor_between_two_encoders_is_found(column, factor, drive):
     """The ratio of the gear fixes both scales exactly; no table holds what a counter may count."""
     recording = changed(drive, lambda c: {column: factor * c[column]})
     (issue,) = slips_of(recording, "geared-motor")
@@ -182,7 +177,7 @@ def test_any_factor_between_two_encoders_is_found(
 
 
 @pytest.mark.parametrize("column", ["motor_angle_deg", "load_angle_deg"])
-def test_a_channel_that_was_not_zeroed_is_found(column: str, drive: Recording) -> None:
+def test_a_channel_that_was_not_zeroed_is_found(column, drive):
     by = 3.0 * float(np.ptp(drive.columns[column]))
     (issue,) = slips_of(changed(drive, lambda c: {column: c[column] + by}), "geared-motor")
     assert (issue.kind, issue.columns, issue.severity) == ("offset", (column,), "advice")
@@ -192,7 +187,7 @@ def test_a_channel_that_was_not_zeroed_is_found(column: str, drive: Recording) -
     assert f"Or {other} offset by -" in issue.hint
 
 
-def test_two_slips_are_found_together(motor: Recording) -> None:
+def test_two_slips_are_found_together(motor):
     """Neither explains anything without the other."""
     recording = changed(motor, lambda c: {ANGLE: np.radians(c[ANGLE]), CURRENT: 1e3 * c[CURRENT]})
     assert {i.columns for i in slips_of(recording, "dc-motor")} == {(ANGLE,), (CURRENT,)}
@@ -212,15 +207,15 @@ class LightWrist(Rig):
     )
     period_s = 0.005
 
-    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def rates(self, x, u, p, port):
         torque = u.torque_nm - p.damping * x.speed
         return {"angle": x.speed, "speed": torque / (p.inertia + p.armature)}
 
-    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+    def measure(self, x, u, p, port):
         return {"angle_rad": x.angle}
 
 
-def test_a_missing_inertia_is_no_slip_of_units() -> None:
+def test_a_missing_inertia_is_no_slip_of_units():
     """The rotor is 2000 times as heavy as the hand; no column is in another unit."""
     torque = 0.05 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 60), 40)
     angle, speed, rows = 0.0, 0.0, []

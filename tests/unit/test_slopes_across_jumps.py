@@ -1,7 +1,5 @@
 """Slopes of a step by differences, where the step jumps close by, as where a contact closes."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
@@ -53,7 +51,7 @@ def _slopes(height: float, kick: float, chosen: NDArray[np.intp] = NONE) -> tupl
 
 
 @pytest.mark.parametrize("share", [-0.9, -0.5, -0.1, 0.1, 0.5, 0.9])
-def test_a_contact_that_closes_within_a_difference_is_not_taken_for_a_slope(share: float) -> None:
+def test_a_contact_that_closes_within_a_difference_is_not_taken_for_a_slope(share):
     """To either side of the ground, and as close to it; the ground's own height is a parameter."""
     chosen = np.arange(3)
     near, _ = _slopes(1.0 + share * DIFFERENCE, 0.5, chosen)
@@ -63,7 +61,7 @@ def test_a_contact_that_closes_within_a_difference_is_not_taken_for_a_slope(shar
     assert far[2, 4] == pytest.approx(1.0 if below else 0.0)  # of the speed by the kick
 
 
-def test_without_a_jump_the_slopes_are_forward_differences_as_they_were() -> None:
+def test_without_a_jump_the_slopes_are_forward_differences_as_they_were():
     ball, p, x = Ball(), np.array([1.0, 0.5, 9.81]), np.array([1.3, SPEED])
     found = slopes_of(ball, x, np.zeros(1), p, H, np.array([2]))
     assert ball.copies == 1 + 4 + 1  # plain, each moved, and all of them to the other side

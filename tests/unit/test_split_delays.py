@@ -1,7 +1,5 @@
 """Held inputs that come late, of which a step sees two values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from compiled import parameter
@@ -30,7 +28,7 @@ def heavy(command: Expr) -> Expr:
     return command
 
 
-def test_a_robot_of_many_late_commands_is_not_copied_for_each() -> None:
+def test_a_robot_of_many_late_commands_is_not_copied_for_each():
     """A saturation of the sum is nonlinear in every command."""
     commands = [f"u{k}" for k in range(9)]
     limited = [heavy(minimum(sum(map(late, commands[:n]), 0.0 * x), 1.0)) for n in (1, 9)]
@@ -39,14 +37,14 @@ def test_a_robot_of_many_late_commands_is_not_copied_for_each() -> None:
 
 
 @pytest.mark.parametrize("solved", [False, True])
-def test_what_is_linear_in_a_late_command_is_formed_once(solved: bool) -> None:
+def test_what_is_linear_in_a_late_command_is_formed_once(solved):
     command = minimum(late("u"), 1.0)
     rate = tangent(heavy(command), heavy(command)) if solved else heavy(command)
     assert size(rate) < size(heavy(symbol("input", "u"))) + 30
 
 
 @pytest.mark.parametrize("count", [1, MOST_SPLIT])
-def test_a_step_sees_the_mean_of_what_is_made_of_a_command(count: int) -> None:
+def test_a_step_sees_the_mean_of_what_is_made_of_a_command(count):
     """A valve that opens either way: half a step late, the mean of its flow is that of both."""
     names = [f"u{k}" for k in range(count)]
     opened = [where(late(n) > 0.0, 2.0 * late(n), -late(n)) for n in names]

@@ -1,7 +1,5 @@
 """Fits in stages: what one fit knew is the next one's prior."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -54,9 +52,7 @@ def apart(g: GreyBox, other: GreyBox) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("torque", [(True, True), (False, True), (True, False)])
-def test_one_after_the_other_is_as_good_as_both_at_once(
-    torque: tuple[bool, bool], tmp_path: Path
-) -> None:
+def test_one_after_the_other_is_as_good_as_both_at_once(torque, tmp_path):
     """Also where the first tells only ratios: the ridge it leaves is carried along its curve."""
     first, second = (
         swing(tmp_path / f"{i}.csv", torque=t, seed=i, initial_deg=50.0 + 40.0 * i)
@@ -76,16 +72,14 @@ def test_one_after_the_other_is_as_good_as_both_at_once(
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
+def first(tmp_path_factory) -> tuple[Path, GreyBox]:
     folder = tmp_path_factory.mktemp("first")
     return folder, fit_model(
         split_recordings(Declared(), [swing(folder / "a.csv", torque=True)], [])
     )
 
 
-def test_a_fit_that_did_not_converge_is_refused(
-    first: tuple[Path, GreyBox], tmp_path: Path
-) -> None:
+def test_a_fit_that_did_not_converge_is_refused(first, tmp_path):
     with pytest.raises(ConvergenceError, match="it wandered off"):
         read_posterior(kept(tmp_path / "run", first[1], converged=False, why="it wandered off"))
 
@@ -109,16 +103,14 @@ def damaged(**changes: Any) -> list[dict[str, Any]]:
     ),
     ids=lambda c: next(iter(c)),
 )
-def test_a_damaged_posterior_is_refused(
-    change: dict[str, Any], first: tuple[Path, GreyBox], tmp_path: Path
-) -> None:
+def test_a_damaged_posterior_is_refused(change, first, tmp_path):
     told = json.loads(json.dumps(fit_json(first[1], 0)["posterior"]))
     folder = kept(tmp_path / "run", first[1], posterior={**told, **change})
     with pytest.raises(FileError, match="posterior"):
         read_posterior(folder)
 
 
-def test_evidence_does_not_count_twice(first: tuple[Path, GreyBox], tmp_path: Path) -> None:
+def test_evidence_does_not_count_twice(first, tmp_path):
     posterior = read_posterior(kept(tmp_path / "run", first[1]))
     (span,) = first[1].evidence.fit
     other = swing(tmp_path / "b.csv", torque=True, seed=1)
@@ -133,9 +125,7 @@ def test_evidence_does_not_count_twice(first: tuple[Path, GreyBox], tmp_path: Pa
         )
 
 
-def test_a_rig_that_derives_from_the_earlier_one_goes_on_from_it(
-    first: tuple[Path, GreyBox], tmp_path: Path
-) -> None:
+def test_a_rig_that_derives_from_the_earlier_one_goes_on_from_it(first, tmp_path):
     """The same machine with a better law of something: what `pamid force-law` writes."""
 
     class Measured(Declared):
@@ -151,7 +141,7 @@ def test_a_rig_that_derives_from_the_earlier_one_goes_on_from_it(
     assert g.fit.converged and known[0] < known[1] - 1.0
 
 
-def test_the_command_takes_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_takes_a_run(tmp_path, capsys):
     for name, seed in (("a", 1), ("b", 2)):
         record(tmp_path / f"{name}.csv", 6.0, seed=seed)
     assert pamid(["fit", str(tmp_path / "a.csv"), "--output", str(tmp_path / "one")]) == 0

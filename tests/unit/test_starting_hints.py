@@ -1,8 +1,5 @@
 """Starting hints: effects that act beyond a limit begin within the range that recordings reach."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +21,7 @@ from pamid.simulation.data_split import split_recordings
 
 
 @pytest.fixture(scope="module")
-def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+def stopped(tmp_path_factory):  # type: ignore[no-untyped-def]
     """A joint whose end stops at 26 deg are hit; its baseline."""
     path = tmp_path_factory.mktemp("stop") / "rec.csv"
     evidence = split_recordings(
@@ -40,7 +37,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untype
     )
 
 
-def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:  # type: ignore[no-untyped-def]
+def test_stops_are_found_although_the_typical_ones_lie_outside(stopped):  # type: ignore[no-untyped-def]
     evidence, base, sizes = stopped
     hints, ground = gather_hints(evidence, base), ScreeningBaseline.of(base)
     stop = attach(evidence.rig, "end-stop", effects())
@@ -57,13 +54,13 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:
 
 
 @pytest.mark.parametrize("samples", [120, 126, 1000])
-def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
+def test_a_line_is_found_in_however_short_a_part(samples):
     """The shortest recording that can be fitted has 120 samples held out."""
 
     class Track:
         period_s, timescale_s = 0.01, 0.6
 
-        def __len__(self) -> int:
+        def __len__(self):
             return samples
 
     hz, track = 6.0, Track()
@@ -72,7 +69,7 @@ def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
     assert spectrum_peaks([replayed], np.ones(1))[0] == pytest.approx(hz, abs=0.5)
 
 
-def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None:
+def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path):
     """A converter of 16 levels before the logger: seen through the noise behind it."""
     told = read_recording(record_cart(tmp_path, planted=()))
     place, random = told.columns["position_m"], np.random.default_rng(2)
@@ -91,7 +88,7 @@ def test_a_reading_that_rests_on_plateaus_tells_its_step(tmp_path: Path) -> None
     assert found == [{"quantum": spacing, "level": level}]
 
 
-def test_an_output_tells_the_zero_and_the_slope_of_its_reading() -> None:
+def test_an_output_tells_the_zero_and_the_slope_of_its_reading():
     """Kelvin above the room's temperature, of which the rig adds the latter."""
     reading, other = symbol("state", "above"), symbol("input", "room")
     assert _scale(293.15 + 2.0 * reading, reading) == pytest.approx((293.15, 2.0))

@@ -1,7 +1,5 @@
 """What a rig that is stepped is spared: finer steps that would settle nothing, and refits."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,13 +28,11 @@ def _fitted(a: Assembly) -> Fit:
 @pytest.mark.parametrize(
     ("again", "expected"), [(0.5, True), (0.9, False), (1.5, False), (np.nan, True)]
 )
-def test_finer_steps_are_fitted_where_they_settle_something(
-    again: float, expected: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_finer_steps_are_fitted_where_they_settle_something(again, expected, monkeypatch):
     """A method of order 1 leaves half of a change; contacts that lead elsewhere leave all of it."""
     asked: list[Stepping] = []
 
-    def rechecked(a: Any, fitted: Fit, held: Any, noise: Any) -> tuple[tuple[()], float]:
+    def rechecked(a, fitted, held, noise):
         asked.append(fitted.stepping)
         return (), again
 
@@ -50,9 +46,7 @@ def test_finer_steps_are_fitted_where_they_settle_something(
     assert not asked
 
 
-def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(monkeypatch):
     """Those of a leader that was refined cost more, and only choose what is refitted."""
     monkeypatch.setattr(screening, "careful_stepping", lambda *_: Stepping(1))
     found = []
@@ -62,7 +56,7 @@ def test_what_is_stepped_is_screened_by_no_finer_steps_than_it_asks_for(
     assert found == [Stepping(2), Stepping(1)]
 
 
-def test_what_is_stepped_is_screened_by_the_slopes_that_are_kept() -> None:
+def test_what_is_stepped_is_screened_by_the_slopes_that_are_kept():
     """Lanes of a simulator run one after the other, and every chord step would cost as many runs
     as there are parameters."""
     leader: Any = SimpleNamespace(fit=_fitted(Assembly(SteppedTwin())))

@@ -1,7 +1,5 @@
 """Short fits of a rig that is stepped: slopes serve again, and points are run before slopes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +33,7 @@ def stepped() -> FitData:
     return _data(SteppedTwin())
 
 
-def test_a_point_is_differentiated_once_it_is_taken(stepped: FitData) -> None:
+def test_a_point_is_differentiated_once_it_is_taken(stepped):
     for data in (stepped, _data(WrittenPendulum())):
         problem = ShortFit.of(data, data.rig)
         sheet = problem.sheet()
@@ -46,7 +44,7 @@ def test_a_point_is_differentiated_once_it_is_taken(stepped: FitData) -> None:
         assert np.abs(full.g).max() > 0.0
 
 
-def test_slopes_serve_other_measurements_of_the_same_inputs(stepped: FitData) -> None:
+def test_slopes_serve_other_measurements_of_the_same_inputs(stepped):
     problem = ShortFit.of(stepped, stepped.rig)
     sheet, known = problem.sheet(), problem.runner.known
     assert known is not None

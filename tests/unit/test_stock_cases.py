@@ -1,8 +1,6 @@
 """The cases with stock robots, on a robot of this test: what is planted is there, nothing gives it
 away, and answers are scored as the table in the benchmark has it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -43,7 +41,7 @@ def cases() -> ModuleType:
 
 
 @pytest.fixture
-def small(cases: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def small(cases, tmp_path, monkeypatch) -> Path:
     """The folder of stock models, with one."""
     folder = tmp_path / "stock" / "small"
     folder.mkdir(parents=True)
@@ -70,7 +68,7 @@ def angles(folder: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["friction", "delay", "play", "armature", "payload"])
 @pytest.mark.parametrize("servo", [False, True])
-def test_what_is_planted_shows(cases, small, tmp_path, kind, servo) -> None:
+def test_what_is_planted_shows(cases, small, tmp_path, kind, servo):
     bare, _ = made(cases, small, tmp_path / "bare", servo=servo)
     folder, label = made(cases, small, tmp_path / "made", (kind, 1), servo=servo)
     assert {p["joint"] for p in label["planted"]} == {"elbow"}
@@ -79,7 +77,7 @@ def test_what_is_planted_shows(cases, small, tmp_path, kind, servo) -> None:
     assert (np.abs(angles(folder)) < 2.0).all()
 
 
-def test_a_case_gives_nothing_away(cases, small, tmp_path) -> None:
+def test_a_case_gives_nothing_away(cases, small, tmp_path):
     folder, label = made(cases, small, tmp_path, ("kp", 0), ("friction-all", -1), servo=True)
     assert {p.name for p in folder.iterdir()} == {"rec.csv", "held.csv"}
     text = (tmp_path / "models/small/robot-003.xml").read_text()
@@ -89,7 +87,7 @@ def test_a_case_gives_nothing_away(cases, small, tmp_path) -> None:
     assert label["parameters"]["drive_1_kp"] == pytest.approx(planted["shoulder"] * stated)
 
 
-def test_half_of_the_planted_cases_have_two_effects(cases) -> None:
+def test_half_of_the_planted_cases_have_two_effects(cases):
     drawn = cases.all_cases(5, 60, 20)
     sizes = [len(case.effects) for case in drawn]
     assert [sizes.count(k) for k in (0, 1, 2)] == [20, 30, 30]
@@ -134,7 +132,7 @@ SOFT = cause("flexible-transmission", "elbow_transmission")
         (("friction-all",), (RUBS, ROUGH), "explained", True, "right"),
     ],
 )  # fmt: skip
-def test_answers_are_scored(cases, kinds, causes, verdict, reached, expected) -> None:
+def test_answers_are_scored(cases, kinds, causes, verdict, reached, expected):
     effects = [
         {"kind": kind, "joints": ["shoulder", "elbow"] if kind == "friction-all" else ["elbow"]}
         for kind in kinds
@@ -154,7 +152,7 @@ def test_answers_are_scored(cases, kinds, causes, verdict, reached, expected) ->
         (8.0, 9.4, "open"),  # the file was near already
     ],
 )
-def test_friction_that_a_file_has_is_refitted(cases, prior, value, expected) -> None:
+def test_friction_that_a_file_has_is_refitted(cases, prior, value, expected):
     label = {
         "effects": [{"kind": "friction", "joints": ["elbow"]}],
         "parameters": {},
@@ -179,7 +177,7 @@ def test_friction_that_a_file_has_is_refitted(cases, prior, value, expected) -> 
         (0.0, None, None, False),
     ],
 )
-def test_a_parameter_near_its_true_value_is_right(cases, value, low, high, expected) -> None:
+def test_a_parameter_near_its_true_value_is_right(cases, value, low, high, expected):
     estimates = {"elbow_armature_kg_m2": {"value": value, "low": low, "high": high}}
     assert cases.near(estimates, "elbow_armature", 1.0) == expected
     assert not cases.near(estimates, "shoulder_armature", 1.0)

@@ -1,7 +1,5 @@
 """The joint with on-off valves: what is averaged is what pulses would let through."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,20 +42,20 @@ def opened(command: float) -> float:
 
 
 @pytest.mark.parametrize("duty", [0.0, 0.03, 0.1, 0.25, 0.5, 0.9, 0.985, 1.0])
-def test_average_of_the_pulses(duty: float) -> None:
+def test_average_of_the_pulses(duty):
     """Away from the two edges, where it is spread."""
     assert opened(duty) == pytest.approx(pulsed(duty), abs=3e-3)
     assert opened(-duty) == -opened(duty)
 
 
-def test_edge_is_where_the_solenoid_begins_to_open() -> None:
+def test_edge_is_where_the_solenoid_begins_to_open():
     edge = T_ON / PERIOD
     assert opened(edge) == 0.0
     assert opened(edge + EDGE) == pytest.approx(EDGE + T_OFF / PERIOD, abs=1e-12)
     assert opened(1.7) == 1.0
 
 
-def test_listed_and_the_joint_where_nothing_is_late() -> None:
+def test_listed_and_the_joint_where_nothing_is_late():
     assert "switched-joint" in rigs() and "switched-joint" in entries("rigs")
     found = {}
     at_once = {"opening_delay_ms": 0.0, "closing_delay_ms": 0.0}

@@ -1,11 +1,8 @@
 """Threads and imports of a run."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -26,15 +23,13 @@ def blas_threads() -> set[int]:
         (pamid.fit, "pamid.api.fitting.fit_model"),
     ],
 )
-def test_runs_hold_blas_to_one_thread(
-    verb: Any, work: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_hold_blas_to_one_thread(verb, work, monkeypatch):
     seen: list[set[int]] = []
 
     class EndedError(Exception):
         pass
 
-    def end(*_: Any, **__: Any) -> None:
+    def end(*_, **__):
         seen.append(blas_threads())
         raise EndedError
 
@@ -46,7 +41,7 @@ def test_runs_hold_blas_to_one_thread(
         assert blas_threads() == {2}
 
 
-def test_worker_processes_load_what_they_need() -> None:
+def test_worker_processes_load_what_they_need():
     """Every worker process of a trial imports the diagnosis."""
     heavy = ("scipy.linalg", "scipy.signal", "scipy.sparse", "pandas", "matplotlib", "torch")
     loaded = f"print([m for m in {heavy} if m in sys.modules])"

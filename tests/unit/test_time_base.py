@@ -1,8 +1,6 @@
 """The time base of a log: told apart before it is repaired, split at gaps, and brought to one even
 base."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +10,6 @@ from pamid.base.metrics import FloatArray
 from pamid.intake.logs.conversion import hold, smooth
 from pamid.intake.logs.stamps import IntArray, Rows, usable_rows
 from pamid.intake.logs.time_base import (
-    Cure,
     StampDiagnosis,
     diagnose_stamps,
     reconstructed_time_base,
@@ -76,7 +73,7 @@ def _paused() -> FloatArray:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_ails_the_stamps_is_told_from_the_data(name: str) -> None:
+def test_what_ails_the_stamps_is_told_from_the_data(name):
     make, state = CASES[name]
     rows, found = judge(*make())
     assert found.state == state, found.why
@@ -99,9 +96,7 @@ def test_what_ails_the_stamps_is_told_from_the_data(name: str) -> None:
         ("jitter", "jittered-sampling", "late-stamps", 0.003),
     ],
 )
-def test_the_wrong_cure_is_thirty_times_worse(
-    truth: str, right: Cure, wrong: Cure, reached: float
-) -> None:
+def test_the_wrong_cure_is_thirty_times_worse(truth, right, wrong, reached):
     true, stamps = CASES[truth][0]()
     y = motion(true)
     rows = usable_rows(stamps, [y], "x")
@@ -109,7 +104,7 @@ def test_the_wrong_cure_is_thirty_times_worse(
     assert found.cure == right
     grid = K[100:-100] * T
 
-    def error(cure: Cure) -> float:
+    def error(cure):
         base = reconstructed_time_base(rows, found, cure, None)
         return float(np.sqrt(np.mean((smooth(base.instants, y, grid, T) - motion(grid)) ** 2)))
 
@@ -117,7 +112,7 @@ def test_the_wrong_cure_is_thirty_times_worse(
     assert error(wrong) > 30.0 * error(right)
 
 
-def test_gaps_split_and_are_not_bridged_while_a_pause_of_the_host_does_not_split() -> None:
+def test_gaps_split_and_are_not_bridged_while_a_pause_of_the_host_does_not_split():
     true = K * T + (K > 4000) * 2.34567 + (K > 8000) * 0.5
     for stamps in (true, arriving(true)):
         rows, found = judge(true, stamps)
@@ -131,7 +126,7 @@ def test_gaps_split_and_are_not_bridged_while_a_pause_of_the_host_does_not_split
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_missing_samples_are_counted_and_their_place_found(late: bool) -> None:
+def test_missing_samples_are_counted_and_their_place_found(late):
     there = np.random.default_rng(5).random(N) > 0.01
     there[[0, -1]] = True
     true = (K * T)[there]
@@ -183,7 +178,7 @@ def _as_before(stamps: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("moving", [True, False])
 @pytest.mark.parametrize("name", REPEATED)
-def test_repeated_stamps_are_repaired_and_stretch_nothing(name: str, moving: bool) -> None:
+def test_repeated_stamps_are_repaired_and_stretch_nothing(name, moving):
     true, stamps = REPEATED[name][0]()
     noise = 0.01 * np.random.default_rng(9).standard_normal(true.size)
     y = motion(true) + noise if moving else noise
@@ -197,7 +192,7 @@ def test_repeated_stamps_are_repaired_and_stretch_nothing(name: str, moving: boo
     assert np.abs(error).max() < 3.0 * T
 
 
-def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
+def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits():
     y, mixed = motion(K * T), K.copy()
     mixed[[50, 51]], mixed[[700, 702]] = mixed[[51, 50]], mixed[[702, 700]]
     rows = usable_rows(mixed * T, [y[mixed]], "x")
@@ -217,7 +212,7 @@ def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
 # ---- resampling --------------------
 
 
-def test_a_line_at_310_hz_does_not_alias() -> None:
+def test_a_line_at_310_hz_does_not_alias():
     t = np.arange(20000) * 1e-3
     base = np.arange(6600) * 3e-3
     course, line = np.sin(2 * np.pi * 0.4 * t), 0.35 * np.sin(2 * np.pi * 310 * t)
@@ -233,7 +228,7 @@ def test_a_line_at_310_hz_does_not_alias() -> None:
     )
 
 
-def test_a_held_command_gets_no_value_it_never_had() -> None:
+def test_a_held_command_gets_no_value_it_never_had():
     levels = np.repeat(np.random.default_rng(0).uniform(-40, 40, 50), 100)
     t = np.arange(5000) * T
     assert (hold(t, levels, np.arange(15000) * 1e-3, 1e-3) == np.repeat(levels, 3)).all()
@@ -242,7 +237,7 @@ def test_a_held_command_gets_no_value_it_never_had() -> None:
     assert (hold(t + 1e-4, levels, t, T) == levels).all()
 
 
-def test_samples_that_coincide_are_kept_to_the_bit() -> None:
+def test_samples_that_coincide_are_kept_to_the_bit():
     t = 17.3 + np.arange(1000) * T
     y = np.random.default_rng(0).standard_normal(1000)
     there = np.random.default_rng(1).random(1000) > 0.1

@@ -49,6 +49,10 @@ def teacher_data(n=1500, noise=0.0, seed=5, hidden=3):
     return u, y / np.abs(y).max() + noise * draw.normal(size=len(u))
 
 
+def trained_on(network, inputs, target, **options):
+    return train(network, inputs, target, options=TrainingOptions(**options))
+
+
 # --- evidence --------------------
 
 
@@ -80,12 +84,7 @@ def test_gamma_alpha_beta_reach_foresee_hagans_fixed_point(seed):
     u, target = linear_data(seed=seed)
     gamma, alpha, beta, weights = evidence_fixed_point(u, target)
     assert 3.0 < gamma < 7.9  # the case is one where regularisation does something
-    trained = train(
-        Linear(8),
-        u,
-        target,
-        options=TrainingOptions(iterations=500, seed=seed, goals=Goals(promise=0.0)),
-    )
+    trained = trained_on(Linear(8), u, target, iterations=500, seed=seed, goals=Goals(promise=0.0))
     assert trained.converged, trained.why
     assert trained.trace["gamma"][-1] == pytest.approx(gamma, rel=1e-6)
     assert trained.trace["alpha"][-1] == pytest.approx(alpha, rel=1e-6)
@@ -95,11 +94,8 @@ def test_gamma_alpha_beta_reach_foresee_hagans_fixed_point(seed):
 
 def test_without_regularisation_it_is_least_squares():
     u, target = linear_data(seed=6)
-    trained = train(
-        Linear(8),
-        u,
-        target,
-        options=TrainingOptions(iterations=200, regularise=False, goals=Goals(promise=0.0)),
+    trained = trained_on(
+        Linear(8), u, target, iterations=200, regularise=False, goals=Goals(promise=0.0)
     )
     np.testing.assert_allclose(
         trained.weights, np.linalg.lstsq(u, target, rcond=None)[0], atol=1e-8
@@ -114,12 +110,7 @@ def test_without_regularisation_it_is_least_squares():
 def test_learns_a_teacher(regularise):
     u, target = teacher_data()
     roomy = [
-        train(
-            Elman(2, 6),
-            u,
-            target,
-            options=TrainingOptions(iterations=150, seed=seed, regularise=regularise),
-        )
+        trained_on(Elman(2, 6), u, target, iterations=150, seed=seed, regularise=regularise)
         for seed in range(3)
     ]
     assert all(t.trace["mse"][0] > 1e-4 for t in roomy)
@@ -127,12 +118,7 @@ def test_learns_a_teacher(regularise):
     # of the teacher's own size a start may end in a minimum of its own: that is what several starts
     # are for
     tight = [
-        train(
-            Elman(2, 3),
-            u,
-            target,
-            options=TrainingOptions(iterations=150, seed=seed, regularise=regularise),
-        )
+        trained_on(Elman(2, 3), u, target, iterations=150, seed=seed, regularise=regularise)
         for seed in range(6)
     ]
     arrived = [t for t in tight if t.trace["mse"][-1] < 1e-15]
@@ -143,7 +129,7 @@ def test_learns_a_teacher(regularise):
 
 def test_noise_is_not_learnt():
     u, target = teacher_data(noise=0.05)
-    trained = train(Elman(2, 6), u, target, options=TrainingOptions(iterations=80))
+    trained = trained_on(Elman(2, 6), u, target, iterations=80)
     assert trained.trace["mse"][-1] == pytest.approx(0.05**2, rel=0.15)
     assert trained.trace["beta"][-1] == pytest.approx(1.0 / (2.0 * 0.05**2), rel=0.15)
     assert 10.0 < trained.trace["gamma"][-1] < Elman(2, 6).n_weights
@@ -153,9 +139,7 @@ def test_noise_is_not_learnt():
 
 def test_mu_rises_on_rejected_and_falls_on_accepted_steps():
     u, target = teacher_data(noise=0.02)
-    trace = train(
-        Elman(2, 5), u, target, options=TrainingOptions(iterations=60, regularise=False)
-    ).trace
+    trace = trained_on(Elman(2, 5), u, target, iterations=60, regularise=False).trace
     assert trace["trials"][1:].max() > 1 and trace["trials"][1:].min() == 1  # both kinds occurred
     assert trace["mu"][0] == 0.005
     raised = trace["mu"][:-1] * 3.0 ** (trace["trials"][1:] - 1)
@@ -171,7 +155,7 @@ def test_linear_weights_are_at_their_best():
     """After a step no other output weights give a lower objective: variable projection."""
     u, target = teacher_data(noise=0.02)
     network = Elman(2, 3)
-    trained = train(network, u, target, options=TrainingOptions(iterations=4))
+    trained = trained_on(network, u, target, iterations=4)
     alpha, beta = trained.trace["alpha"][-2], trained.trace["beta"][-2]
     features = network.features(trained.weights, u)
     best = np.linalg.solve(
@@ -185,19 +169,11 @@ def test_the_worse_half_is_left_behind_at_every_gate(threads):
     u, target = teacher_data(noise=0.01)
     goals = Goals(gradient=0.0, promise=0.0, mse=0.0)
     with threadpool_limits(1, "blas"):
-        several = train(
-            Elman(2, 3),
-            u,
-            target,
-            options=TrainingOptions(iterations=50, starts=4, seed=10, goals=goals, threads=threads),
+        several = trained_on(
+            Elman(2, 3), u, target, iterations=50, starts=4, seed=10, goals=goals, threads=threads
         )
         single = [
-            train(
-                Elman(2, 3),
-                u,
-                target,
-                options=TrainingOptions(iterations=50, seed=10 + s, goals=goals),
-            )
+            trained_on(Elman(2, 3), u, target, iterations=50, seed=10 + s, goals=goals)
             for s in range(4)
         ]
     at = [[s.trace["mse"][min(k, len(s.trace["mse"]) - 1)] for k in range(51)] for s in single]
@@ -212,17 +188,11 @@ def test_the_worse_half_is_left_behind_at_every_gate(threads):
 
 def test_several_recordings_are_one_objective():
     u, target = teacher_data()
-    halves = train(
-        Linear(2),
-        [u[:700], u[700:]],
-        [target[:700], target[700:]],
-        options=TrainingOptions(iterations=50),
-    )
-    whole = train(Linear(2), u, target, options=TrainingOptions(iterations=50))
+    halves = trained_on(Linear(2), [u[:700], u[700:]], [target[:700], target[700:]], iterations=50)
+    whole = trained_on(Linear(2), u, target, iterations=50)
     np.testing.assert_allclose(halves.weights, whole.weights, rtol=1e-9)
-    apart = train(
-        Elman(2, 3), [u, u], [target, target], options=TrainingOptions(iterations=10)
-    )  # each from a zero state
+    # each from a zero state
+    apart = trained_on(Elman(2, 3), [u, u], [target, target], iterations=10)
     network = Elman(2, 3)
     assert apart.samples == 3000
     own = np.mean((target - network.simulate(apart.weights, u)) ** 2)
@@ -258,22 +228,13 @@ def test_overflow_on_the_way_is_a_rejected_step():
     best = np.linalg.lstsq(u, target, rcond=None)[0]
     edge = 0.9 * np.abs(best).max()
     seed = next(s for s in range(100) if np.abs(Linear(8).initial(s)).max() < edge)
-    trained = train(
-        Cliff(8, edge),
-        u,
-        target,
-        options=TrainingOptions(iterations=30, seed=seed, regularise=False),
-    )
+    trained = trained_on(Cliff(8, edge), u, target, iterations=30, seed=seed, regularise=False)
     assert np.abs(trained.weights).max() <= edge
     assert trained.trace["mse"][-1] < trained.trace["mse"][0]
 
 
 def test_a_wrong_derivative_is_not_called_converged():
-    lost = train(
-        Cliff(8, 1e9, True),
-        *linear_data(),
-        options=TrainingOptions(iterations=50, regularise=False),
-    )
+    lost = trained_on(Cliff(8, 1e9, True), *linear_data(), iterations=50, regularise=False)
     assert lost.why.startswith(
         "mu reached 1e+10: no step lowers the objective, though a full step promises"
     )
@@ -286,9 +247,9 @@ def test_a_wrong_derivative_is_not_called_converged():
 def test_options_that_cannot_be_met():
     u, target = teacher_data()
     with pytest.raises(DataError, match="washout of 1500"):
-        train(Elman(2, 3), u, target, options=TrainingOptions(washout=1500))
+        trained_on(Elman(2, 3), u, target, washout=1500)
     with pytest.raises(DataError, match="5 samples cannot decide"):
-        train(Elman(2, 3), u, target, options=TrainingOptions(washout=1495))
+        trained_on(Elman(2, 3), u, target, washout=1495)
     for wrong in (
         {"starts": 0},
         {"iterations": -1},
@@ -298,4 +259,4 @@ def test_options_that_cannot_be_met():
     ):
         (name,) = wrong
         with pytest.raises(DataError, match=f"{name} to be a whole number"):
-            train(Elman(2, 3), u, target, options=TrainingOptions(**wrong))
+            trained_on(Elman(2, 3), u, target, **wrong)

@@ -1,7 +1,5 @@
 """Does a cause hold elsewhere: what counts as elsewhere, and the figures there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,7 +56,7 @@ def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:
     return Progress(evidence, Kept(base), Model(0.25 * before))
 
 
-def test_another_inertia_is_elsewhere(tmp_path: Path) -> None:
+def test_another_inertia_is_elsewhere(tmp_path):
     found = transfer(told(tmp_path, {"inertia_kg_m2": 0.0896}))
     assert len(found) == 1
     assert found[0].differs == {"inertia_kg_m2": 0.0896}
@@ -67,13 +65,13 @@ def test_another_inertia_is_elsewhere(tmp_path: Path) -> None:
     assert angle.mae_with_cause == pytest.approx(0.375) and angle.shrinkage == pytest.approx(0.75)
 
 
-def test_the_same_conditions_are_not(tmp_path: Path) -> None:
+def test_the_same_conditions_are_not(tmp_path):
     d = told(tmp_path, {"inertia_kg_m2": 0.014})
     assert "inertia_kg_m2" not in differences(d, d.evidence.held_out[0])  # type: ignore[arg-type]
     assert all("inertia_kg_m2" not in row.differs for row in transfer(d))  # type: ignore[arg-type]
 
 
-def test_without_a_cause_nothing_is_transferred(tmp_path: Path) -> None:
+def test_without_a_cause_nothing_is_transferred(tmp_path):
     d = told(tmp_path, {"inertia_kg_m2": 0.0896})
     d.cause = None
     assert transfer(d) == ()  # type: ignore[arg-type]

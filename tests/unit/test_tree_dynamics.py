@@ -1,10 +1,7 @@
 """Mechanisms as equations: MuJoCo's forward dynamics at random states as the judge, finite
 differences for the partials that are written in closed form."""
 
-from __future__ import annotations
-
 from functools import cache
-from pathlib import Path
 
 import mechanisms
 import numpy as np
@@ -31,20 +28,20 @@ CLOSE = 1e-10
 
 
 @pytest.fixture(autouse=True)
-def _opened_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def _opened_once(monkeypatch) -> None:
     """Let the judge compile a file once per test, not once per state."""
     monkeypatch.setattr(mechanisms, "open_mujoco", cache(mechanisms.open_mujoco))
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_mujoco_gives_the_same_accelerations_and_readings(name: str, tmp_path: Path) -> None:
+def test_mujoco_gives_the_same_accelerations_and_readings(name, tmp_path):
     rig = mechanisms.rig_from(MODELS[name], tmp_path)
     assert not rig.mechanism.hindrances
     _judge(rig, mechanisms.parameters(rig))
 
 
 @pytest.mark.parametrize("name", ["terms", "seven", "rubbing"])
-def test_constraints_follow_masses_and_armatures_as_in_mujoco(name: str, tmp_path: Path) -> None:
+def test_constraints_follow_masses_and_armatures_as_in_mujoco(name, tmp_path):
     """Their softness is in proportion to the inverse inertia of the changed model."""
     rig = mechanisms.rig_from(MODELS[name], tmp_path)
     factors = np.random.default_rng(4).uniform(0.5, 2.0, len(rig.parameters)).tolist()
@@ -105,7 +102,7 @@ def _bent(rig: mechanisms.CompiledMechanism, at: set[str]) -> dict[str, Expr]:
 
 @pytest.mark.parametrize("name", ["two", "tree", "rubbing", "terms"])
 @pytest.mark.parametrize("bent", [False, True])
-def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path) -> None:
+def test_partials_equal_finite_differences(name, bent, tmp_path):
     rig = mechanisms.rig_from(MODELS[name], tmp_path)
     joints = rig.mechanism.joints
     last = [p.name for p in rig.mechanism.ports if p.kind == "transmission"][-1]
@@ -125,7 +122,7 @@ def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path
     # off the corners: a loss of zero is one
     point |= {("parameter", k): v or 0.02 for k, v in p.items()}
 
-    def at_point(nodes: list[Expr], moved: dict[tuple[str, str], float]) -> np.ndarray:
+    def at_point(nodes, moved):
         return mechanisms.numbers(plain(nodes), {**point, **moved})
 
     size = np.abs(at_point(values, {})).max()
@@ -141,7 +138,7 @@ def test_partials_equal_finite_differences(name: str, bent: bool, tmp_path: Path
         )
 
 
-def test_a_held_value_has_no_derivative_and_a_tangent_has_its_own() -> None:
+def test_a_held_value_has_no_derivative_and_a_tangent_has_its_own():
     x = symbol("state", "x")
     node = x * held(sin(x)) + tangent(x * x, 5.0 * x)
     (by,) = gradients([node])
@@ -150,7 +147,7 @@ def test_a_held_value_has_no_derivative_and_a_tangent_has_its_own() -> None:
     assert slope == pytest.approx(np.sin(0.7) + 5.0)
 
 
-def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
+def test_seven_joints_are_a_short_program(tmp_path):
     """In operations, which do not depend on the machine: with what 28 sensitivities need less than
     three times the plain equations, and few enough to be compiled at once."""
     rig = mechanisms.rig_from(mechanisms.SEVEN, tmp_path)
@@ -162,7 +159,7 @@ def test_seven_joints_are_a_short_program(tmp_path: Path) -> None:
     rates = list(assembly.traced.rates.values())
     columns: dict[tuple[str, str], int] = {}
 
-    def column(space: str, name: str) -> int:
+    def column(space, name):
         return columns.setdefault((space, name), len(columns))
 
     values, _, _ = with_partials(rates, column, sensitive)

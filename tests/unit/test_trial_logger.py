@@ -1,7 +1,5 @@
 """The logger of the trial's open cases: coloured noise, a jittering clock, a coarse gauge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ SAMPLES = 40_000
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.3, 0.95])
-def test_noise_has_unit_variance_and_the_intended_autocorrelation(correlation: float) -> None:
+def test_noise_has_unit_variance_and_the_intended_autocorrelation(correlation):
     """r(k) = a^k; standard error of r about sqrt((1 + a^2) / (1 - a^2) / n) = 0.02 at most."""
     noise = np.asarray(
         Logger(correlation=correlation).noise(np.random.default_rng(1), (SAMPLES, 2))
@@ -27,7 +25,7 @@ def test_noise_has_unit_variance_and_the_intended_autocorrelation(correlation: f
     assert abs(np.corrcoef(noise.T)[0, 1]) < 0.1, "each reading has noise of its own"
 
 
-def test_a_plain_logger_changes_no_draw() -> None:
+def test_a_plain_logger_changes_no_draw():
     """Recordings of closed cases must stay the same to the last bit."""
     one, other = np.random.default_rng(2), np.random.default_rng(2)
     assert np.array_equal(PLAIN_LOGGER.noise(one, (9, 3)), other.standard_normal((9, 3)))
@@ -37,7 +35,7 @@ def test_a_plain_logger_changes_no_draw() -> None:
 
 
 @pytest.mark.parametrize("bend", [-0.6, 0.0, 0.6])
-def test_a_gauge_has_uneven_steps_and_no_error_of_its_own(bend: float) -> None:
+def test_a_gauge_has_uneven_steps_and_no_error_of_its_own(bend):
     """Steps are finer where the calibration curve is steeper; readings stay within one step."""
     logger, low, high = Logger(gauge=0.9, gauge_steps=50.0, gauge_bend=bend), -2.0, 8.0
     x = np.linspace(low - 3.0, high + 3.0, 20_001)

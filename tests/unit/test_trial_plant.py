@@ -1,8 +1,6 @@
 """The trial's joint: nothing shared with the tool, a sane machine when nothing is planted, faults
 that act."""
 
-from __future__ import annotations
-
 import ast
 from dataclasses import asdict, replace
 from functools import cache
@@ -87,7 +85,7 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
     return chi, pressure, np.reshape(force, chi.shape)
 
 
-def test_the_plant_shares_nothing_with_the_tool() -> None:
+def test_the_plant_shares_nothing_with_the_tool():
     for module in (one_dof, faults, kernel, joint_kernel, two_link, arm_faults, arm_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
@@ -113,7 +111,7 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_background_is_as_large_as_asked(seed: int) -> None:
+def test_background_is_as_large_as_asked(seed):
     rough = machine(seed, 0.03)
     smooth = replace(rough, waves=np.zeros((2, 1, 3)))
     for muscle in (0, 1):
@@ -129,7 +127,7 @@ def test_background_is_as_large_as_asked(seed: int) -> None:
 
 
 @pytest.mark.parametrize("inertia", [LIGHT, HEAVY])
-def test_healthy_machine_follows_its_reference(inertia: float) -> None:
+def test_healthy_machine_follows_its_reference(inertia):
     found = healthy(inertia)
     assert list(found) == ["time_s", "reference_deg", "command", *JOINT_CHANNELS]
     late = reference()[:-150]  # the loop needs 0.45 s
@@ -145,7 +143,7 @@ def test_healthy_machine_follows_its_reference(inertia: float) -> None:
         assert found[f"force_{i}_n"].min() > 150.0 and found[f"force_{i}_n"].max() < 1200.0
 
 
-def test_the_step_is_small_enough() -> None:
+def test_the_step_is_small_enough():
     for inertia in (LIGHT, HEAVY):
         gap = (
             replayed({}, inertia)["angle_deg"]
@@ -155,7 +153,7 @@ def test_the_step_is_small_enough() -> None:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
+def test_a_fault_acts_and_at_zero_does_nothing(name):
     fault = FAULTS[name]
     sizes = middle(fault)
     seconds = 40.0 if LONG_HOLDS in fault.needs else 9.0
@@ -167,7 +165,7 @@ def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_the_loop_holds_with_any_size(name: str) -> None:
+def test_the_loop_holds_with_any_size(name):
     random = np.random.default_rng(7)
     for inertia in (LIGHT, HEAVY):
         found = record(
@@ -181,7 +179,7 @@ def test_the_loop_holds_with_any_size(name: str) -> None:
         assert all(np.isfinite(column).all() for column in found.values())
 
 
-def test_every_effect_of_the_rig_has_its_fault() -> None:
+def test_every_effect_of_the_rig_has_its_fault():
     assert len(ONE_DOF) == 33
     rig, catalogue = rig_named("one-dof"), effects()
     for name in ONE_DOF:

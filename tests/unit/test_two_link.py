@@ -1,8 +1,6 @@
 """The two-link arm: MuJoCo as an independent judge of its mechanics, and what has to hold by
 physics."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -105,11 +103,11 @@ def furthest_acceleration(states: int = 1000) -> float:
     return worst
 
 
-def test_accelerations_are_those_of_mujoco() -> None:
+def test_accelerations_are_those_of_mujoco():
     assert furthest_acceleration() < 1e-12
 
 
-def test_a_gravity_swing_is_that_of_mujoco() -> None:
+def test_a_gravity_swing_is_that_of_mujoco():
     a = arm()
     p = parameters(a, attached=0.0, initial_angle_1=1.2, initial_angle_2=-0.7)
     model, data = judge(a, p, step=2e-4)
@@ -126,7 +124,7 @@ def test_a_gravity_swing_is_that_of_mujoco() -> None:
     assert worst < 1e-6
 
 
-def test_energy_is_kept_without_friction() -> None:
+def test_energy_is_kept_without_friction():
     a = arm()
     p = parameters(
         a, attached=0.0, viscous_1=0.0, viscous_2=0.0, initial_angle_1=1.5, initial_angle_2=0.9
@@ -148,7 +146,7 @@ def test_energy_is_kept_without_friction() -> None:
 
 
 @pytest.mark.parametrize("how", ["clamped", "nothing there"])
-def test_without_its_second_link_it_is_the_joint_of_the_first_paper(how: str) -> None:
+def test_without_its_second_link_it_is_the_joint_of_the_first_paper(how):
     a, joint = arm(), Assembly(rig_named("one-dof"), outputs=("angle_deg", "pressure_1_kpa"))
     gone = {"link_2_mass": 0.0, "link_2_inertia": 1e-9, "radius_2": 0.0, "viscous_2": 0.0}
     p = parameters(
@@ -182,7 +180,7 @@ def test_without_its_second_link_it_is_the_joint_of_the_first_paper(how: str) ->
     assert worst < 2e-8
 
 
-def test_a_chain_over_joint_1_pulls_there_what_it_winds() -> None:
+def test_a_chain_over_joint_1_pulls_there_what_it_winds():
     """Virtual work: the torques of the muscles are the slopes of their lengths, times their
     forces."""
     a = Assembly(rig_named("two-link"))

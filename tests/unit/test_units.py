@@ -1,7 +1,5 @@
 """Suffixes and conversions."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -74,7 +72,7 @@ COLUMNS = {
 
 
 @pytest.mark.parametrize(("name", "parts"), COLUMNS.items())
-def test_split_column(name: str, parts: tuple[str, str]) -> None:
+def test_split_column(name, parts):
     assert split_column(name) == parts
 
 
@@ -119,7 +117,7 @@ SYMBOLS = [
 
 
 @pytest.mark.parametrize("symbol", SYMBOLS)
-def test_every_symbol_survives_the_way_through_a_name(symbol: str) -> None:
+def test_every_symbol_survives_the_way_through_a_name(symbol):
     assert split_column(with_unit("thing", symbol)) == ("thing", symbol)
 
 
@@ -160,7 +158,7 @@ FACTORS = {
 
 
 @pytest.mark.parametrize(("symbol", "factor"), FACTORS.items())
-def test_factor(symbol: str, factor: float) -> None:
+def test_factor(symbol, factor):
     assert to_si(1.0, symbol) == pytest.approx(factor, rel=1e-14)
     np.testing.assert_allclose(to_si(np.array([0.0, 2.0]), symbol), [0.0, 2 * factor], rtol=1e-14)
 
@@ -190,7 +188,7 @@ def test_factor(symbol: str, factor: float) -> None:
         ("°C", "degC", 1.0),
     ],
 )
-def test_a_unit_is_read_as_people_write_it(written: str, symbol: str, factor: float) -> None:
+def test_a_unit_is_read_as_people_write_it(written, symbol, factor):
     """Units run together are the quantity that they make; "Nms" is not N ms."""
     read = unit(written)
     assert (read.symbol, read.factor) == (symbol, pytest.approx(factor, rel=1e-14))
@@ -201,29 +199,29 @@ def test_a_unit_is_read_as_people_write_it(written: str, symbol: str, factor: fl
     "symbol",
     ["psi", "bananas", "hmm", "mass", "1^2", "N mm2x", "kPA", "m/(s", "N//m", "m-2", "2", "N (m"],
 )
-def test_unknown_symbols_are_refused(symbol: str) -> None:
+def test_unknown_symbols_are_refused(symbol):
     assert not is_unit(symbol)
     with pytest.raises(FileError, match="is not a unit"):
         unit(symbol)
 
 
 @given(st.sampled_from(SYMBOLS), st.floats(-1e6, 1e6))
-def test_there_and_back(symbol: str, value: float) -> None:
+def test_there_and_back(symbol, value):
     assert from_si(to_si(value, symbol), symbol) == pytest.approx(value, rel=1e-12, abs=1e-9)
 
 
-def test_temperature_has_an_offset_except_in_a_product() -> None:
+def test_temperature_has_an_offset_except_in_a_product():
     assert to_si(20.0, "degC") == 293.15
     assert from_si(293.15, "degC") == pytest.approx(20.0)
     assert to_si(1.0, "N/degC") == 1.0
 
 
 @pytest.mark.parametrize(("symbol", "quantity"), QUANTITIES.items())
-def test_quantity(symbol: str, quantity: str) -> None:
+def test_quantity(symbol, quantity):
     assert quantity_of(symbol) == quantity
 
 
-def test_a_rate_of_temperature_keeps_the_size_of_its_degree() -> None:
+def test_a_rate_of_temperature_keeps_the_size_of_its_degree():
     assert quotient("degC", "s") == "K/s" and quotient("degF", "s") == "degF/s"
     assert to_si(1.8, "degF/s") == pytest.approx(1.0)
     assert to_si(212.0, "degF") == pytest.approx(373.15)

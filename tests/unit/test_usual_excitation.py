@@ -1,7 +1,5 @@
 """An excitation takes start, centre and amplitudes from the rig and stays within its ranges."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -36,12 +34,6 @@ HEATER = 'excited = {"heater_percent": 30.0}'
 ROOM = 'centre = {"heater_percent": 30.0, "room_degf": 72.0}'
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def excite(
     capsys: pytest.CaptureFixture[str], stated: str, *words: str, code: int = 0
 ) -> tuple[str, Recording | None]:
@@ -60,9 +52,7 @@ def reach(sent: Recording | None, column: str) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def test_what_is_not_excited_stays_where_the_rig_states(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_excited_stays_where_the_rig_states(here, capsys):
     said, sent = excite(capsys, f"{HEATER}; {ROOM}")
     assert reach(sent, "room_degf") == (72.0, 72.0)
     assert reach(sent, "flow_ml_per_min") == (0.0, 0.0)
@@ -72,9 +62,7 @@ def test_what_is_not_excited_stays_where_the_rig_states(
     assert "flow_ml_per_min is not excited: it stays at 0." in said
 
 
-def test_a_swing_is_moved_into_the_range_or_refused(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_swing_is_moved_into_the_range_or_refused(here, capsys):
     """A heater does not cool: about 0 it would be sent below its range."""
     stated = (
         f'{HEATER}; centre = {{"room_degf": 72.0}}; ranges = {{"heater_percent": (0.0, 100.0)}}'
@@ -87,9 +75,7 @@ def test_a_swing_is_moved_into_the_range_or_refused(
         assert "heater_percent lies within 0 .. 100" in said
 
 
-def test_an_excited_column_is_never_sent_outside_a_range_without_zero(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_excited_column_is_never_sent_outside_a_range_without_zero(here, capsys):
     stated = f'{HEATER}; {ROOM}; ranges = {{"heater_percent": (10.0, 90.0)}}'
     _, sent = excite(capsys, stated, "--amplitude", "20")
     low, high = reach(sent, "heater_percent")

@@ -1,7 +1,5 @@
 """The sentences of every verdict: shares first, then probabilities, then what remains."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -30,7 +28,7 @@ def left(share: float, **more: Any) -> dict[str, Any]:
 # ---- what causes remove -------------------------------------------------------------------------
 
 
-def test_a_cause_is_told_with_its_share_first_and_its_probability_behind() -> None:
+def test_a_cause_is_told_with_its_share_first_and_its_probability_behind():
     assert sentence(changed("explained")) == (
         "coulomb-friction at the joint port removes 86 % of the gap (P 0.91). The best of another "
         "family, bouc-wen-hysteresis, removes 48 %. 14 % of the gap remains, and the error "
@@ -38,7 +36,7 @@ def test_a_cause_is_told_with_its_share_first_and_its_probability_behind() -> No
     )
 
 
-def test_several_causes_remove_a_share_together() -> None:
+def test_several_causes_remove_a_share_together():
     causes = [cause("coulomb-friction", 0.6, 0.91), cause("leak", 0.25, 0.8, port="pressure")]
     assert sentence(changed("explained", causes=causes, remainder=left(0.15, floors=1.2))) == (
         "coulomb-friction at the joint port (P 0.91) and leak at the pressure port (P 0.80) "
@@ -56,7 +54,7 @@ def test_several_causes_remove_a_share_together() -> None:
         ("play@a + play@b + leak@c", "play@a + play@b + leak@c"),
     ],
 )
-def test_an_effect_at_many_ports_is_shortened(effect: str, text: str) -> None:
+def test_an_effect_at_many_ports_is_shortened(effect, text):
     assert shortened(effect) == text
 
 
@@ -87,14 +85,14 @@ def test_an_effect_at_many_ports_is_shortened(effect: str, text: str) -> None:
         ),
     ],
 )
-def test_what_remains_is_told_with_size_and_place(rest: dict[str, Any], words: str) -> None:
+def test_what_remains_is_told_with_size_and_place(rest, words):
     assert sentence(changed("explained", remainder=left(0.14) | rest)).endswith(f" {words}")
 
 
 # ---- no cause -----------------------------------------------------------------------------------
 
 
-def test_no_gap_is_told_with_what_the_model_leaves() -> None:
+def test_no_gap_is_told_with_what_the_model_leaves():
     assert sentence(changed("no-structural-gap")) == (
         "No structural gap was found. The refitted model leaves 1.1 times the noise floor. "
         "No effect and no curve at a port removes a material share of this error."
@@ -102,7 +100,7 @@ def test_no_gap_is_told_with_what_the_model_leaves() -> None:
     assert "is at the noise floor" in sentence(changed("no-structural-gap", remainder=None))
 
 
-def test_few_windows_leave_the_leader_open() -> None:
+def test_few_windows_leave_the_leader_open():
     assert sentence(changed("cannot-tell")) == (
         "coulomb-friction may be missing. It removes 24 % of the gap (95 % interval 4 to 44 %, "
         "from 18 held-out windows), which is not certain enough. Record for longer, or with larger "

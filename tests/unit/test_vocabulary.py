@@ -1,8 +1,6 @@
 """The language of equations: identity of equal expressions, folding, printing, refusals, and what
 memory means."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -46,7 +44,7 @@ U = signal()
 # ---- the graph --------------------
 
 
-def test_the_same_expression_is_the_same_object() -> None:
+def test_the_same_expression_is_the_same_object():
     assert A * sin(B) + 2.0 is A * sin(B) + 2
     assert play(U, A) is play(U, A) and play(U, A) is not play(U, B)
     assert A + B is not B + A  # floating-point sums are kept as written
@@ -54,7 +52,7 @@ def test_the_same_expression_is_the_same_object() -> None:
     assert const(0.0) is const(-0.0) is ZERO
 
 
-def test_folding() -> None:
+def test_folding():
     assert A + 0.0 is A and 0.0 + A is A and A - 0 is A and 0.0 - A is -A
     assert A * 1.0 is A and A * 0.0 is ZERO and A / 1.0 is A and 0.0 / A is ZERO
     assert (
@@ -83,9 +81,7 @@ def test_folding() -> None:
     ],
     ids=["if", "max", "min", "and", "not"],
 )
-def test_python_decisions_on_a_signal_are_refused_with_the_cure(
-    misuse: Callable[[], object],
-) -> None:
+def test_python_decisions_on_a_signal_are_refused_with_the_cure(misuse):
     with pytest.raises(EquationError) as caught:
         misuse()
     assert "where(condition, a, b)" in caught.value.hint and caught.value.exit_code == 3
@@ -106,7 +102,7 @@ def test_python_decisions_on_a_signal_are_refused_with_the_cure(
     ],
     ids=["division", "nan", "infinite", "root", "log", "overflow", "no length", "text", "None"],
 )
-def test_nonsense_is_refused_where_it_is_written(nonsense: Callable[[], object]) -> None:
+def test_nonsense_is_refused_where_it_is_written(nonsense):
     with pytest.raises(EquationError) as caught:
         nonsense()
     assert str(caught.value)
@@ -132,7 +128,7 @@ def test_nonsense_is_refused_where_it_is_written(nonsense: Callable[[], object])
         (power(-A, 1.5), "(-a)**1.5"),
     ],
 )
-def test_printing(written: Expr, shown: str) -> None:
+def test_printing(written, shown):
     assert text(written) == shown
 
 
@@ -172,7 +168,7 @@ def _value(node: Expr, values: dict[Expr, Expr]) -> float:
 
 @settings(max_examples=150, deadline=None)
 @given(_TREES)
-def test_what_is_printed_means_what_was_built(tree: object) -> None:
+def test_what_is_printed_means_what_was_built(tree):
     node = _built(tree)
     # six digits are printed
     assume(all(float(f"{n.value:.6g}") == n.value for n in walk([node]) if n.op == "const"))
@@ -181,7 +177,7 @@ def test_what_is_printed_means_what_was_built(tree: object) -> None:
     assert eval(text(node), {}, numbers) == pytest.approx(_value(node, values), rel=1e-9, abs=1e-9)
 
 
-def test_compiled_functions_equal_python() -> None:
+def test_compiled_functions_equal_python():
     cases: dict[str, tuple[Expr, Callable[[float, float], float]]] = {
         "sqrt": (sqrt(abs(U) + A), lambda u, a: math.sqrt(abs(u) + a)),
         "exp": (exp(U), lambda u, a: math.exp(u)),
@@ -230,7 +226,7 @@ def moving(
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
-def test_play_is_a_clearance(substeps: int) -> None:
+def test_play_is_a_clearance(substeps):
     u, r = steps(1, 200, hold=3), 0.23
     expected, y = [], float(u[0])
     for x in u.tolist():
@@ -245,7 +241,7 @@ def test_play_is_a_clearance(substeps: int) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_bristle_is_dahls_law() -> None:
+def test_bristle_is_dahls_law():
     u, reach = steps(3, 120, hold=2), 0.4
     expected, z, last = [], 0.0, float(u[0])
     for x in u.tolist():
@@ -259,7 +255,7 @@ def test_bristle_is_dahls_law() -> None:
 
 
 @pytest.mark.parametrize("substeps", [1, 2])
-def test_lag_of_a_held_input_is_the_mean_over_the_step(substeps: int) -> None:
+def test_lag_of_a_held_input_is_the_mean_over_the_step(substeps):
     u, tau = steps(4, 60, hold=4), 0.017
     h = PERIOD_S / substeps
     inside = (np.arange(20000) + 0.5) / 20000 * h
@@ -274,7 +270,7 @@ def test_lag_of_a_held_input_is_the_mean_over_the_step(substeps: int) -> None:
     "stepping", [Stepping(1), Stepping(4), Stepping(1, implicit=True)], ids=str
 )
 @pytest.mark.parametrize("tau", [0.002, 0.05])
-def test_lag_of_a_moving_input_is_the_differential_equation(stepping: Stepping, tau: float) -> None:
+def test_lag_of_a_moving_input_is_the_differential_equation(stepping, tau):
     u = steps(5, 60, hold=5, size=20.0)
     x, found = moving(lag, u, tau, stepping)
     y, expected = float(x[0]), []
@@ -282,7 +278,7 @@ def test_lag_of_a_moving_input_is_the_differential_equation(stepping: Stepping, 
         expected.append(y)
         start = float(x[k])
 
-        def slope(t: float, value: Array, start: float = start, speed: float = speed) -> Array:
+        def slope(t, value, start=start, speed=speed):
             return (start + speed * t - value) / tau
 
         y = float(solve_ivp(slope, (0.0, PERIOD_S), [y], rtol=1e-10, atol=1e-12).y[0, -1])
@@ -291,7 +287,7 @@ def test_lag_of_a_moving_input_is_the_differential_equation(stepping: Stepping, 
 
 @pytest.mark.parametrize("samples", [0.0, 0.4, 1.0, 2.75, 9.0])
 @pytest.mark.parametrize("substeps", [1, 2])
-def test_delay_of_a_held_input(samples: float, substeps: int) -> None:
+def test_delay_of_a_held_input(samples, substeps):
     """Linear between steps: with one step per sample that is linear between samples."""
     u, h = steps(6, 80, hold=3), PERIOD_S / substeps
     found = remembered(lambda x, s: delay(x, s, 0.09), u, samples * PERIOD_S, substeps)
@@ -307,13 +303,13 @@ def test_delay_of_a_held_input(samples: float, substeps: int) -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.004, 0.0254, 0.03, 0.0375])
-def test_a_held_command_that_comes_within_a_sample_is_not_smeared(late_s: float) -> None:
+def test_a_held_command_that_comes_within_a_sample_is_not_smeared(late_s):
     """What is made of it counts by its mean over the sample: a command that changes its sign at
     every sample opens a valve as far as one that stays. Against a hundredth of the step."""
     u = np.random.default_rng(3).standard_normal(90)
     flow = where(U > 0.2, 3.0 * U, -U * U)
 
-    def filled(input_: Expr) -> dict[str, Expr]:
+    def filled(input_):
         (made,) = substitute([flow], {U: input_})
         return {"x": made}
 
@@ -337,7 +333,7 @@ NULLS: dict[str, tuple[Callable[[Expr, Expr], Expr], bool]] = {
 
 @pytest.mark.parametrize("name", NULLS)
 @pytest.mark.parametrize("substeps", [1, 3])
-def test_nulls_are_exact(name: str, substeps: int) -> None:
+def test_nulls_are_exact(name, substeps):
     make, identity = NULLS[name]
     u = steps(10, 200, hold=3)
     held = remembered(make, u, 0.0, substeps)
@@ -347,7 +343,7 @@ def test_nulls_are_exact(name: str, substeps: int) -> None:
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 if name == "lag" else 0.0)
 
 
-def test_an_algebraic_loop_is_named() -> None:
+def test_an_algebraic_loop_is_named():
     from pamid.engine.symbolic.expression import symbol
     from pamid.engine.symbolic.memory_cells import Cell, expand_memory
 

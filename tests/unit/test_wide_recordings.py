@@ -1,7 +1,5 @@
 """The cost of many columns and of names from other people's files."""
 
-from __future__ import annotations
-
 import tomllib
 import warnings
 from pathlib import Path
@@ -32,7 +30,7 @@ def wide(columns: int) -> Recording:
     return recording_of(TIME, {f"c{k}_v": random.standard_normal(N) for k in range(columns)})
 
 
-def test_checking_costs_in_proportion_to_the_columns() -> None:
+def test_checking_costs_in_proportion_to_the_columns():
     """Counted, not timed: twice the columns cost at most about twice the calls."""
     few, many = wide(40), wide(160)
     inspect(few)  # what is compiled and cached once is no part of the cost
@@ -46,9 +44,7 @@ def test_checking_costs_in_proportion_to_the_columns() -> None:
     "name",
     ["=cmd|' /C calc'!A0", "+1_v", "-x_m", "@sum_n", "a\x1b[31mb_v", "x\u202ey_m", "a\tb", 'q"_v'],
 )
-def test_a_name_that_is_obeyed_is_refused_where_it_enters_and_where_it_leaves(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_name_that_is_obeyed_is_refused_where_it_enters_and_where_it_leaves(tmp_path, name):
     path = tmp_path / "rec.csv"
     cell = '"' + name.replace('"', '""') + '"'
     path.write_text(f"time_s,{cell}\n" + "".join(f"{t:g},{t * t:g}\n" for t in TIME))
@@ -63,14 +59,14 @@ def test_a_name_that_is_obeyed_is_refused_where_it_enters_and_where_it_leaves(
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_rig_with_such_an_output_is_refused(tmp_path: Path) -> None:
+def test_a_rig_with_such_an_output_is_refused(tmp_path):
     text = CART.read_text(encoding="utf-8").replace("position_m", "=position_m")
     (tmp_path / "odd.py").write_text(text, encoding="utf-8")
     with pytest.raises(FileError, match="formula"):
         rig_named(str(tmp_path / "odd.py"))
 
 
-def test_a_guessed_mapping_shows_hostile_names_written_out(tmp_path: Path) -> None:
+def test_a_guessed_mapping_shows_hostile_names_written_out(tmp_path):
     (tmp_path / "log.csv").write_text(
         "t;a\x1b[2Jb;note\x1b[31m\n" + "".join(f"{k * 0.01:.3f};{k % 7};w\n" for k in range(300))
     )
@@ -95,7 +91,7 @@ COURSES = {
 
 
 @pytest.mark.parametrize("course", COURSES)
-def test_odd_recordings_are_checked_without_a_warning(course: str) -> None:
+def test_odd_recordings_are_checked_without_a_warning(course):
     """Warnings are errors here, those of NumPy among them."""
     random = np.random.default_rng(2)
     force = np.repeat(random.uniform(-3.0, 3.0, N // 10), 10)

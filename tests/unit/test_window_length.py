@@ -1,7 +1,5 @@
 """Length of the windows by the first Gauss-Newton step."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +15,11 @@ from pamid.simulation.data_split import DataSplit
 
 
 @pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
+def cart(tmp_path_factory) -> DataSplit:
     return cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
 
 
-def test_a_step_of_a_damped_machine_lowers_its_misfit(cart: DataSplit) -> None:
+def test_a_step_of_a_damped_machine_lowers_its_misfit(cart):
     assembly = model_with(cart, (), observed_sizes(cart))
     tracks = cart.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
@@ -30,12 +28,10 @@ def test_a_step_of_a_damped_machine_lowers_its_misfit(cart: DataSplit) -> None:
 
 
 @pytest.mark.parametrize("longest", [1.0, 0.6, 0.3])
-def test_windows_are_halved_until_a_step_lowers_the_misfit(
-    longest: float, cart: DataSplit, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_windows_are_halved_until_a_step_lowers_the_misfit(longest, cart, monkeypatch):
     slow = replace(cart, timescale_s=8.0 * cart.timescale_s)
 
-    def ratio(problem: Problem) -> float:
+    def ratio(problem):
         return 0.5 if problem.tracks[0].timescale_s <= longest * slow.timescale_s else 2.0
 
     monkeypatch.setattr(window_length, "cost_ratio_of_first_step", ratio)
@@ -44,13 +40,13 @@ def test_windows_are_halved_until_a_step_lowers_the_misfit(
 
 
 def test_the_longest_windows_of_about_the_lowest_ratio_are_taken_where_no_step_lowers_the_misfit(
-    cart: DataSplit, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    cart, monkeypatch
+):
     slow = replace(cart, timescale_s=8.0 * cart.timescale_s)
     ratios: list[float] = []
     windows: list[int] = []
 
-    def ratio(problem: Problem) -> float:
+    def ratio(problem):
         windows.append(problem.window)
         return ratios[len(windows) - 1]
 

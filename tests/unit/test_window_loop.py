@@ -1,7 +1,5 @@
 """Windows of a track in one compiled loop: the same numbers as windows that are run singly."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -67,9 +65,7 @@ def starts_of(runner: Runner, count: int) -> Array:
 @pytest.mark.parametrize("stepping", STEPPINGS)
 @pytest.mark.parametrize("all_states", [False, True])
 @pytest.mark.parametrize("most", [1, 7000, program.BLOCK_NUMBERS])
-def test_windows_in_a_loop_equal_windows_run_singly(
-    monkeypatch: pytest.MonkeyPatch, stepping: Stepping, all_states: bool, most: int
-) -> None:
+def test_windows_in_a_loop_equal_windows_run_singly(monkeypatch, stepping, all_states, most):
     monkeypatch.setattr(program, "BLOCK_NUMBERS", most)
     runner, p = cart(stepping, all_states)
     windows, weights = cut(SAMPLES, 70), np.array([3.0])
@@ -88,7 +84,7 @@ def test_windows_in_a_loop_equal_windows_run_singly(
     assert np.abs(found[-1].J[:, : len(runner.free)]).max() > 0.0
 
 
-def test_a_window_that_runs_away_ends_only_itself() -> None:
+def test_a_window_that_runs_away_ends_only_itself():
     """The next window begins at its start states; what the sensor remembers stays finite."""
     runner, p = cart(Stepping())
     windows = cut(SAMPLES, 100)

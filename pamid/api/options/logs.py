@@ -28,13 +28,11 @@ RIG_TEXT = "Rig by name, or the path of a rig file (it is run)."
 
 
 def angles_option() -> Any:
-    """The --angles option."""
     text = "of all angles for which the log states none."
     return option(None, f"With --guess: unit {text}", in_python=f"Unit {text}")
 
 
 def only_option() -> Any:
-    """The --only option."""
     text = "for a log with several robots: use channels whose names contain this."
     return option(None, f"With --guess, {text}", metavar="TEXT", in_python=text.capitalize())
 

@@ -35,7 +35,6 @@ def _files(folder: str) -> list[Path]:
 
 
 def entries(folder: str) -> list[str]:
-    """Names of the entries of a package folder."""
     return [file.stem.replace("_", "-") for file in _files(folder)]
 
 
@@ -49,22 +48,19 @@ def rigs_with(attribute: str) -> list[str]:
 
 
 def machines() -> list[str]:
-    """Rigs for which the blind trial has a machine."""
     return entries("trial/machines")
 
 
 @lru_cache
 def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
     """The forms that `pamid.exports` can write: further names, and a line about each."""
-    files = _files("exports/forms")
-    return {file.stem: (tuple(_literal(file, "ALSO")), _line_of(file)) for file in files}
+    return _described("exports/forms", "ALSO")
 
 
 @lru_cache
 def papers() -> dict[str, tuple[tuple[str, ...], str]]:
     """The papers that can be reproduced: their special options, and a line about each."""
-    files = _files("api/replications/papers")
-    return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
+    return _described("api/replications/papers", "OPTIONS")
 
 
 def cures() -> tuple[str, ...]:
@@ -72,10 +68,14 @@ def cures() -> tuple[str, ...]:
     return tuple(_literal(PACKAGE / "intake" / "logs" / "mapping.py", "Repair"))
 
 
-def _line_of(file: Path) -> str:
-    """Summary line of a file's docstring."""
-    head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return head.partition("\n\n")[0].partition(": ")[2].removesuffix(".").replace("\n", " ")
+def _described(folder: str, name: str) -> dict[str, tuple[tuple[str, ...], str]]:
+    """Values that each file of a folder assigns to a name, and the summary of its docstring."""
+    described = {}
+    for file in _files(folder):
+        head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+        line = head.partition("\n\n")[0].partition(": ")[2].removesuffix(".").replace("\n", " ")
+        described[file.stem] = tuple(_literal(file, name)), line
+    return described
 
 
 @lru_cache

@@ -6,14 +6,7 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.options.record import (
-    AnyPath,
-    FilePath,
-    RigName,
-    argument,
-    option,
-    overwrite_option,
-)
+from pamid.api.options.record import AnyPath, FilePath, RigName, argument, option, overwrite_option
 from pamid.base.errors import UsageError
 
 if TYPE_CHECKING:

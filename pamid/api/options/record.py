@@ -102,7 +102,6 @@ def in_python_only(default: Any, text: str) -> Any:
 
 
 def about_fields(record: Any) -> Iterator[tuple[Field[Any], About]]:
-    """Fields of a record."""
     for item in fields(record):
         yield item, item.metadata["about"]
 
@@ -165,13 +164,12 @@ def parse_pairs(hint: str = "For example inertia_kg_m2=0.0896.") -> Callable[[An
 
 
 def known_option(text: str) -> Any:
-    """The --known option."""
     return option(None, text, "--known", metavar="NAME=VALUE", parse=parse_pairs())
 
 
-def noise_option(default: float, text: str, metavar: str | None = None) -> Any:
+def noise_option(default: float, text: str) -> Any:
     """The --noise option: default, none or a factor."""
-    return option(default, text, command_default="default", parse=_noise_factor, metavar=metavar)
+    return option(default, text, command_default="default", parse=_noise_factor)
 
 
 def _noise_factor(text: str) -> float:
@@ -197,17 +195,14 @@ def which_option(text: str) -> Any:
 
 
 def seed_option(text: str, default: int = 0, **about: Any) -> Any:
-    """The --seed option."""
     return option(default, text, least=0, **about)
 
 
 def jobs_option(text: str = "Processes to use.", default: int | None = 2, **about: Any) -> Any:
-    """The --jobs option."""
     return option(default, text, least=1, most=256, **about)
 
 
 def cluster_option() -> Any:
-    """The --cluster option."""
     return option(
         None,
         "Run the jobs on the Dask cluster of this scheduler instead, with the same results. "
@@ -226,11 +221,10 @@ def figure_option(content: str, **about: Any) -> Any:
 
 
 def overwrite_option(text: str, *, formerly: str = "") -> Any:
-    """The --overwrite option."""
     return option(False, text, formerly=formerly)
 
 
-def run_output_option(name: str, text: str = "Run folder to create.") -> Any:
+def run_output_option(name: str) -> Any:
     """The --output option of a command that creates a run folder; name: default of the command."""
     about = "Run folder. Default: a temporary folder, which `save` copies."
-    return option(None, text, command_default=name, in_python=about)
+    return option(None, "Run folder to create.", command_default=name, in_python=about)

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.arm_twin import ARM_RIG, VARIABLES, Taken, shown
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae
 from pamid.base.schemas import paper_files as result
 from pamid.engine.symbolic.vocabulary import ZERO, Expr
 from pamid.recording.recording import Recording
-from pamid.report.paper_figure import JointSwing, coupling_picture
+from pamid.report.paper_figure import Panel, coupling_picture
 from pamid.rigs.two_link import JOINTS, TwoLink
-
-Array = NDArray[np.float64]
 
 SETTLED_S = 1.0  # after the last pulse on a joint, until what it set moving has come to rest
 SHOWN_S = (0.3, 0.9)  # of the figure, before and after the largest deflection
@@ -64,7 +62,7 @@ def stretches(r: Recording) -> list[PulsedStretch]:
 
 def coupling_json(
     pulse_record: Taken, runs: dict[str, Array]
-) -> tuple[tuple[result.ArmCoupling, ...], list[JointSwing]]:
+) -> tuple[tuple[result.ArmCoupling, ...], list[Panel]]:
     """The figures of the coupling in a recording with pulses, and what to draw of them.
 
     runs: whole free runs (samples x VARIABLES, SI) of the data sheet, the fitted model and the
@@ -92,12 +90,16 @@ def coupling_json(
         before, after = (round(s / r.sampling_period_s) for s in SHOWN_S)
         seen = slice(max(middle - before, 0), middle + after)
         title = f"angle {stretch.moved} [deg]\npulse on joint {stretch.pulsed}"
-        traces = (r.time, measured, angles["fitted"], angles["without_coupling"])
-        drawn.append(JointSwing(title, *(trace[seen] for trace in traces)))
+        lines = {
+            "measured": measured[seen],
+            "fitted, coupling terms left out": angles["without_coupling"][seen],
+            "fitted": angles["fitted"][seen],
+        }
+        drawn.append(Panel(title, r.time[seen], lines))
     return tuple(couplings), drawn
 
 
-def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwing]) -> bytes:
+def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[Panel]) -> bytes:
     """PNG of the largest deflection at each joint; its title states how far, and why."""
 
     def each(name: str) -> str:
@@ -112,4 +114,4 @@ def coupling_png(couplings: tuple[result.ArmCoupling, ...], drawn: list[JointSwi
         f"{each('fitted')} deg, without coupling terms by {each('without_coupling')} deg "
         f"(noise alone: {each('noise_floor')})"
     )
-    return coupling_picture(title, drawn).png
+    return coupling_picture(title, drawn)

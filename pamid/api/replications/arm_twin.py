@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.joint_twin import departed
+from pamid.base.arrays import Array
 from pamid.base.csv_table import table_bytes
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
@@ -31,7 +31,6 @@ from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.excitation.experiments import nothing_sent
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-Array = NDArray[np.float64]
 # recordings and what a model leaves of them, samples x VARIABLES (SI)
 Pieces = Iterable[tuple[Recording, Array]]
 

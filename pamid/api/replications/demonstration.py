@@ -26,7 +26,7 @@ from pamid.recording.recording import TIME, write_recording
 from pamid.report.writing import write_report
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import split_spec
-from pamid.trial.own_faults import NAMELESS
+from pamid.trial.faults import NAMELESS
 from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_of
 
 DEMO_RIG = "one-dof"

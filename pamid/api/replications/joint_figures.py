@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.joint_twin import (
     ANGLE_COLUMN,
@@ -18,12 +17,13 @@ from pamid.api.replications.joint_twin import (
     analytic_run,
     clock,
 )
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae, rms
 from pamid.networks.correction.force_map import ForceMap, forces
 from pamid.networks.scaling import scaling_of
 from pamid.recording.recording import Recording
 from pamid.report.paper_figure import (
-    StepResponse,
+    Panel,
     excitation_picture,
     force_surface_picture,
     pressures_picture,
@@ -31,8 +31,6 @@ from pamid.report.paper_figure import (
     training_picture,
 )
 from pamid.rigs.muscle import LAWS
-
-Array = NDArray[np.float64]
 
 PAPER_LAW, RIG_LAW = "polynomial", "exponential"
 SURFACE_CONTRACTION, SURFACE_KPA = np.linspace(0.0, 0.25, 51), np.linspace(0.0, 600.0, 61)
@@ -43,21 +41,16 @@ def responses_png(
     steps: Mapping[str, Recording], models: Mapping[str, Mapping[str, Array | None]]
 ) -> bytes:
     """models: by word and inertia, angle (samples,), deg; None: unstable, and not drawn."""
-    traces = []
+    panels, off = [], dict[str, list[str]]()
     for case, r in steps.items():
         angles = {word: angle for word, by in models.items() if (angle := by.get(case)) is not None}
-        measured = r.signal(ANGLE_COLUMN)
-        traces.append(StepResponse(case, r.signal(REFERENCE_COLUMN), measured, angles))
-    off = "; ".join(
-        f"{word} off by "
-        + " and ".join(
-            f"{mae(trace.measured, trace.models[word]):.2f} deg at {trace.case}"
-            for trace in traces
-            if word in trace.models
-        )
-        for word in models
-    )
-    return responses_picture(clock(traces[0].reference), traces, f"On the steps: {off}")
+        reference, measured = r.signal(REFERENCE_COLUMN), r.signal(ANGLE_COLUMN)
+        lines = {"reference": reference, "measured": measured, **angles}
+        panels.append(Panel(f"{case}\nangle [deg]", clock(reference), lines))
+        for word, angle in angles.items():
+            off.setdefault(word, []).append(f"{mae(measured, angle):.2f} deg at {case}")
+    errors = "; ".join(f"{word} off by {' and '.join(off.get(word, ()))}" for word in models)
+    return responses_picture(panels, f"On the steps: {errors}")
 
 
 def pressures_png(steps: Mapping[str, Recording]) -> bytes:

@@ -14,16 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae
 from pamid.base.units import split_column, with_unit
 from pamid.model.registry import catalogue_rig
 from pamid.networks.correction.residual_data import derived
 from pamid.recording.recording import Recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-
-Array = NDArray[np.float64]
 
 TWIN_RIG, PERIOD_S = "one-dof", 0.003
 REFERENCE_COLUMN, COMMAND, ANGLE_COLUMN = "reference_deg", "command", "angle_deg"

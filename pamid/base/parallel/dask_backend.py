@@ -55,13 +55,12 @@ DEFAULT_PATIENCE = Patience()
 
 
 @contextlib.contextmanager
-def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]:
+def cluster(address: str, patience: Patience = DEFAULT_PATIENCE) -> Iterator[Cluster]:
     """The cluster whose scheduler listens at an address such as tcp://host:8786.
 
     FileError where distributed is not installed, nobody answers in time, there is no worker, or the
     workers run another pamid than here.
     """
-    patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
     try:
         _require_alike(client, address, patience.first_s)

@@ -64,7 +64,6 @@ class Work(Generic[T, R]):
         raise NotImplementedError
 
     def name(self, item: T) -> str:
-        """Name of the item."""
         return str(item)
 
     def cost(self, item: T) -> float:
@@ -168,7 +167,6 @@ class WorkerPool:
         return stored[0] if stored else self._here(work, item, key)
 
     def _stored(self, key: str, work: Work[T, R], item: T) -> tuple[R] | tuple[()]:
-        """The result in the store, if any."""
         packed = self.store.get(key) if self.store else None
         if packed is not None:
             with contextlib.suppress(LookupError, TypeError, ValueError, AttributeError):

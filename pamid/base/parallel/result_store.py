@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.errors import FileError
-from pamid.base.files import MAP, make_folder, read_data, refuse_write, write_atomically
+from pamid.base.files import make_folder, refuse_write, write_atomically
 from pamid.base.npz import load_arrays
 from pamid.base.parallel.packing import Packed
 from pamid.base.run_folder import JOURNAL, remove_jobs
@@ -72,19 +72,7 @@ class Store:
         except OSError as error:
             refuse_write(self.folder / JOURNAL, error)
 
-    def journal(self) -> list[dict[str, str]]:
-        """Results stored in this folder, in order: `key` and `what`. Lines that were cut short are
-        left out."""
-        path = self.folder / JOURNAL
-        lines = read_data(path, MAP).splitlines() if path.is_file() else []
-        entries = []
-        for line in lines:
-            with contextlib.suppress(ValueError, RecursionError):
-                entries.append(json.loads(line))
-        return [entry for entry in entries if isinstance(entry, dict)]
-
     def clear(self) -> None:
-        """Remove the stored results."""
         remove_jobs(self.folder)
 
 

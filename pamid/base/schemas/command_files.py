@@ -10,11 +10,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema
 
-from pamid.base.schemas.estimates import EFFECTS, PERIOD, RIG, SEED
-from pamid.base.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
+from pamid.base.schemas.estimates import EFFECTS, PERIOD, RIG, SEED, UNIT
+from pamid.base.schemas.model import (
+    Count,
+    Figures,
+    Flag,
+    ListOf,
+    MapOf,
+    Model,
+    Number,
+    Sometimes,
+    Text,
+)
 from pamid.base.schemas.score_file import RecordingError
 
 LOOP = "closed or open: was a controller producing the command?"
+SEEN_BY = "error of the refitted model over the noise floor"
 
 
 class PrintedText(
@@ -173,3 +184,138 @@ class WrittenExport(
     plain_mujoco: Sometimes[PlainMujoco] = Field(
         default=None, description="of a model file: its errors in plain MuJoCo"
     )
+
+
+class ErrorFile(Model, schema="pamid.error/1", title="Every command that fails"):
+    """Error, its place and its cure."""
+
+    code: Text = Field(description="a stable word for scripts")
+    message: Text = Field(description="what is wrong and where")
+    hint: Text = Field(description="how to correct it")
+
+
+class RunSummary(Model):
+    """A run folder at a glance."""
+
+    path: Text = Field(description="folder of the run")
+    kind: Text = Field(description="diagnosis, fit, trial, paper, other or damaged")
+    command: Text = Field(description="name of its command")
+    rig: Text = Field(description=RIG)
+    recordings: ListOf[Text] = Field(description="names of the recordings")
+    begun: Text = Field(description="UTC, ISO 8601")
+    outcome: Text = Field(description="how it ended; empty while it runs")
+    verdict: Text = Field(description="of a diagnosis, as in diagnosis.json")
+    sentence: Text = Field(description="result in words, or the damage")
+    causes: ListOf[Text] = Field(description="labels of the effects that the verdict names")
+    mae: MapOf[Figures] = Field(
+        description="held-out mean absolute error in the channel's unit: channel -> model",
+    )
+
+
+class RunList(
+    Model, schema="pamid.runs/1", title="pamid runs: the runs below a folder with their results"
+):
+    """The runs below a folder."""
+
+    folder: Text = Field(description="searched folder")
+    runs: ListOf[RunSummary] = Field(default=(), description="by path")
+
+
+class WrittenComparison(
+    Model, schema="pamid.comparison/1", title="pamid report --compare: a comparison of runs"
+):
+    """A page that compares runs."""
+
+    page: Text = Field(description="path of the page")
+    runs: ListOf[RunSummary] = Field(
+        default=(), description="in the order in which they were given"
+    )
+    changed: ListOf[Text] = Field(default=(), description="differences in data and settings")
+
+
+class UsualAmount(Model):
+    """The parameter for the size of an effect."""
+
+    parameter: Text = Field(description="by name with unit")
+    unit: Text = Field(description=UNIT)
+    usual: Number = Field(description="its value at the usual size")
+    least: Number | None = Field(description="the smallest detectable value; null if none tried is")
+
+
+class ShownEffect(Model):
+    """Detectability of an effect in the experiment."""
+
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    family: Text = Field(description="of effects that are mistaken for each other")
+    port: Text = Field(description="group of ports that it acts on")
+    amount: UsualAmount | None
+    visible: ListOf[Number] = Field(
+        description=f"{SEEN_BY}, worst channel, at each of `sizes`; empty where it failed"
+    )
+    standard_errors: ListOf[Number] = Field(description="its size in standard errors, likewise")
+    by_channel: MapOf[Number] = Field(
+        description=f"{SEEN_BY} at the usual size if that sensor were the only sensor"
+    )
+    confused: ListOf[Text] = Field(
+        description="effects of other families with which it would be confused at its usual size"
+    )
+    failed: Text = Field(description="reason of a failure; else empty")
+
+
+class PowerFile(
+    Model,
+    schema="pamid.power/1",
+    title="pamid power: what an experiment would show of every effect, and what it would confuse",
+):
+    """Detectability of every effect in an experiment, and the effects it would confuse."""
+
+    rig: Text = Field(description=RIG)
+    excitation: Text
+    seconds: Number = Field(description="of the experiment, s")
+    noise: Number = Field(description="factor on the noise of the rig's sensors")
+    seed: int = Field(description=SEED)
+    channels: ListOf[Text]
+    sizes: ListOf[Number] = Field(description="multiples of the usual size that were tried")
+    seen: Number = Field(description="an effect shows where `visible` is as large")
+    effects: ListOf[ShownEffect] = Field(description="the plainest first")
+
+
+class TakenColumn(Model):
+    """A recorded column and what it is in the rig."""
+
+    column: Text = Field(description="as recorded")
+    unit: Text = Field(description=UNIT)
+    role: Literal["input", "output", "reference"]
+    stands_for: Text = Field(description="the column of the rig that was started from")
+    by: Literal["name", "word", "unit", "you"] = Field(
+        description="how it was identified; you: by --column"
+    )
+    scaled: Flag = Field(description="whether a gain is fitted, because the quantities differ")
+
+
+class OtherMatch(Model):
+    """Another rig that the columns fit."""
+
+    rig: Text
+    score: Number = Field(description="1 where everything fits by name")
+
+
+class NewRigFile(
+    Model, schema="pamid.new-rig/1", title="pamid new-rig: a rig file from a recording's columns"
+):
+    """The rig file, and where its columns come from."""
+
+    output: Text = Field(description="the rig file")
+    rig: Text = Field(description="its name")
+    like: Text = Field(description="rig of the catalogue on which it is based")
+    score: Number = Field(description="1 where everything fits by name")
+    columns: ListOf[TakenColumn]
+    unrecorded: ListOf[Text] = Field(description="columns of the rig that were not recorded")
+    unused: ListOf[Text] = Field(description="recorded columns that the rig has no place for")
+    unobserved: ListOf[Text] = Field(
+        (), description="states that were left out: no recorded column depends on them"
+    )
+    turned: ListOf[Text] = Field(
+        (), description="rigs to start from in which cause and effect have changed places"
+    )
+    also: ListOf[OtherMatch] = Field(description="other rigs that fit, best first")

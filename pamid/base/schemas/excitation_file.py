@@ -8,16 +8,7 @@ from pydantic import Field, WithJsonSchema
 
 from pamid.base.schemas.command_files import LOOP
 from pamid.base.schemas.estimates import RIG, SEED, SHA256, UNIT
-from pamid.base.schemas.model import (
-    MAY_LACK,
-    Count,
-    ListOf,
-    Model,
-    Number,
-    Pair,
-    Sometimes,
-    Text,
-)
+from pamid.base.schemas.model import MAY_LACK, Count, ListOf, Model, Number, Pair, Sometimes, Text
 
 
 class ChangesCovered(Model):

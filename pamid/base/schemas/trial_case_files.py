@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from pamid.base.schemas.error_file import ErrorFile
+from pamid.base.schemas.command_files import ErrorFile
 from pamid.base.schemas.estimates import HIGH, LOW, RIG, SEED, SHA256, FailedJob
 from pamid.base.schemas.model import (
     MAY_LACK,

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress, silent
-from pamid.base.schemas.power_file import ShownEffect, UsualAmount
+from pamid.base.schemas.command_files import ShownEffect, UsualAmount
 from pamid.diagnosis.candidate_model import transferred
 from pamid.diagnosis.settings import DEFAULT
 from pamid.estimation.grey_box import model_with

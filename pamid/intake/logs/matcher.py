@@ -30,8 +30,7 @@ from pamid.intake.logs.channel_words import (
 )
 from pamid.intake.logs.channels import Channel, Log, RobotValue
 from pamid.intake.logs.source_units import is_readable, read_unit
-from pamid.model.log_names import LogName
-from pamid.model.rig import Rig
+from pamid.model.rig import LogName, Rig
 from pamid.recording.recording import Recording, match_column
 
 Words = tuple[str, ...]

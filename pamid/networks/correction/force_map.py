@@ -24,13 +24,13 @@ left as trained, and the guard reports it.
 from __future__ import annotations
 
 import csv
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import motion, rms
@@ -49,8 +49,6 @@ from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
-
-Array = NDArray[np.float64]
 
 COLUMNS = ("contraction", "pressure_kpa", "force_n")
 CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS
@@ -309,7 +307,7 @@ def judge(
     place = (points.contraction - points.contraction.min()) / np.ptp(points.contraction)
     by_contraction = held_out(np.rint(BANDS * place).astype(np.intp), range(1, BANDS))
     trained, unconstrained = _train(points, analytic, sets, seed)
-    wrong_way, complaint = _guarded(trained)
+    wrong_way, complaint = check_force_law(trained)
     limits = ""
     if unconstrained is not None:
         fit, other = (
@@ -317,8 +315,8 @@ def judge(
         )
         limits = (
             " Without this constraint the force moved the wrong way by "
-            f"{max(_guarded(unconstrained)[0]):.3g} N. Error on all points: {fit:.3g} N RMS, "
-            f"{other:.3g} N RMS without the constraint."
+            f"{max(check_force_law(unconstrained)[0]):.3g} N. Error on all points: "
+            f"{fit:.3g} N RMS, {other:.3g} N RMS without the constraint."
         )
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
     return ValidatedMap(
@@ -336,14 +334,6 @@ def judge(
         f"a tenth beyond, to within {max(wrong_way):.2g} N.{limits}",
         unconstrained,
     )
-
-
-def _guarded(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
-    """Largest violation of the force-law guard (N), and its description."""
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
-        wrong_way = check_force_law(trained, strict=False)
-    return wrong_way, " ".join(str(warning.message) for warning in heard)
 
 
 def _check_size(points: ForceMap, sets: int, every: int) -> None:
@@ -390,7 +380,7 @@ def _train(
         period_s=1.0,
         options=TrainingOptions(iterations=MAP_ITERATIONS, seed=seed),
     )[0]
-    if not _guarded(trained)[1]:
+    if not check_force_law(trained)[1]:
         return trained, None
     law = constrained(trained, np.column_stack(list(signals.values())), taught)
     if law is None:

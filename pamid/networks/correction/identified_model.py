@@ -19,8 +19,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
@@ -55,8 +55,6 @@ from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import noisy_inputs, sensor_noise
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.virtual_rig import VirtualRecording, form_remarks, in_its_loop, stated_tables
-
-Array = NDArray[np.float64]
 
 WHICH = ("best", "cause", "network", "refitted")
 UNCORRECTED = "uncorrected."

@@ -14,15 +14,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
+from pamid.base.arrays import Array
 from pamid.networks.anfis import Anfis
 from pamid.networks.correction.trained_force_law import CHECKED_POINTS, grid_of_law
 from pamid.networks.trained_network import TrainedNetwork
-
-Array = NDArray[np.float64]
 
 CUTTING_ROUNDS = 60
 MOST_ADDED = 400  # broken inequalities that are added in a round, the worst of them

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import header_line
 from pamid.base.errors import ConvergenceError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, WEIGHTS, read_data, write_together
@@ -30,11 +30,7 @@ from pamid.base.network_folders import (
     channel_networks,
 )
 from pamid.base.run_folder import NETWORK_FILE, WEIGHTS_FILE, Run
-from pamid.networks.correction.residual_data import (
-    RESIDUAL_FILE,
-    ResidualData,
-    derived,
-)
+from pamid.networks.correction.residual_data import RESIDUAL_FILE, ResidualData, derived
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import (
@@ -46,8 +42,6 @@ from pamid.networks.trained_network import (
     train_on_signals,
 )
 from pamid.networks.training_problem import TrainingOptions
-
-Array = NDArray[np.float64]
 
 CHECKPOINT_FILE = "checkpoint.npz"
 # left out of the second pair of errors: the network starts from a zero state

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.progress import Progress, silent
@@ -65,8 +66,6 @@ from pamid.networks.training_problem import TrainingOptions
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, replay_track
-
-Array = NDArray[np.float64]
 
 ADDED = "value_of_the_network"  # the rig's further input
 AGAIN = 1e-3  # of a model's error: what its replays may differ by from those of residual.csv

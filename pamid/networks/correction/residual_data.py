@@ -17,8 +17,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.metrics import motion
 from pamid.base.result_file import need_result
@@ -33,8 +33,6 @@ from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
 from pamid.base.schemas.fit_file import FitFile
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
-
-Array = NDArray[np.float64]
 
 RESIDUAL_RUNS = {"loop": "in its control loop", "replay": "on recorded commands"}
 #: models whose residual a network may be trained on -> the kind of their columns in residual.csv

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.schemas.fit_file import FittedModel, RecordingUsed
 from pamid.engine.program import Stepping
@@ -20,8 +20,6 @@ from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.networks.correction.residual_data import REFIT_REMEDY
-
-Array = NDArray[np.float64]
 
 MOST_STORED_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 

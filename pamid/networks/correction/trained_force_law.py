@@ -21,16 +21,15 @@ from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.base.units import compatible, split_column, to_si, unit
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import substitute, symbol
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, clip
 from pamid.networks.trained_network import TrainedNetwork, load_network
-
-Array = NDArray[np.float64]
 
 CHECKED_POINTS = 121  # per input, of the grid on which a law is checked
 # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
@@ -93,17 +92,24 @@ def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) ->
         As `load_network`.
     """
     trained = source if isinstance(source, TrainedNetwork) else load_network(source)
-    check_force_law(trained, strict=strict)
+    _, fault = check_force_law(trained)
+    if fault and strict:
+        raise DataError(
+            fault,
+            "Train with fewer sets or more starts, add data there, or accept it with strict=False.",
+        )
+    if fault:
+        warnings.warn(fault, stacklevel=2)
     return ForceLaw(trained)
 
 
-def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[float, float]:
+def check_force_law(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
     """Check that the force grows with pressure and falls with contraction, in the trained range and
     a tenth beyond.
 
-    Returns the largest move the wrong way (N) along pressure and along contraction. More than
-    `MONOTONE_TOLERANCE` of the range of forces is a DataError that states where and by how much;
-    with `strict=False` a warning. A force below zero counts as none: a rig's muscle does not push.
+    Returns the largest move the wrong way (N) along pressure and along contraction, and where and
+    by how much it is more than `MONOTONE_TOLERANCE` of the range of forces allows, else "". A force
+    below zero counts as none: a rig's muscle does not push.
     """
     order = _order(trained)
     low, high = _force_si(trained)
@@ -122,17 +128,8 @@ def check_force_law(trained: TrainedNetwork, *, strict: bool = True) -> tuple[fl
                 f"{forces[begin]:.4g} N to {forces[end]:.4g} N between {moved} = "
                 f"{steps[k][begin[k]]:.4g} and {steps[k][end[k]]:.4g}"
             )
-    if faults:
-        message = (
-            f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(faults)}."
-        )
-        hint = (
-            "Train with fewer sets or more starts, add data there, or accept it with strict=False."
-        )
-        if strict:
-            raise DataError(message, hint)
-        warnings.warn(message, stacklevel=2)
-    return violations[0][0], violations[1][0]
+    text = f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(faults)}."
+    return (violations[0][0], violations[1][0]), text if faults else ""
 
 
 Place = tuple[int, int]

@@ -161,17 +161,10 @@ def tool_body(mechanism: Mechanism, shapes: Sequence[BodyShape]) -> BodyShape | 
     A tool or a payload is mounted there, and no model file states its mass, centre and shape. An
     arm is one chain of joints. With fewer than three, the body turns about too few axes.
     """
-    bodies = mechanism.bodies
     jointed = {joint.body for joint in mechanism.joints}
     if len(jointed) < len(AXES):
         return None
-
-    def behind(body: int) -> set[int]:
-        """Jointed bodies between a body and the world, the body included."""
-        inner = behind(bodies[body].parent) if body else set()
-        return inner | ({body} & jointed)
-
-    last = [shape for shape in shapes if behind(shape.number) == jointed]
+    last = [shape for shape in shapes if jointed <= {*mechanism.lineage(shape.number)}]
     return max(last, key=lambda shape: shape.body.mass_kg, default=None)
 
 

@@ -6,7 +6,7 @@
 The couplings are those of `soft_constraints.py`, as is the friction at joints whose
 file states a loss. If a fit frees the loss of another joint, its friction grows with the velocity
 up to the loss, with the slope of a creeping joint. Joint, tendon and actuator laws are those of
-MuJoCo (documentation, Computation). The motion is computed in `forward_dynamics.py`.
+MuJoCo (documentation, Computation). The motion is computed there, too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from pamid.engine.symbolic.vocabulary import (
 from pamid.model.effect import State
 from pamid.model.rig import Port, Rig
 from pamid.rigs.simulators.body_inertia import BodyShape, shapes_of, tool_body
-from pamid.rigs.simulators.forward_dynamics import MODELS_ALIKE, accelerations
 from pamid.rigs.simulators.mechanism import (
     Actuator,
     Coupling,
@@ -48,8 +47,10 @@ from pamid.rigs.simulators.mechanism_pose import mechanism_pose
 from pamid.rigs.simulators.motor_equations import motor_equations
 from pamid.rigs.simulators.soft_constraints import (
     LEAST_SOFTNESS,
+    MODELS_ALIKE,
     SoftCoupling,
     SoftFriction,
+    accelerations,
     impedance,
 )
 from pamid.rigs.simulators.tree_dynamics import Tree
@@ -215,6 +216,14 @@ class MechanismEquations:
         self.qd = [getattr(x, f"{j.name}_velocity") for j in self.m.joints]
         self._commands: dict[int, Expr] = {}
 
+    def value(self, element: str, number: int, attribute: str, stated: float) -> Expr:
+        """See `CompiledMechanism.value`."""
+        return self.rig.value(self.p, element, number, attribute, stated)
+
+    def gear(self, i: int) -> Expr:
+        """Gear of an actuator."""
+        return self.value("actuator", i, "gear", self.m.actuators[i].gear)
+
     # ---- actuators -------------------------------------------------------------------------------
 
     def command(self, i: int) -> Expr:
@@ -226,7 +235,7 @@ class MechanismEquations:
             return self._commands[i]
         sent = self.port(self.rig.port_of("actuator", i, "command"), getattr(self.u, a.column))
         if a.delay_s > 0.0:
-            late = self.rig.value(self.p, "actuator", i, "delay", a.delay_s)
+            late = self.value("actuator", i, "delay", a.delay_s)
             sent = delay(sent, late, DELAY_ROOM * a.delay_s)
         self._commands[i] = sent if a.command_range is None else clip(sent, *a.command_range)
         return self._commands[i]
@@ -240,7 +249,7 @@ class MechanismEquations:
             return {}
         rate, state = self.command(i), getattr(self.x, a.states[0][0])
         if a.dynamics == "filter":
-            constant = self.rig.value(self.p, "actuator", i, "time_constant", a.time_constant_s)
+            constant = self.value("actuator", i, "time_constant", a.time_constant_s)
             rate = (rate - state) / maximum(constant, 1e-12)
         if a.activation_range is not None:
             low, high = a.activation_range
@@ -255,7 +264,7 @@ class MechanismEquations:
         return motor_equations(
             a,
             a.motor,
-            lambda attribute, stated: self.rig.value(self.p, "actuator", i, attribute, stated),
+            partial(self.value, "actuator", i),
             {name: getattr(self.x, name) for name, _ in a.states},
             self.command(i),
             self.travel(i),
@@ -264,7 +273,7 @@ class MechanismEquations:
     def travel(self, i: int) -> tuple[Expr, Expr]:
         """Length and velocity of an actuator."""
         a = self.m.actuators[i]
-        gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+        gear = self.gear(i)
         if a.mount is not None:
             moments = self.rigid.moments(a.mount, a.wrench).items()
             return ZERO, sum((moment * self.qd[j] for j, moment in moments), ZERO)
@@ -282,10 +291,10 @@ class MechanismEquations:
         activation = getattr(self.x, a.states[0][0]) if a.states else self.command(i)
         gain, bias = [list(map(expression, row)) for row in (a.gain, a.bias)]
         first = {"position": "kp", "velocity": "kv"}.get(a.kind, "gain")
-        gain[0] = self.rig.value(self.p, "actuator", i, first, a.gain[0])
+        gain[0] = self.value("actuator", i, first, a.gain[0])
         if a.kind == "position":
             bias[1] = -gain[0]
-            bias[2] = -self.rig.value(self.p, "actuator", i, "kv", -a.bias[2])
+            bias[2] = -self.value("actuator", i, "kv", -a.bias[2])
         elif a.kind == "velocity":
             bias[2] = -gain[0]
         force = _affine(gain, length, rate) * activation + _affine(bias, length, rate)
@@ -302,15 +311,15 @@ class MechanismEquations:
 
     def tendon_force(self, i: int) -> Expr:
         """Force of a tendon's spring and damper, against its length."""
-        t, value = self.m.tendons[i], self.rig.value
+        t, value = self.m.tendons[i], self.value
         length, rate = self.tendon(i)
         passed = self.dampers(rate, tendon=i)
         if not (t.stiffness or t.damping or any((*t.stiffness_powers, *t.damping_powers))):
             return -passed
         low, high = t.rest
         beyond = length - clip(length, low, high) if high > low else length - low
-        stiffness = value(self.p, "tendon", i, "stiffness", t.stiffness)
-        damping = value(self.p, "tendon", i, "damping", t.damping)
+        stiffness = value("tendon", i, "stiffness", t.stiffness)
+        damping = value("tendon", i, "damping", t.damping)
         spring = self.polynomial("tendon", i, "stiffness", t.stiffness_powers, stiffness, beyond)
         return (
             -passed
@@ -323,7 +332,7 @@ class MechanismEquations:
         damping = ZERO
         for i, a in enumerate(self.m.actuators):
             if (a.joint, a.tendon) == (joint, tendon) and (a.damping or any(a.damping_powers)):
-                gear = self.rig.value(self.p, "actuator", i, "gear", a.gear)
+                gear = self.gear(i)
                 damping = damping + gear * gear * self.polynomial(
                     "actuator", i, "damping", a.damping_powers, expression(a.damping), velocity,
                     odd=True,
@@ -349,7 +358,7 @@ class MechanismEquations:
         ):
             if stated:
                 name = f"{attribute}_{word}"
-                total = total + self.rig.value(self.p, element, number, name, stated) * of
+                total = total + self.value(element, number, name, stated) * of
         return total
 
     def shares(self, a: Actuator) -> Iterable[tuple[int, Expr | float]]:
@@ -368,7 +377,7 @@ class MechanismEquations:
             a = self.m.actuators[i]
             force = self.actuator_force(i)
             if a.mount is None:
-                force = self.rig.value(self.p, "actuator", i, "gear", a.gear) * force
+                force = self.gear(i) * force
             for j, share in self.shares(a):
                 forces[j] = forces[j] + share * force
         if any(joint.compensated_by_actuator for joint in self.m.joints) and self._is_lifted():
@@ -389,10 +398,10 @@ class MechanismEquations:
         It is the sum of spring and damper, the dampers of its actuators, gravity compensation, and
         friction if the file states no loss.
         """
-        joint, value = self.m.joints[j], self.rig.value
+        joint, value = self.m.joints[j], self.value
         qd = self.qd[j]
-        damping = value(self.p, "joint", j, "damping", joint.damping)
-        stiffness = value(self.p, "joint", j, "stiffness", joint.stiffness)
+        damping = value("joint", j, "damping", joint.damping)
+        stiffness = value("joint", j, "stiffness", joint.stiffness)
         held_back = (
             -self.polynomial("joint", j, "damping", joint.damping_powers, damping, qd, odd=True)
             - self.polynomial(
@@ -409,7 +418,7 @@ class MechanismEquations:
             held_back = held_back + self.rigid.lift[j]
         if joint.friction_loss:
             return held_back  # its friction is solved with the accelerations
-        loss = value(self.p, "joint", j, "frictionloss", 0.0)
+        loss = value("joint", j, "frictionloss", 0.0)
         slope = joint.friction_rate / self.softness(joint.friction_softness, {j: 1.0})
         return held_back - clip(slope * qd, -loss, loss)
 
@@ -418,7 +427,7 @@ class MechanismEquations:
         joint = self.m.joints[j]
         if not joint.spring_state:
             return self.q[j] - joint.spring_reference
-        most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
+        most = self.value("joint", j, "springyield", joint.spring_yield)
         return clip(self.q[j] - getattr(self.x, joint.spring_state), -most, most)
 
     def plastic_rate(self, j: int) -> Expr:
@@ -428,7 +437,7 @@ class MechanismEquations:
         step or at the start, decays.
         """
         joint, qd = self.m.joints[j], self.qd[j]
-        most = self.rig.value(self.p, "joint", j, "springyield", joint.spring_yield)
+        most = self.value("joint", j, "springyield", joint.spring_yield)
         way = self.q[j] - getattr(self.x, joint.spring_state)
         forward = where(way >= most, maximum(qd, 0.0), ZERO)
         backward = where(way <= -most, minimum(qd, 0.0), ZERO)
@@ -474,7 +483,7 @@ class MechanismEquations:
         joint = self.m.joints[j]
         if not joint.friction_loss:
             return None
-        loss = self.rig.value(self.p, "joint", j, "frictionloss", joint.friction_loss)
+        loss = self.value("joint", j, "frictionloss", joint.friction_loss)
         softness = self.softness(joint.friction_softness, {j: 1.0})
         return SoftFriction(loss, joint.friction_rate, softness, self.qd[j])
 
@@ -496,17 +505,11 @@ class MechanismEquations:
                 forces[j] = forces[j] + c * pull
         return forces
 
-    def applied(self) -> list[Expr]:
-        """Force or torque at every joint, through its motion port."""
-        return [
-            self.port(
-                self.rig.port_of("joint", j, "motion"),
-                f,
-                position=self.q[j],
-                velocity=self.qd[j],
-            )
-            for j, f in enumerate(self.known_forces())
-        ]
+    def at_joint(self, j: int, force: Expr) -> Expr:
+        """Force or torque at a joint, through its motion port."""
+        name = self.rig.port_of("joint", j, "motion")
+        passed: Expr = self.port(name, force, position=self.q[j], velocity=self.qd[j])
+        return passed
 
     @cached_property
     def rigid(self) -> Tree:
@@ -526,18 +529,16 @@ class MechanismEquations:
         return self._tree(q, qd)
 
     def _tree(self, q: list[Expr], qd: list[Expr]) -> Tree:
-        value = self.rig.value
+        value = self.value
         armature = []
         for j, joint in enumerate(self.m.joints):
-            total = value(self.p, "joint", j, "armature", joint.armature)
+            total = value("joint", j, "armature", joint.armature)
             for i, a in enumerate(self.m.actuators):
                 if a.joint == j and a.armature:
-                    gear = value(self.p, "actuator", i, "gear", a.gear)
+                    gear = self.gear(i)
                     total = total + gear * gear * a.armature
             armature.append(total)
-        masses = [
-            value(self.p, "body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)
-        ]
+        masses = [value("body", i, "mass", body.mass_kg) for i, body in enumerate(self.m.bodies)]
         shapes = tuple(
             (s.number, (*s.centre(self.p), *s.second_moment(self.p).ravel()))
             for s in self.rig.shapes
@@ -545,8 +546,7 @@ class MechanismEquations:
         return _shared_tree(self.m, tuple(q), tuple(qd), tuple(masses), tuple(armature), shapes)
 
     def rates(self) -> dict[str, Number]:
-        """Rates of all states."""
-        applied = self.applied()
+        applied = [self.at_joint(j, force) for j, force in enumerate(self.known_forces())]
         tree, passed = self.flexible_loads(applied)
         rubbing = [self.friction(j) for j in range(tree.n)]
         couplings = [self.coupling(c) for c in self.m.couplings]
@@ -632,7 +632,7 @@ class MechanismEquations:
         def drive() -> Expr:
             force = ZERO
             for i in driving:
-                gear = self.rig.value(self.p, "actuator", i, "gear", self.m.actuators[i].gear)
+                gear = self.gear(i)
                 force = force + gear * self.actuator_force(i)
             return force
 
@@ -664,7 +664,6 @@ class MechanismEquations:
     # ---- readings --------------------------------------------------------------------------------
 
     def reading(self, i: int, sensor: MechanismSensor) -> Expr:
-        """Reading of a sensor."""
         rate: Expr | None = None
         if sensor.kind in ("jointpos", "jointvel"):
             value, rate = self.q[sensor.of], self.qd[sensor.of]

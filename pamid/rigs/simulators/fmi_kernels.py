@@ -7,16 +7,13 @@ serves FMI 2.0 and 3.0 if their arguments begin alike.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.function_calls import call_foreign
 from pamid.engine.numba_cache import carray, cfunc, njit, types
-
-if TYPE_CHECKING:
-    from pamid.rigs.simulators.fmu_link import FmuUnits
 
 Array = NDArray[np.float64]
 Places = NDArray[np.uint32]
@@ -54,16 +51,39 @@ STEP_TOLERANCE = 1e-8  # of a state's size, per step
 SAFETY, MOST_GROWTH, LEAST_SHRINKAGE = 0.9, 5.0, 0.2
 
 
+class UnitScale(NamedTuple):
+    """Conversion from an FMU's units to SI: value * scale + offset."""
+
+    scale: Array
+    offset: Array
+
+    def outside(self, values: Array) -> Array:
+        scaled: Array = (values - self.offset) / self.scale
+        return scaled
+
+    def inside(self, values: Array) -> Array:
+        scaled: Array = values * self.scale + self.offset
+        return scaled
+
+
+class FmuUnits(NamedTuple):
+    inputs: UnitScale
+    outputs: UnitScale
+    parameters: UnitScale
+    states: UnitScale
+
+
 class FmiModel(NamedTuple):
     """An FMU for compiled code.
 
-    at: addresses of the functions of NAMES; report: words that return from compiled code. The
-    remaining fields are value references, the number of event indicators, and typical sizes of
-    states.
+    at: addresses of the functions of NAMES; exchanges: True for model exchange; report: words that
+    return from compiled code. The remaining fields are value references, the number of event
+    indicators, and typical sizes of states.
     """
 
     at: NDArray[np.int64]
     version: int
+    exchanges: bool
     inputs: Places
     outputs: Places
     states: Places
@@ -102,42 +122,6 @@ def do_step(m: FmiModel, c: int, t: float, h: float) -> int:
     if status == 0 and m.version == 3 and (flags[1] or last[0] < t + h - 1e-9 * h):
         return ENDED
     return status
-
-
-@njit(cache=True)
-def step_copies(
-    m: FmiModel,
-    handles: NDArray[np.int64],
-    saved: NDArray[np.int64],
-    standing: int,
-    times: Array,
-    f: Array,
-    h: float,
-    y: Array,
-    statuses: NDArray[np.int64],
-) -> None:
-    """Co-simulation: advance every copy by h (s), except those with a failure.
-
-    handles: instances of the copies; saved: addresses of saved states, 0 if each copy has an
-    instance; standing: copy in the single instance, -1 for none; times (s), f (inputs), y (outputs,
-    overwritten) and statuses (updated): a row for each copy.
-    """
-    n = len(handles)
-    for k in range(n):
-        if statuses[k] != 0:
-            continue
-        c, status = handles[k], 0
-        if saved[k] and standing != k:
-            status = _failed(m, call_foreign(m.at[RESTORE], c, saved[k]), RESTORE)
-        if status == 0:
-            status = put_inputs(m, c, f[k])
-        if status == 0:
-            status = do_step(m, c, times[k], h)
-        if status == 0 and saved[k] and n > 1:
-            status = _failed(m, call_foreign(m.at[SAVE], c, saved[k : k + 1]), SAVE)
-        if status == 0:
-            status = get_outputs(m, c, y[k])
-        statuses[k] = status
 
 
 # ---- model exchange ------------------------------------------------------------------------------
@@ -374,7 +358,7 @@ def _complete(m: FmiModel, c: int, x: Array, z: Array, due: Array, event: bool) 
 
 
 @njit(cache=True)
-def exchange_copies(
+def advance_copies(
     m: FmiModel,
     handles: NDArray[np.int64],
     saved: NDArray[np.int64],
@@ -387,9 +371,13 @@ def exchange_copies(
     y: Array,
     statuses: NDArray[np.int64],
 ) -> None:
-    """Model exchange of copies: `step_copies` with states x, overwritten, and times of next events.
+    """Advance every copy by h (s), except those with a failure.
 
-    All copies take the steps of the first copy, because differences between copies are smooth then.
+    handles: instances of the copies; saved: addresses of saved states, 0 if each copy has an
+    instance; standing: copy in the single instance, -1 for none; times (s), f (inputs), y (outputs,
+    overwritten) and statuses (updated): a row for each copy. For model exchange x (states) and due
+    (times of next events) are overwritten, too, and all copies take the steps of the first copy,
+    because differences between copies are smooth then.
     """
     n, grid = len(handles), np.zeros(MOST_STEPS + 1)
     for k in range(n):
@@ -398,7 +386,11 @@ def exchange_copies(
         c, status = handles[k], 0
         if saved[k] and standing != k:
             status = _failed(m, call_foreign(m.at[RESTORE], c, saved[k]), RESTORE)
-        status = status or exchange(m, c, times[k], h, f[k], x[k], due[k], grid)
+        if m.exchanges:
+            status = status or exchange(m, c, times[k], h, f[k], x[k], due[k], grid)
+        else:
+            status = status or put_inputs(m, c, f[k])
+            status = status or do_step(m, c, times[k], h)
         if status == 0 and saved[k] and n > 1:
             status = _failed(m, call_foreign(m.at[SAVE], c, saved[k : k + 1]), SAVE)
         statuses[k] = status or get_outputs(m, c, y[k])
@@ -406,16 +398,16 @@ def exchange_copies(
 
 # ---- as a compiled function of two addresses -----------------------------------------------------
 
-_TABLE_HEAD, _STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
+_TABLE_HEAD, STATUS, _DUE, LEADS, _STEP_S = 10, 5, 6, 7, 8
 _FUNCTION_COUNT = len(NAMES[2].split())
 
 
 class ExchangeTable(NamedTuple):
     """Memory of an exchange, views of an array of words.
 
-    The words are version, states, inputs, outputs, indicators; the status of the first failure; as
-    floats the next event, whether the steps within are chosen (LEADS), the length of an exchange
-    (s); then the arrays below.
+    The words are version, states, inputs, outputs, indicators; the status of the first failure, 0
+    for none (STATUS); as floats the next event, whether the steps within are chosen (LEADS), the
+    length of an exchange (s); then the arrays below.
 
     x, f, y        states, inputs and outputs (SI)
     own_x, own_f   the same in the FMU's units; each scale and offset converts its units to SI
@@ -458,6 +450,7 @@ def table_in(words: NDArray[np.int64]) -> ExchangeTable:
     model = FmiModel(
         words[_TABLE_HEAD:a],
         words[0],
+        True,
         fs,
         ys,
         xs,
@@ -521,7 +514,7 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
     status = exchange(t.model, c, 0.0, numbers[_STEP_S], t.own_f, t.own_x, due, t.grid)
     status = status or get_outputs(t.model, c, t.y)
     if status != 0:
-        words[_STATUS] = words[_STATUS] or status
+        words[STATUS] = words[STATUS] or status
         t.x[:] = np.nan
         t.y[:] = np.nan
         return
@@ -529,8 +522,3 @@ def exchange_of(handle, data):  # type: ignore[no-untyped-def]
         t.x[k] = t.own_x[k] * t.x_scale[k] + t.x_offset[k]
     for k in range(len(t.y)):
         t.y[k] = t.y[k] * t.y_scale[k] + t.y_offset[k]
-
-
-def first_failure(words: NDArray[np.int64]) -> int:
-    """Status of the first exchange over a table that failed, 0 if none did."""
-    return int(words[_STATUS])

@@ -9,12 +9,9 @@ from __future__ import annotations
 
 import re
 import zipfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
 from pamid.base.files import LOG, MIB, PathLike, open_data
@@ -26,10 +23,7 @@ from pamid.rigs.simulators.fmu_choices import (
     choices_path,
     read_choices,
 )
-from pamid.rigs.simulators.fmu_link import FmuUnits, UnitScale
 from pamid.rigs.simulators.foreign_limits import RAISED, foreign_limits, require_few
-
-Array = NDArray[np.float64]
 
 MOST_NAMED_VARIABLES = 20  # variables that a remark lists by name
 _DESCRIPTION = "modelDescription.xml"
@@ -57,23 +51,11 @@ class FmuVariable:
     def si(self) -> str:
         return si_symbol(self.unit) if self.unit else ""
 
-
-@dataclass(frozen=True)
-class FmuVariables:
-    """Sequence of variables, whose values are (n, variables)."""
-
-    variables: tuple[FmuVariable, ...]
-    scale: Array = field(init=False, compare=False)
-    offset: Array = field(init=False, compare=False)
-
-    def __post_init__(self) -> None:
-        units = [unit(v.unit or NONE) for v in self.variables]
-        object.__setattr__(self, "scale", np.array([u.factor for u in units]))
-        object.__setattr__(self, "offset", np.array([u.offset for u in units]))
-
     @property
-    def references(self) -> list[int]:
-        return [v.reference for v in self.variables]
+    def scale(self) -> tuple[float, float]:
+        """Factor and offset from the unit in the FMU to SI."""
+        read = unit(self.unit or NONE)
+        return read.factor, read.offset
 
 
 @dataclass(frozen=True)
@@ -98,10 +80,10 @@ class FmuFile:
     name: str
     version: int
     exchange: bool
-    inputs: FmuVariables
-    outputs: FmuVariables
-    parameters: FmuVariables
-    states: FmuVariables
+    inputs: tuple[FmuVariable, ...]
+    outputs: tuple[FmuVariable, ...]
+    parameters: tuple[FmuVariable, ...]
+    states: tuple[FmuVariable, ...]
     rates: tuple[int, ...]
     nominals: tuple[float, ...]
     indicators: int
@@ -117,26 +99,17 @@ class FmuFile:
     remarks: tuple[str, ...]
 
     @property
-    def units(self) -> FmuUnits:
-        """Units of inputs, outputs, parameters and states."""
-        every = self.inputs, self.outputs, self.parameters, self.states
-        return FmuUnits(*(UnitScale(v.scale, v.offset) for v in every))
-
-    @property
     def request(self) -> dict[str, Any]:
-        """Arguments of `FmuHost`, except the folder."""
-        plain = {k: v for k, v in vars(self).items() if not isinstance(v, FmuVariables)}
-        outputs, parameters = self.outputs, self.parameters
+        """Arguments of `pamid.rigs.simulators.fmu_host.serve`, except the folder."""
+        groups = {
+            name: getattr(self, name) for name in ("inputs", "outputs", "parameters", "states")
+        }
         return {
-            **plain,
-            "sizes": self.nominals,
-            "units": [[s.tolist() for s in unit] for unit in self.units],
-            "called": [v.called for v in outputs.variables],
-            "tunable": [v.tunable for v in parameters.variables],
-            "states": self.states.references,
-            "parameters": parameters.references,
-            "inputs": self.inputs.references,
-            "outputs": outputs.references,
+            **vars(self),
+            **{name: [v.reference for v in group] for name, group in groups.items()},
+            "units": [[[v.scale[k] for v in group] for k in (0, 1)] for group in groups.values()],
+            "called": [v.called for v in self.outputs],
+            "tunable": [v.tunable for v in self.parameters],
         }
 
 
@@ -208,29 +181,25 @@ def _file(file: Path, version: int, described: Any, chosen: FmuChoices) -> FmuFi
     reals = [v for v in variables if v.type in ("Real", "Float64") and not v.shape]
     used_names: dict[str, int] = {}
 
-    def of(causality: str) -> FmuVariables:
-        return FmuVariables(
-            tuple(_variable(v, used_names) for v in reals if v.causality == causality)
-        )
+    def of(causality: str) -> tuple[FmuVariable, ...]:
+        return tuple(_variable(v, used_names) for v in reals if v.causality == causality)
 
     inputs, outputs, parameters = of("input"), of("output"), of("parameter")
     for what, group in (("input", inputs), ("output", outputs)):
-        if not group.variables:
+        if not group:
             raise FileError(
                 f"{file} has no {what} that is a real number.",
                 f"Declare what is {'sent to' if what == 'input' else 'measured of'} it as {what}.",
                 code="model",
             )
-    require_few(file, "inputs and outputs", len(inputs.variables) + len(outputs.variables))
+    require_few(file, "inputs and outputs", len(inputs) + len(outputs))
     rates = [d.variable for d in described.derivatives] if exchange else []
-    known = {v.reference: v for v in outputs.variables}
+    known = {v.reference: v for v in outputs}
     derivatives = [r.derivative for r in rates]
-    states = FmuVariables(
-        tuple(
-            known.get(v.valueReference) or _variable(v, used_names)
-            for v in derivatives
-            if v is not None
-        )
+    states = tuple(
+        known.get(v.valueReference) or _variable(v, used_names)
+        for v in derivatives
+        if v is not None
     )
     saves = bool(offers.canGetAndSetFMUstate)
     # numbers that only events change are further memory; booleans follow from the states

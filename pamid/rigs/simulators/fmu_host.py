@@ -1,38 +1,49 @@
-"""Copies of an FMU in the process that holds it, served by `pamid.rigs.simulators.fmu_runs`.
+"""Process that holds an FMU. If its binary prints, hangs or crashes, only this process does.
 
-The work at every sample is compiled (`pamid.rigs.simulators.fmi_kernels`).
+Requests come by a pipe from the parent process. They and the answers are JSON and numbers, or a
+sentence, never objects (`pamid.engine.remote_program.Parcel`). Whole runs are made here. The
+equations around the FMU are sent once, as text that is compiled. The work at every sample is
+compiled, too (`pamid.rigs.simulators.fmi_kernels`).
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.remote_program import Parcel, packed, rebuilt_program, run_answer, run_of
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import LibraryStep
+from pamid.engine.stepped import SteppedProgram
 from pamid.rigs.simulators.fmi_kernels import (
     LEADS,
     MOST_STEPS,
+    STATUS,
+    FmuUnits,
+    UnitScale,
+    advance_copies,
     exchange,
-    exchange_copies,
     exchange_of,
     exchange_words,
-    first_failure,
     get_outputs,
     rates_at,
-    step_copies,
     table_in,
 )
 from pamid.rigs.simulators.fmu_instance import FATAL, FmuInstance, why
-from pamid.rigs.simulators.fmu_link import FmuUnits, UnitScale
 
 Array = NDArray[np.float64]
 
+FAILED, NUMBERS = b"!", b"="
+#: methods that may be requested
+CALLS = ("steps", "reads", "drop")
 MOST_INSTANCES = 64  # with different parameters, for seen states
 LATER_S = 1.2345  # arbitrary time at which a time-invariant model behaves as at 0
 TIMED = (
@@ -57,30 +68,22 @@ class _Copy:
     due: Array
 
 
-class FmuHost(Carrier):
-    """Copies of an FMU; all SI. about: `FmuFile.request`, and the folder of the unpacked FMU.
+class FmuHost:
+    """Instances of an FMU, and the programs that run it; all SI.
 
-    If an FMU saves states, a single instance serves all copies. Otherwise each copy has an
-    instance.
+    about: `FmuFile.request`, and the folder of the unpacked FMU. If an FMU saves states, a single
+    instance serves all copies. Otherwise each copy has an instance.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
-        self.about, self.saves, self.exchanges = about, about["saves"], about["exchange"]
-        self.whole_samples, self.longest_s = not about["any_step"], float("inf")
-        self.units = FmuUnits(
-            *(UnitScale(np.array(scale), np.array(offset)) for scale, offset in about["units"])
-        )
+        self.about, self.saves = about, about["saves"]
+        self.longest_s = float("inf")
+        self.units = FmuUnits(*(UnitScale(*map(np.array, group)) for group in about["units"]))
         self.instances: list[FmuInstance] = []
         self.m = self.instance(0).model()
-        self.copies: list[_Copy] = []
-        self.standing = -1  # copy whose state the single instance has
-        self.statuses = np.zeros(0, np.int64)
-        self.kept: dict[int, _Copy] = {}
-        self.count = 0
         # True after a complete run: a later failure is due to the trial parameters
         self.went = False
-        self.of_values: dict[bytes, FmuInstance] = {}
-        self.programs: dict[int, Any] = {}  # received programs (`pamid.rigs.simulators.fmu_runs`)
+        self.programs: list[SteppedProgram | None] = [None]
 
     def instance(self, number: int) -> FmuInstance:
         """Instance of a copy."""
@@ -89,7 +92,75 @@ class FmuHost(Carrier):
             self.instances.append(FmuInstance(self.about, len(self.instances)))
         return self.instances[number]
 
-    # ---- copies that keep their states to themselves ---------------------------------------------
+    def judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
+        """Turn failures into NaN; before the first successful run, into an error."""
+        if not statuses.any() and np.isfinite(y).all():
+            return
+        for status in statuses[statuses != 0]:
+            if not self.went or status == FATAL:
+                raise RuntimeError(why(self.m, int(status), at_s))
+        y[statuses != 0] = np.nan
+        if not self.went:
+            _, column = np.argwhere(~np.isfinite(y))[0]
+            name = self.about["called"][column]
+            raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
+
+    def answer(self, request: Parcel) -> Parcel:
+        what = request.about["what"]
+        if what == "run":
+            return self.run(request)
+        if what == "program":
+            simulator: Any = self  # `HiddenFmu` or `SeenFmu`
+            self.programs.append(rebuilt_program(request.about, simulator))
+            return packed({}, [np.array([len(self.programs) - 1.0])])
+        if what not in CALLS:
+            raise ValueError(what)
+        answer = getattr(self, what)(*request.arrays(), *request.about["values"])
+        return packed({}, list(answer))
+
+    def run(self, request: Parcel) -> Parcel:
+        about = request.about
+        memory, course = run_of(request)
+        if about["saved"]:
+            plain, *copies = about["saved"]
+            memory.saved = plain, dict(copies)
+        program = self.programs[about["program"]]
+        assert program is not None
+        result = program.run(
+            memory,
+            course.inputs,
+            course.p,
+            stepping=course.stepping,
+            columns=course.columns,
+            weights=course.weights,
+        )
+        answer = run_answer(memory, result)
+        header: dict[str, Any] = {**answer.about, "kept": [], "columns": []}
+        if memory.saved and not self.about["seen"]:
+            first, others = memory.saved
+            header["kept"] = [first, *others.values()]
+            header["columns"] = list(others)
+        return Parcel(header, answer.numbers)
+
+    def drop(self, numbers: Sequence[int]) -> tuple[()]:
+        """Drop saved states and programs; the numbers of programs are negative."""
+        for number in numbers:
+            if number < 0:
+                self.programs[-number] = None
+        return ()
+
+
+class HiddenFmu(FmuHost, Carrier):
+    """Copies that keep their states to themselves."""
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        super().__init__(about)
+        self.whole_samples = not about["any_step"]
+        self.copies: list[_Copy] = []
+        self.standing = -1  # copy whose state the single instance has
+        self.statuses = np.zeros(0, np.int64)
+        self.kept: dict[int, _Copy] = {}
+        self.count = 0
 
     def begin(self, p: Array) -> Array:
         self.release(self.copies)
@@ -136,30 +207,14 @@ class FmuHost(Carrier):
 
     def step(self, f: Array, h: float) -> Array:
         f = np.ascontiguousarray(self.units.inputs.outside(f))
-        given = self.m, self.handles, self.saved, self.standing, self.times, f, h
-        if self.exchanges:
-            exchange_copies(*given, self.x, self.due, self.y, self.statuses)
-        else:
-            step_copies(*given, self.y, self.statuses)
-        self._judge(self.statuses, self.y, self.times[0] + h)
+        rows = self.x, self.due, self.y, self.statuses
+        advance_copies(self.m, self.handles, self.saved, self.standing, self.times, f, h, *rows)
+        self.judge(self.statuses, self.y, self.times[0] + h)
         self.times += h
         if not self.saves:
             for copy, row in zip(self.copies, f, strict=True):
                 copy.past = (copy.past, row.copy(), h)
         return self.units.outputs.inside(self.y)
-
-    def _judge(self, statuses: NDArray[np.int64], y: Array, at_s: float) -> None:
-        """Turn failures into NaN; before the first successful run, into an error."""
-        if not statuses.any() and np.isfinite(y).all():
-            return
-        for status in statuses[statuses != 0]:
-            if not self.went or status == FATAL:
-                raise RuntimeError(why(self.m, int(status), at_s))
-        y[statuses != 0] = np.nan
-        if not self.went:
-            _, column = np.argwhere(~np.isfinite(y))[0]
-            name = self.about["called"][column]
-            raise RuntimeError(f"its output {name!r} is {y[_, column]:g} at {at_s:.4g} s")
 
     def _store_readings(self, k: int, instance: FmuInstance) -> Array:
         """Readings of the instance, for a copy in the same state."""
@@ -182,16 +237,12 @@ class FmuHost(Carrier):
         while past is not None:
             past, f, h = past
             rows.append((f, h))
-        state = instance.x.copy(), instance.due.copy()
-        y = np.zeros((1, len(self.m.outputs)))
+        x, due = instance.x[None].copy(), instance.due[None].copy()
+        y, handles = np.zeros((1, len(self.m.outputs))), np.array([instance.handle])
         none, status = np.zeros(1, np.int64), np.zeros(1, np.int64)
         for f, h in reversed(rows):
-            if self.exchanges:
-                grid = np.zeros(MOST_STEPS + 1)
-                status[0] = exchange(self.m, instance.handle, time_s, h, f, *state, grid)
-            else:
-                handles, at = np.array([instance.handle]), np.array([time_s])
-                step_copies(self.m, handles, none, -1, at, f[None], h, y, status)
+            at = np.array([time_s])
+            advance_copies(self.m, handles, none, -1, at, f[None], h, x, due, y, status)
             instance.check(self.m, int(status[0]), time_s)
             time_s += h
         return instance
@@ -212,18 +263,27 @@ class FmuHost(Carrier):
         return tuple(range(first, self.count + 1))
 
     def drop(self, numbers: Sequence[int]) -> tuple[()]:
-        """Drop saved states and programs; the numbers of programs are negative."""
         self.release([self.kept.pop(number) for number in numbers if number > 0])
-        for number in numbers:
-            self.programs.pop(-number, None)
-        return ()
+        return super().drop(numbers)
 
     def release(self, copies: list[_Copy]) -> None:
         for copy in copies:
             if copy.state:
                 self.instance(0).free(copy.state)
 
-    # ---- states that are seen: model exchange ----------------------------------------------------
+
+class SeenFmu(FmuHost):
+    """Copies whose states are their whole memory, of model exchange.
+
+    It is a `pamid.engine.simulator.Simulator`. places: indices of the readings among the outputs.
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        super().__init__(about)
+        outputs, states = about["outputs"], about["states"]
+        self.places = np.array([i for i, v in enumerate(outputs) if v not in states], np.intp)
+        self.sizes = self.units.states.scale * about["nominals"], np.ones(len(about["inputs"]))
+        self.of_values: dict[bytes, FmuInstance] = {}
 
     def with_values(self, p: Array) -> FmuInstance:
         """Instance with these parameters."""
@@ -258,11 +318,8 @@ class FmuHost(Carrier):
         return 1 if self.about["alone"] else MOST_INSTANCES
 
     @contextmanager
-    def in_c(self, p: Array, h: float, places: NDArray[np.intp]) -> Iterator[LibraryStep | None]:
-        """See `pamid.engine.simulator.Simulator`.
-
-        places: indices of the readings among the outputs. None for more copies than instances.
-        """
+    def in_c(self, p: Array, h: float) -> Iterator[LibraryStep | None]:
+        """See `pamid.engine.simulator.Simulator`. None for more copies than instances."""
         if len(p) > self.instance_limit:
             yield None
             return
@@ -284,16 +341,16 @@ class FmuHost(Carrier):
             of(table.x),
             of(table.f),
             np.zeros(0, np.int64),
-            of(table.y)[places],
+            of(table.y)[self.places],
             words.ctypes.data + 8 * LEADS,
         )
-        status = first_failure(words)
+        status = int(words[STATUS])
         if status and (not self.went or status == FATAL):
             raise RuntimeError(why(table.model, status, h))
         self.went = self.went or not status
 
-    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """States and outputs after h."""
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """See `pamid.engine.simulator.Simulator`."""
         units, ny = self.units, len(self.m.outputs)
         values, statuses = np.zeros((len(x), ny + x.shape[1])), np.zeros(len(x), np.int64)
         values[:, ny:] = units.states.outside(x)
@@ -302,12 +359,37 @@ class FmuHost(Carrier):
             c = self.with_values(row).handle
             statuses[k] = exchange(self.m, c, 0.0, h, inputs[k], values[k, ny:], due, grid)
             statuses[k] = statuses[k] or get_outputs(self.m, c, values[k, :ny])
-        self._judge(statuses, values, h)
+        self.judge(statuses, values, h)
         self.went = True
-        return units.states.inside(values[:, ny:]), units.outputs.inside(values[:, :ny])
+        outputs = units.outputs.inside(values[:, :ny])
+        return units.states.inside(values[:, ny:]), outputs[:, self.places]
 
-    def read_outputs(self, x: Array, p: Array) -> Array:
-        """Outputs at these states."""
+    def reads(self, x: Array, p: Array) -> Array:
+        """See `pamid.engine.simulator.Simulator`."""
+        if not len(self.places):
+            return np.empty((len(x), 0))
         rows = zip(self.units.states.outside(x), self.units.parameters.outside(p), strict=True)
         outputs = [self.with_values(row).outputs_at(self.m, state) for state, row in rows]
-        return self.units.outputs.inside(np.array(outputs))
+        return self.units.outputs.inside(np.array(outputs))[:, self.places]
+
+
+def serve(inlet: int, outlet: int) -> None:
+    """Answer requests until the pipe closes. The first request describes the FMU."""
+    incoming, outgoing = Connection(inlet, writable=False), Connection(outlet, readable=False)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the binary may print
+    host: FmuHost | None = None
+    while True:
+        try:
+            request = Parcel.of(incoming.recv_bytes())
+        except EOFError:
+            return
+        try:
+            reply = request  # an empty reply is as good
+            if host is None:
+                host = (SeenFmu if request.about["seen"] else HiddenFmu)(request.about)
+            else:
+                reply = host.answer(request)
+            outgoing.send_bytes(NUMBERS + reply.message)
+        except Exception as error:
+            kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
+            outgoing.send_bytes(FAILED + f"{kind}{error}".encode())

@@ -61,12 +61,13 @@ class FmuInstance:
         return FmiModel(
             np.array(places, np.int64),
             self.version,
+            about["exchange"],
             inputs,
             outputs,
             states,
             rates,
             about["indicators"],
-            np.array(about["sizes"], float),
+            np.array(about["nominals"], float),
             np.zeros(4, np.int64),
         )
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from contextlib import AbstractContextManager, nullcontext
 from multiprocessing import Pipe
 from typing import Any
 
@@ -26,7 +25,6 @@ from pamid.engine.remote_program import (
     take_answer,
 )
 from pamid.engine.shadow_simulators import Carrier
-from pamid.engine.simulator import LibraryStep
 from pamid.engine.stepped import SteppedProgram
 from pamid.rigs.simulators.fmu_file import FmuFile, extracted
 
@@ -34,7 +32,7 @@ Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # longest wait for an answer
 COMPILING = 5.0  # factor on the first wait, because the first run may compile code
-FAILED = b"!"  # as in `pamid.rigs.simulators.fmu_runs`
+FAILED = b"!"  # as in `pamid.rigs.simulators.fmu_host`
 PATIENT_SAMPLES = 10000.0  # samples per additional PATIENCE_S of a run
 
 
@@ -55,9 +53,6 @@ class FmuProcess(Carrier):
     def __init__(self, file: FmuFile) -> None:
         self.file = file
         self.programs: weakref.WeakKeyDictionary[SteppedProgram, int] = weakref.WeakKeyDictionary()
-        self.places = [
-            i for i, v in enumerate(file.outputs.variables) if v not in file.states.variables
-        ]
         self.whole_samples, self.longest_s = not file.any_step, float("inf")
         self.dropped: list[int] = []
         self.compiled = False
@@ -66,7 +61,7 @@ class FmuProcess(Carrier):
         inlet, self.to_child = Pipe(duplex=False)
         self.from_child, outlet = Pipe(duplex=False)
         ends = inlet.fileno(), outlet.fileno()
-        code = f"from pamid.rigs.simulators.fmu_runs import serve; serve({ends[0]}, {ends[1]})"
+        code = f"from pamid.rigs.simulators.fmu_host import serve; serve({ends[0]}, {ends[1]})"
         self.child = subprocess.Popen(
             [sys.executable, "-P", "-c", code],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(e or os.getcwd() for e in sys.path)},
@@ -116,35 +111,24 @@ class FmuProcess(Carrier):
             self._request("drop", [], gone)
         number = self.programs.get(program)
         if number is None:
-            simulator: Any = program.simulator
-            sizes = getattr(simulator, "sizes", None)
-            data = program_data(program)
-            data["typical"] = None if sizes is None else [s.tolist() for s in sizes]
-            data["places"] = self.places
-            answer = self._exchange(packed({"what": "program", **data}, []))
+            answer = self._exchange(packed({"what": "program", **program_data(program)}, []))
             number = self.programs[program] = int(answer.numbers[0])
             weakref.finalize(program, self.dropped.append, -number)
         return number
 
     # ---- what is sent ----------------------------------------------------------------------------
 
-    def step_states(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
-        """See `pamid.rigs.simulators.fmu_link.VisibleStates`."""
-        after, outputs = self._request("step_states", [x, f, p], h)
-        return after, outputs
+    def steps(self, x: Array, f: Array, p: Array, h: float) -> tuple[Array, Array]:
+        """See `pamid.engine.simulator.Simulator`, for seen states."""
+        after, readings = self._request("steps", [x, f, p], h)
+        return after, readings
 
-    def read_outputs(self, x: Array, p: Array) -> Array:
-        """See `pamid.rigs.simulators.fmu_link.VisibleStates`."""
-        return np.array(self._request("read_outputs", [x, p]))
-
-    def in_c(
-        self, p: Array, h: float, places: NDArray[np.intp]
-    ) -> AbstractContextManager[LibraryStep | None]:
-        """None, because the other process makes whole runs."""
-        return nullcontext()
+    def reads(self, x: Array, p: Array) -> Array:
+        """See `pamid.engine.simulator.Simulator`, for seen states."""
+        return np.array(self._request("reads", [x, p]))
 
     def _request(self, what: str, arrays: list[Array | None], *values: Any) -> list[Array]:
-        """Answer of a method of `pamid.rigs.simulators.fmu_host.FmuHost`."""
+        """Answer of a method in the other process, of `pamid.rigs.simulators.fmu_host.CALLS`."""
         answer = self._exchange(packed({"what": what, "values": values}, arrays))
         return list(answer.arrays())
 

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
-from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.stepped import FarRunner
 from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.effect import State
@@ -35,7 +34,6 @@ from pamid.model.rig import Port
 from pamid.model.step_rig import StepRig
 from pamid.rigs.simulators.fmu_choices import choices_path
 from pamid.rigs.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
-from pamid.rigs.simulators.fmu_link import SeenFmu
 from pamid.rigs.simulators.fmu_process import FmuProcess
 from pamid.rigs.simulators.mujoco_parameters import stated_parameter
 
@@ -66,20 +64,19 @@ class FmuRig(StepRig):
         untyped.name = f.name if type(self) is FmuRig else type(self).name
         untyped.carries = not f.seen
         untyped.motion, untyped.free = self.motion or f.motion, self.free or f.free
-        untyped.inputs = {v.name: v.si for v in f.inputs.variables}
-        untyped.outputs = {v.name: v.si for v in f.outputs.variables}
+        untyped.inputs = {v.name: v.si for v in f.inputs}
+        untyped.outputs = {v.name: v.si for v in f.outputs}
         if f.seen:
-            starts = f.units.states.inside(np.array([v.start for v in f.states.variables]))
             untyped.states = tuple(
-                State(v.name, v.si, start)
-                for v, start in zip(f.states.variables, starts.tolist(), strict=True)
+                State(v.name, v.si, v.start * v.scale[0] + v.scale[1]) for v in f.states
             )
-            sizes = np.array(f.nominals) * f.units.states.scale
-            untyped.scales = dict(zip((s.name for s in self.states), sizes.tolist(), strict=True))
+            untyped.scales = {
+                v.name: size * v.scale[0] for v, size in zip(f.states, f.nominals, strict=True)
+            }
         shown = {s.name for s in self.states}
         untyped.readings = {name: si for name, si in self.outputs.items() if name not in shown}
         self._check_names()
-        untyped.parameters = tuple(map(self._parameter, f.parameters.variables))
+        untyped.parameters = tuple(map(self._parameter, f.parameters))
         choices_file = choices_path(Path(f.path)).name
         undeclared = [
             f"{name} [{si}] may be a force at a moving part: for friction, springs "
@@ -95,10 +92,10 @@ class FmuRig(StepRig):
             position, velocity = (self._moving[signal] for signal in signals)
             offered = {"position": position, "velocity": velocity}
             untyped.ports[f"at_{name}"] = Port("motion", self.inputs[name], offered)
-        untyped.ports |= {f"read_{v.name}": Port("reading", v.si) for v in f.outputs.variables}
+        untyped.ports |= {f"read_{v.name}": Port("reading", v.si) for v in f.outputs}
 
     def _parameter(self, v: FmuVariable) -> Parameter:
-        count = len(self.file.parameters.variables)
+        count = len(self.file.parameters)
         wanted = v.name in self.free if self.free else count <= MOST_FREE
         return stated_parameter(v.name, v.start, v.unit, fitted=wanted and v.start != 0.0)
 
@@ -112,7 +109,7 @@ class FmuRig(StepRig):
         table, where = choices_path(Path(self.file.path)), self.file.path
         if self.motion is self.file.motion and table.exists():
             where = str(table)
-        parameters = [v.name for v in self.file.parameters.variables]
+        parameters = [v.name for v in self.file.parameters]
         moving = [signal for signals in self.motion.values() for signal in signals]
         known = [(name, list(self.inputs), "input") for name in self.motion]
         known += [(signal, list(self._moving), "output") for signal in moving]
@@ -150,9 +147,6 @@ class FmuRig(StepRig):
 
     # ---- the simulation --------------------------------------------------------------------------
 
-    def carrier(self) -> Carrier:
-        return self._process
-
     @cached_property
     def _process(self) -> FmuProcess:
         return FmuProcess(self.file)
@@ -160,15 +154,10 @@ class FmuRig(StepRig):
     def far_runner(self) -> FarRunner:
         return self._process
 
-    @cached_property
-    def _seen(self) -> SeenFmu:
-        places = np.array(self._process.places, np.intp)
-        return SeenFmu(self._process, places, self.sizes(()))
-
     def steps(
         self, x: Array, f: Array, p: Array, h: float, into: tuple[str, ...]
     ) -> tuple[Array, Array]:
-        return self._seen.steps(x, f, p, h)
+        return self._process.steps(x, f, p, h)
 
     def reads(self, x: Array, p: Array) -> Array:
-        return self._seen.reads(x, p)
+        return self._process.reads(x, p) if self.readings else np.empty((len(x), 0))

@@ -303,7 +303,6 @@ class ModelParameter:
     element, of   kind and name of its element ("joint", "shoulder")
     attribute     name of the number in the file
     number        index of the element among those of its kind
-    assumed       the file states zero, and the prior is absolute, given in the source
     """
 
     parameter: Parameter
@@ -312,7 +311,6 @@ class ModelParameter:
     number: int
     attribute: str
     writes: tuple[Write, ...]
-    assumed: bool = False
 
     @property
     def stated(self) -> float:
@@ -399,13 +397,18 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
     collides: bool = False
 
+    def lineage(self, body: int) -> list[int]:
+        """Bodies from that on the world to this body; none for the world."""
+        bodies: list[int] = []
+        while body > 0:
+            bodies.insert(0, body)
+            body = self.bodies[body].parent
+        return bodies
+
     def chain(self, body: int) -> tuple[int, ...]:
         """Joints that move a body."""
-        joints: list[int] = []
-        while body > 0:
-            joints += [j for j, joint in enumerate(self.joints) if joint.body == body]
-            body = self.bodies[body].parent
-        return tuple(sorted(joints))
+        bodies = self.lineage(body)
+        return tuple(j for j, joint in enumerate(self.joints) if joint.body in bodies)
 
     @property
     def commanded(self) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pamid.model.log_names import LogName
+from pamid.model.rig import LogName
 from pamid.rigs.simulators.mechanism import Actuator, Mechanism, MechanismSensor
 
 _COMMANDS = {"position": "position", "velocity": "velocity", "motor": "effort"}

@@ -10,9 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pamid.base.errors import DataError
 from pamid.rigs.simulators.mechanism import Mechanism, Vector
+from pamid.rigs.simulators.spatial import rotation
 
 FloatArray = NDArray[np.float64]
 
@@ -25,9 +27,6 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 
     DataError if no sensor reads the position of a joint.
     """
-    # imported late, because the import takes a seventh of a first fit, which draws nothing
-    from scipy.spatial.transform import Rotation
-
     positions = {}
     for k, joint in enumerate(m.joints):
         column = next((s.column for s in m.sensors if s.kind == "jointpos" and s.of == k), None)
@@ -47,7 +46,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     for number, body in enumerate(m.bodies[1:], start=1):
         above, turn = places[body.parent], turns[body.parent]
         place = above + _turned(turn, body.position)
-        turn = turn @ Rotation.from_quat(body.quaternion, scalar_first=True).as_matrix()
+        turn = turn @ rotation(body.quaternion)
         anchor = place
         for k, joint in enumerate(m.joints):
             if joint.body != number:
@@ -69,7 +68,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
     return {
         m.bodies[last].name: np.stack(
             [
-                *(anchors[link] for link in _chain(m, last)),
+                *(anchors[link] for link in m.lineage(last)),
                 places[last] + _turned(turns[last], m.bodies[last].centre),
             ],
             axis=1,
@@ -81,20 +80,7 @@ def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, Float
 def _ends(m: Mechanism) -> list[int]:
     """Bodies that carry no other, and that a joint moves."""
     parents = {body.parent for body in m.bodies[1:]}
-    moved = {joint.body for joint in m.joints}
-    return [
-        k
-        for k in range(1, len(m.bodies))
-        if k not in parents and any(link in moved for link in _chain(m, k))
-    ]
-
-
-def _chain(m: Mechanism, last: int) -> list[int]:
-    """Chain from the body on the world to this body."""
-    chain = [last]
-    while m.bodies[chain[0]].parent > 0:
-        chain.insert(0, m.bodies[chain[0]].parent)
-    return chain
+    return [k for k in range(1, len(m.bodies)) if k not in parents and m.chain(k)]
 
 
 def _turned(turn: FloatArray, vector: Vector) -> FloatArray:

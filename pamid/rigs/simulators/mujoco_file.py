@@ -31,9 +31,6 @@ from pamid.rigs.simulators.mujoco_sources import (
     root_link_with_mass,
 )
 
-#: endings of the files that are read here
-SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
-
 _COMPILED = "model.mjb"
 _FINITE = "Every number of a model must be finite: correct it in the file."
 _MOST_WARNINGS, _LONGEST = 20, 300  # of MuJoCo, and characters of each
@@ -66,6 +63,15 @@ class MujocoFile:
         which = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
         name = self.mujoco.mj_id2name(self.model, which, number)
         return str(name) if name else f"{kind}_{number}"
+
+    def copy(self) -> Any:
+        """Independent copy of the model."""
+        return self.mujoco.MjModel.__copy__(self.model)
+
+    def disables(self, word: str) -> bool:
+        """True if the model switches this part of MuJoCo off ("CONTACT")."""
+        flag = getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{word}")
+        return bool(self.model.opt.disableflags & int(flag))
 
     def word(self, enum: str, value: Any) -> str:
         """MuJoCo's word for a value of any of its enumerations: ("mjtJoint", 3) -> "hinge"."""

@@ -25,8 +25,27 @@ NOT_ENFORCED = "is not enforced by the equations"  # only in the equations' form
 LARGEST_TREE = 1500
 WIDE = 1.0  # rad or m to either side of the reference, for a joint without range
 
-_READ = "jointpos jointvel jointactfrc tendonpos tendonvel actuatorpos actuatorvel actuatorfrc"
-FRAMED = ("framepos", "framequat", "framelinvel", "frameangvel", "gyro", "velocimeter")
+#: kind of sensor -> (element, index of its unit among position, velocity and force)
+SENSORS = {
+    "jointpos": ("joint", 0),
+    "jointvel": ("joint", 1),
+    "jointactfrc": ("joint", 2),
+    "tendonpos": ("tendon", 0),
+    "tendonvel": ("tendon", 1),
+    "actuatorpos": ("actuator", 0),
+    "actuatorvel": ("actuator", 1),
+    "actuatorfrc": ("actuator", 2),
+}
+#: sensor on a frame -> unit and endings of its values
+_XYZ = ("x", "y", "z")
+FRAMES = {
+    "framepos": ("m", _XYZ),
+    "framequat": ("", ("qw", "qx", "qy", "qz")),
+    "framelinvel": ("m/s", _XYZ),
+    "frameangvel": ("rad/s", _XYZ),
+    "gyro": ("rad/s", _XYZ),
+    "velocimeter": ("m/s", _XYZ),
+}
 
 # disabling these does not change the equations
 _HARMLESS_FLAGS = (
@@ -55,7 +74,7 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
     Also the first two geoms that do, "" if none.
     """
     m, mujoco = file.model, file.mujoco
-    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
+    if file.disables("CONTACT") or not m.nq:
         return 0.0, ""
     data, random = mujoco.MjData(m), np.random.default_rng(0)
     touching, first = 0, ""
@@ -76,18 +95,13 @@ def contact_share(file: MujocoFile) -> tuple[float, str]:
 
 def can_collide(file: MujocoFile) -> bool:
     """True if MuJoCo looks for contacts between any two geoms, at any distance."""
-    m, mujoco = mujoco_copy(file), file.mujoco
-    if m.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) or not m.nq:
+    m, mujoco = file.copy(), file.mujoco
+    if file.disables("CONTACT") or not m.nq:
         return False
     widen_margins(m, EVERY_PAIR * float(m.stat.extent))
     data = mujoco.MjData(m)
     mujoco.mj_fwdPosition(m, data)
     return bool((data.contact.exclude <= 1).any())
-
-
-def mujoco_copy(file: MujocoFile) -> Any:
-    """Independent copy of a model."""
-    return file.mujoco.MjModel.__copy__(file.model)
 
 
 def widen_margins(model: Any, by: float) -> None:
@@ -240,7 +254,7 @@ def reads_frame(file: MujocoFile, sensor: int) -> bool:
     joint readings.
     """
     m, kinds = file.model, file.mujoco.mjtObj
-    if file.word("mjtSensor", m.sensor_type[sensor]) not in FRAMED or m.sensor_refid[sensor] >= 0:
+    if file.word("mjtSensor", m.sensor_type[sensor]) not in FRAMES or m.sensor_refid[sensor] >= 0:
         return False
     kind, number = int(m.sensor_objtype[sensor]), int(m.sensor_objid[sensor])
     if kind == kinds.mjOBJ_SITE:
@@ -256,7 +270,7 @@ def _sensors(file: MujocoFile) -> Iterator[ModelFinding]:
     m = file.model
     for i in range(m.nsensor):
         word = file.word("mjtSensor", m.sensor_type[i])
-        if word not in _READ.split() and not reads_frame(file, i):
+        if word not in SENSORS and not reads_frame(file, i):
             text = f"a sensor of the kind {word} is left out"
             yield _finding(file, "sensor", i, text, hinders=False)
         elif m.sensor_delay[i]:

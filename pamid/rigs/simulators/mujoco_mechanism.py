@@ -25,6 +25,8 @@ from pamid.rigs.simulators.mechanism import (
 )
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.rigs.simulators.mujoco_findings import (
+    FRAMES,
+    SENSORS,
     can_collide,
     contact_share,
     findings_of,
@@ -33,27 +35,6 @@ from pamid.rigs.simulators.mujoco_findings import (
 from pamid.rigs.simulators.mujoco_parameters import parameters_of
 from pamid.rigs.simulators.mujoco_ports import numbered, ports_of
 
-#: kind of sensor -> (element, index of its unit among position, velocity and force)
-SENSORS = {
-    "jointpos": ("joint", 0),
-    "jointvel": ("joint", 1),
-    "jointactfrc": ("joint", 2),
-    "tendonpos": ("tendon", 0),
-    "tendonvel": ("tendon", 1),
-    "actuatorpos": ("actuator", 0),
-    "actuatorvel": ("actuator", 1),
-    "actuatorfrc": ("actuator", 2),
-}
-#: sensor on a frame -> unit and endings of its values
-_XYZ = ("x", "y", "z")
-FRAMES = {
-    "framepos": ("m", _XYZ),
-    "framequat": ("", ("qw", "qx", "qy", "qz")),
-    "framelinvel": ("m/s", _XYZ),
-    "frameangvel": ("rad/s", _XYZ),
-    "gyro": ("rad/s", _XYZ),
-    "velocimeter": ("m/s", _XYZ),
-}
 DYNAMICS = {
     "integrator": "integrator",
     "filter": "filter",
@@ -158,8 +139,8 @@ def reference_law(file: MujocoFile, solref: Any, impedance_at_width: Any) -> tup
     first, second = map(float, solref)
     if first <= 0.0:
         return -second / high, -first / high**2
-    safe = not m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
-    first = max(first, 2.0 * float(m.opt.timestep)) if safe else first
+    if not file.disables("REFSAFE"):
+        first = max(first, 2.0 * float(m.opt.timestep))
     stiffness = 1.0 / (high * first * second) ** 2 if second > 0.0 else 0.0
     return 2.0 / (high * first), stiffness
 
@@ -251,7 +232,7 @@ def _tendons(
 def _couplings(file: MujocoFile, names: _Names) -> tuple[Coupling, ...]:
     """Equalities between joints or fixed tendons."""
     m, couplings = file.model, []
-    if m.opt.disableflags & int(file.mujoco.mjtDisableBit.mjDSBL_EQUALITY):
+    if file.disables("EQUALITY"):
         return ()
     for i in range(m.neq):
         kind = file.word("mjtEq", m.eq_type[i])

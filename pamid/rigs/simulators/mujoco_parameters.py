@@ -98,7 +98,7 @@ def _number(
             fitted=attribute in RELEASED,
             source=f"0 in the model file; prior of the actuator's size, {spread:.3g}",
         )
-    return ModelParameter(parameter, element, of, number, attribute, writes, assumed=not value)
+    return ModelParameter(parameter, element, of, number, attribute, writes)
 
 
 def _mass(i: int, body: Body) -> ModelParameter:

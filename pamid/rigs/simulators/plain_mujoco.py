@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile
@@ -84,7 +85,7 @@ class PlainModel:
         from mujoco import rollout
 
         self.mujoco, self.mechanism, self.linear = file.mujoco, mechanism, frozenset(linear)
-        self.model = m = self.mujoco.MjModel.__copy__(file.model)
+        self.model = m = file.copy()
         if settings is not None:
             m.opt.timestep = settings.timestep_s
             m.opt.integrator = next(
@@ -175,16 +176,9 @@ class PlainModel:
     def _attitude(self, states: Array, body: int) -> Array:
         """Quaternion (4, ...) of a floating base from its yaw, pitch and roll."""
         hinges = [j for j in self.mechanism.joints if j.body == body and j.is_base][3:]
-        half = [0.5 * states[..., 1 + joint.qpos] for joint in hinges]
-        (cy, cp, cr), (sy, sp, sr) = map(np.cos, half), map(np.sin, half)
-        return np.stack(
-            [
-                cy * cp * cr + sy * sp * sr,
-                cy * cp * sr - sy * sp * cr,
-                cy * sp * cr + sy * cp * sr,
-                sy * cp * cr - cy * sp * sr,
-            ]
-        )
+        angles = np.stack([states[..., 1 + joint.qpos] for joint in hinges], axis=-1)
+        turned = Rotation.from_euler("ZYX", angles.reshape(-1, 3))
+        return turned.as_quat(scalar_first=True).T.reshape(4, *angles.shape[:-1])
 
     def _control(self, stretch: RecordedStretch, times: Array, samples: int) -> Array:
         """Commands and applied forces per step, (steps x both)."""

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pamid.recording.recording import Recording
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.rigs.simulators.mujoco_findings import mujoco_copy, widen_margins
+from pamid.rigs.simulators.mujoco_findings import widen_margins
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ class _Poses:
     def __init__(self, file: MujocoFile, mechanism: Mechanism, travel: Array) -> None:
         self.file, self.mujoco, self.exact = file, file.mujoco, file.model
         # MuJoCo reports distances up to the margin of a pair, so the margin is widened
-        self.near = m = mujoco_copy(file)
+        self.near = m = file.copy()
         margins = np.concatenate([m.geom_margin, m.pair_margin])
         self.margin = 2.0 * float(margins.max(initial=0.0))  # of any pair, at most
         widen_margins(m, float(m.stat.extent))

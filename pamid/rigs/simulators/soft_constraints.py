@@ -1,4 +1,4 @@
-"""Friction losses and couplings as in MuJoCo, solved together with the accelerations.
+"""Accelerations of a tree, with friction losses and couplings as in MuJoCo.
 
 At a joint with a loss, MuJoCo computes the force f, |f| <= loss, that comes nearest to stopping it.
 Below the loss,
@@ -18,13 +18,23 @@ A coupling with the error r, whose slopes by the positions are J, exerts J' f wi
 (the same chapter, equality). Its impedance d(r) lies between 0 and 1; the softness is (1 - d) / d
 times an inverse inertia. The couplings are few: they are solved for by the Woodbury identity on the
 factors of M.
+
+The derivatives of the accelerations are implicit, because differentiating the algorithm would be
+longer than necessary. Along a solution the inverse dynamics ID(q, q', q'', p) = force stays true,
+so that
+
+    dq'' = M^-1 (dforce - dID)      at q'' held
+
+and the partials of ID have a closed form in the composites (Singh, Russell and Wensing 2022, IEEE
+Robot. Autom. Lett. 7(2), 1760-1767), about as long as ID itself. The derivative of ID by a mass is
+the force on that body per mass.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from pamid.engine.symbolic.vocabulary import (
     ZERO,
@@ -33,8 +43,10 @@ from pamid.engine.symbolic.vocabulary import (
     clip,
     exp,
     expression,
+    held,
     log,
     maximum,
+    tangent,
     where,
 )
 from pamid.rigs.simulators.tree_dynamics import Factors, Tree
@@ -42,6 +54,7 @@ from pamid.rigs.simulators.tree_dynamics import Factors, Tree
 SWEEPS, SOLVES = 4, 2  # of several joints; a single joint needs no iteration
 LEAST_IMPEDANCE, LARGEST_IMPEDANCE = 1e-4, 0.9999
 LEAST_SOFTNESS = 1e-15
+MODELS_ALIKE = 64  # trees and accelerations that are kept for models in which they are the same
 
 
 @dataclass(frozen=True)
@@ -221,3 +234,44 @@ def _gauss_seidel(
         reached = absolute(force[i]) >= f.loss
         slopes[i] = where(reached, -2.0 * f.softness * force[i], -f.softness * force[i])
     return slopes
+
+
+@lru_cache(maxsize=MODELS_ALIKE)
+def accelerations(
+    tree: Tree,
+    force: tuple[Expr, ...],
+    passed: tuple[Expr | None, ...],
+    friction: tuple[SoftFriction | None, ...],
+    couplings: tuple[SoftCoupling, ...] = (),
+) -> list[Expr]:
+    """q'' (n,) under these forces, with its exact derivatives.
+
+    Models that differ in their readings alone share it, so that it is built once.
+
+    force: at each joint, without c and friction; passed: force that reaches a joint, if it is not
+    force - c but derived from `force - tree.holding`, otherwise None.
+    """
+    reaching = [
+        f - c if p is None else p for f, c, p in zip(force, tree.holding, passed, strict=True)
+    ]
+    value, added, rubbing, system = solve_joint_friction(
+        CoupledSystem(tree, couplings), reaching, friction
+    )
+    still = [held(v) for v in value]
+    moving = tree.inverse_dynamics(still)
+    change = []
+    for i in range(tree.n):
+        diagonal = moving[i] + still[i] * (tree.armature[i] + added[i]) - rubbing[i]
+        if passed[i] is None:
+            change.append(diagonal - force[i])
+        else:
+            change.append(diagonal - tree.bias_change[i] - reaching[i])
+    for coupling in couplings:
+        force_along = coupling.force(still)
+        for j, slope in coupling.slopes.items():
+            change[j] = change[j] - slope * force_along
+    inverse = [system.column(i) for i in range(tree.n)]
+    return [
+        tangent(value[i], -sum((held(inverse[j][i]) * c for j, c in enumerate(change)), ZERO))
+        for i in range(tree.n)
+    ]

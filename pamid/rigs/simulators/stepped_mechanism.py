@@ -118,9 +118,7 @@ class SteppedMechanism(StepRig, CompiledMechanism):
         ]
         inside = equations.known_forces(i for i in known if not m.actuators[i].is_bare)
         for j, force in enumerate(equations.known_forces(known)):
-            name = self.port_of("joint", j, "motion")
-            passed = port(name, force, position=equations.q[j], velocity=equations.qd[j])
-            into[f"{m.joints[j].name}_force"] = passed - inside[j]
+            into[f"{m.joints[j].name}_force"] = equations.at_joint(j, force) - inside[j]
         return into
 
     def steps(

@@ -180,11 +180,8 @@ class Tree:
 
     def quaternion(self, mount: Mount) -> Quaternion:
         """Attitude of the frame, continuous in the positions of the joints."""
-        chain, number = [mount.body], mount.body
-        while (number := self.mechanism.bodies[number].parent) > 0:
-            chain.insert(0, number)
         quaternion: Quaternion = (expression(1.0), ZERO, ZERO, ZERO)
-        for number in chain:
+        for number in self.mechanism.lineage(mount.body):
             quaternion = _turned(quaternion, _unit(self.mechanism.bodies[number].quaternion))
             for j, joint in enumerate(self.mechanism.joints):
                 if joint.body == number and joint.kind == "hinge":

@@ -29,7 +29,6 @@ from pamid.rigs.simulators.mechanism import (
     write_values,
 )
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
-from pamid.rigs.simulators.mujoco_findings import mujoco_copy
 from pamid.rigs.simulators.mujoco_forms import (
     TINY_SPRING,
     CommandTerms,
@@ -191,7 +190,7 @@ class _Writer:
     ) -> None:
         self.file, self.mechanism, self.text = file, mechanism, text
         self.forms, self.weights = forms, weights
-        self.new = mujoco_copy(file)
+        self.new = file.copy()
         write_values(self.new, mechanism, values)
         self.tags = tags_of(text)
         self.edits = Edits(text)
@@ -381,9 +380,10 @@ class _Writer:
         rest (documentation, Computation, Constraint model, friction loss).
         """
         option = self.file.model.opt
-        unsafe = int(option.disableflags) & int(self.file.mujoco.mjtDisableBit.mjDSBL_REFSAFE)
         # MuJoCo itself keeps time constants of constraints above two steps
-        finest = 2.0 * float(option.timestep) / (1 if unsafe else FINER_STEPS)
+        finest = (
+            2.0 * float(option.timestep) / (1 if self.file.disables("REFSAFE") else FINER_STEPS)
+        )
         if not terms.onset:
             self.edits.set(tag, "solreffriction", numbers([finest, 1.0]))
             return

@@ -90,7 +90,6 @@ class Edits:
         self._attributes.setdefault(tag.begin, {})[attribute] = value
 
     def rename(self, tag: Tag, name: str) -> None:
-        """Rename an element."""
         self._names[tag.begin] = name
 
     def remove(self, tag: Tag) -> None:

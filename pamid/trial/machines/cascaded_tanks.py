@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
 from pamid.trial.faults import around, between, known_fault, nameless_fault
 from pamid.trial.starter_faults import NEVER, SignalSizes
 from pamid.trial.starter_kernel import rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 START_M = 0.05

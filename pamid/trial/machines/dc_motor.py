@@ -6,31 +6,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, fixed, known_fault, nameless_fault
-from pamid.trial.starter_faults import ForceSizes, SignalSizes
+from pamid.trial.faults import around, between, fixed, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes, SpringSizes, spring_faults
 from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, turned
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class GearSizes:
+class GearSizes(SpringSizes):
     """Sizes of faults between the shaft and the load, and in the motor itself.
 
-    outboard: share of the inertia that hangs behind a spring; outboard_hz: its frequency with the
-    shaft held; play: half gap before the spring, rad; bent_damping: N m s, damping that comes and
-    goes with the angle; fade: share of the constant that a current of 5 A takes off; warmth: share
-    by which the winding's resistance grows at 100 W
+    bent_damping: N m s, damping that comes and goes with the angle; fade: share of the constant
+    that a current of 5 A takes off; warmth: share by which the winding's resistance grows at 100 W
     """
 
-    outboard: float = 0.0
-    outboard_hz: float = 15.0
-    outboard_ratio: float = 0.03
-    play: float = 0.0
     bent_damping: float = 0.0
     fade: float = 0.0
     warmth: float = 0.0
@@ -105,24 +97,7 @@ MACHINE = StarterMachine(
         "ammeter": ("play", "gain-error"),
     },
     further=(
-        known_fault(
-            "two-mass",
-            "flexible-transmission",
-            "gear",
-            {"outboard": between(0.4, 0.8), "outboard_hz": around(15.0, 0.6, 1.6)},
-        ),
-        known_fault(
-            "backlash",
-            "flexible-transmission",
-            "gear",
-            {
-                "outboard": between(0.4, 0.8),
-                "outboard_hz": around(30.0, 0.7, 1.5),
-                "play": around(0.03),
-            },
-            "outboard",
-            "play",
-        ),
+        *spring_faults("gear", 15.0, 0.03),
         nameless_fault("bent-damping", "shaft", {"bent_damping": around(0.4)}),
         nameless_fault("armature-reaction", "shaft", {"fade": around(0.15)}),
         nameless_fault(

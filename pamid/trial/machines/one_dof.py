@@ -15,24 +15,14 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.conditions import ALL, NO_FORCES, Draws
-from pamid.trial.faults import (
-    FAULTS,
-    HIGH_INERTIA,
-    PRESSURES,
-    WIDE_RANGE,
-    Fault,
-    Planted,
-    planted,
-)
+from pamid.trial.faults import FAULTS, HIGH_INERTIA, PRESSURES, WIDE_RANGE, Fault, Planted, planted
 from pamid.trial.logger import PLAIN_LOGGER, Logger, Readout
 from pamid.trial.machine import AHEAD, ONE_DOF, Record, packed
-
-Array = NDArray[np.float64]
 
 PERIOD_S = 0.003
 JOINT_CONTROLLER = {

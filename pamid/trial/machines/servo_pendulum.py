@@ -6,33 +6,26 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between, fixed, known_fault, nameless_fault
-from pamid.trial.starter_faults import ForceSizes, SignalSizes
+from pamid.trial.faults import around, between, fixed, nameless_fault
+from pamid.trial.starter_faults import ForceSizes, SignalSizes, SpringSizes, spring_faults
 from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, turned
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
-class HornSizes:
+class HornSizes(SpringSizes):
     """Sizes of faults between the gear and the rod, and in the servo itself.
 
-    outboard: share of the inertia that hangs behind a spring; outboard_hz: its frequency with the
-    gear held; play: half gap before the spring, rad; bent_damping: N m s, damping that comes and
-    goes with the angle; tired, tired_s: share of the torque that half a watt of work takes off in
-    the end, and how soon; windage: N m s2, drag on the way down alone
+    bent_damping: N m s, damping that comes and goes with the angle; tired, tired_s: share of the
+    torque that half a watt of work takes off in the end, and how soon; windage: N m s2, drag on the
+    way down alone
     """
 
-    outboard: float = 0.0
-    outboard_hz: float = 10.0
-    outboard_ratio: float = 0.03
-    play: float = 0.0
     bent_damping: float = 0.0
     tired: float = 0.0
     tired_s: float = 2.0
@@ -96,24 +89,7 @@ MACHINE = StarterMachine(
     },
     twins={"constant-offset@gear": "offset", "offset@driver": "constant-offset"},
     further=(
-        known_fault(
-            "two-mass",
-            "flexible-transmission",
-            "horn",
-            {"outboard": between(0.4, 0.8), "outboard_hz": around(6.0, 0.6, 1.6)},
-        ),
-        known_fault(
-            "backlash",
-            "flexible-transmission",
-            "horn",
-            {
-                "outboard": between(0.4, 0.8),
-                "outboard_hz": around(12.0, 0.7, 1.5),
-                "play": around(0.04),
-            },
-            "outboard",
-            "play",
-        ),
+        *spring_faults("horn", 6.0, 0.04),
         nameless_fault("bent-damping", "gear", {"bent_damping": around(0.15)}),
         nameless_fault(
             "tired-servo", "driver", {"tired": around(0.3), "tired_s": between(1.0, 5.0)}

@@ -14,8 +14,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.trial.arm_faults import (
@@ -42,8 +42,6 @@ from pamid.trial.machines.one_dof import (
     machine_record,
     stamped,
 )
-
-Array = NDArray[np.float64]
 
 # gentler than the joint's: with that controller the arm, ten times as heavy, never comes to rest
 ARM_CONTROLLER = {

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.numba_cache import njit
 from pamid.trial.faults import around, between, nameless_fault
 from pamid.trial.starter_faults import ForceSizes, SignalSizes
 from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
 from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

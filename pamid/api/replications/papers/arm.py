@@ -10,9 +10,6 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pamid.api.force_laws import write_law
 from pamid.api.replications.arm_coupling import Uncoupled, coupling_json, coupling_png
 from pamid.api.replications.arm_twin import (
@@ -31,6 +28,7 @@ from pamid.api.replications.arm_twin import (
     unit_of,
 )
 from pamid.api.replications.reproducing import number_cell
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
@@ -56,8 +54,6 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 # procedure: Dynamic characterization and simulation of two-link soft robot arm with pneumatic
 # muscles, Mechanism and Machine Theory (2016)
@@ -287,44 +283,37 @@ def target_of(mae: dict[str, Any]) -> result.ArmTarget:
     )
 
 
-def _interval(table: dict[str, Any], truth: float | None) -> dict[str, Any]:
-    return {
-        **{key: table[key] for key in ("value", "low", "high", "word")},
-        "holds": None if truth is None else table["low"] <= truth <= table["high"],
-    }
-
-
 def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Inertial combinations by stage; holds: does the interval hold the truth?"""
+    """Inertial combinations by stage."""
     plain = Assembly(catalogue_rig(ARM_RIG))
     truth = plain.values(twin.hidden())
-    combinations = {n: s.found["combinations"] for n, s in stages.items() if n != WITHOUT_DRY}
-    return {
-        name: {
-            "unit": combinations[GRAVITY_TEST][name]["unit"],
-            DATA_SHEET: combinations[GRAVITY_TEST][name]["prior"],
-            "truth": of(truth),
-            **{
-                stage: _interval(of_stage[name], of(truth))
-                for stage, of_stage in combinations.items()
-            },
-        }
-        for name, of in declared(plain).items()
-    }
+    truths = {name: of(truth) for name, of in declared(plain).items()}
+    return _by_stage(stages, "combinations", truths, truths)
 
 
 def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
-    """Fitted parameters by stage; holds (none of a scale): does the interval hold the truth?"""
-    hidden, rows = {**twin.hidden(), **twin.friction}, {}
-    for name, parameter in stages[GRAVITY_TEST].found["parameters"].items():
-        truth = hidden.get(name, parameter["prior"])
-        sheet = parameter["prior"] if parameter.get("null") is None else parameter["null"]
-        by = {
-            stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
-            for stage, s in stages.items()
-            if stage != WITHOUT_DRY
-        }
-        rows[name] = {"unit": parameter["unit"], DATA_SHEET: sheet, "truth": truth, **by}
+    """Fitted parameters by stage."""
+    parameters = stages[GRAVITY_TEST].found["parameters"]
+    return _by_stage(stages, "parameters", parameters, {**twin.hidden(), **twin.friction})
+
+
+def _by_stage(
+    stages: dict[str, FitStage], table: str, names: Iterable[str], truths: dict[str, float]
+) -> dict[str, Any]:
+    """Estimates of a table of fit.json by stage; holds (none of a scale): does the interval hold
+    the truth? What has no truth here is as the data sheet says."""
+    tables = {name: s.found[table] for name, s in stages.items() if name != WITHOUT_DRY}
+    rows = {}
+    for name in names:
+        estimate = tables[GRAVITY_TEST][name]
+        sheet = estimate["prior"] if estimate.get("null") is None else estimate["null"]
+        truth = truths.get(name, estimate["prior"])
+        rows[name] = {"unit": estimate["unit"], DATA_SHEET: sheet, "truth": truth}
+        for stage, of_stage in tables.items():
+            e = of_stage[name]
+            rows[name][stage] = {key: e[key] for key in ("value", "low", "high", "word")}
+            holds = None if name == "scale" else e["low"] <= truth <= e["high"]
+            rows[name][stage]["holds"] = holds
     return rows
 
 
@@ -417,8 +406,9 @@ def picture_of(
     panels = []
     for k, v in enumerate(VARIABLES):
         word, joint, *_ = v.split("_")
-        traces = (shown(v, y) for y in (r.si(v), sheet[:, k], fitted[:, k]))
-        panels.append(Panel(f"{word} {joint} [{unit_of(v)}]", *traces))
+        traces = {"measured": r.si(v), "data sheet": sheet[:, k], "fitted, ANFIS law": fitted[:, k]}
+        lines = {name: shown(v, y) for name, y in traces.items()}
+        panels.append(Panel(f"{word} {joint} [{unit_of(v)}]", r.time, lines))
     angles = [cells for cells in mae.values() if cells["unit"] == "deg"]
     off = {
         name: " and ".join(f"{cells[name]:.2g}" for cells in angles)
@@ -429,7 +419,7 @@ def picture_of(
         f"fitted, the angles are off by {off[ANFIS]} deg (noise alone: {off[NOISE_FLOOR]}), "
         f"by the data sheet {off[DATA_SHEET]} deg"
     )
-    return arm_picture(kind, title, r.time, panels).png
+    return arm_picture(kind, title, panels)
 
 
 OPTIONS = ()
@@ -505,11 +495,21 @@ def text(paper: dict[str, Any]) -> str:
         f"{target['worst']:.3f} times)",
         f"Force law  {paper['force_law']['finding']}",
         "",
-        *_combinations(paper["combinations"]),
+        # with and without the test that sets the common factor
+        *_estimates(
+            "Inertial data",
+            paper["combinations"],
+            {UNLOADED: "without the payload test", GRAVITY_TEST: "all gravity tests"},
+        ),
         *_tied("Known only in combination", in_the_end),
         *_tied("Without the payload test", unloaded),
         "",
-        *_parameters(paper["parameters"]),
+        *_estimates(
+            "Parameter",
+            paper["parameters"],
+            {ANALYTIC: "fitted, analytic law", ANFIS: "fitted, ANFIS law"},
+        ),
+        "* the interval does not hold the truth",
         "",
     ]
     lines += [
@@ -538,29 +538,16 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
     ]
 
 
-def _combinations(estimates: dict[str, Any]) -> list[str]:
-    """Parameter combinations that the motion depends on, with and without the test that sets the
-    common factor."""
+def _estimates(title: str, estimates: dict[str, Any], stages: dict[str, str]) -> list[str]:
+    """Estimates by two stages of the fits, next to the data sheet and the truth."""
     return [
-        f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
-        f"{'all gravity tests':>38s}",
+        f"{title:28s}{'data sheet':>11s}{'truth':>11s}"
+        + "".join(f"{heading:>38s}" for heading in stages.values()),
         *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate[UNLOADED])}{_estimate_cell(estimate['gravity'])}"
+            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}"
+            + "".join(_estimate_cell(estimate[stage]) for stage in stages)
             for name, estimate in estimates.items()
         ),
-    ]
-
-
-def _parameters(estimates: dict[str, Any]) -> list[str]:
-    return [
-        f"{'Parameter':28s}{'data sheet':>11s}{'truth':>11s}{'fitted, analytic law':>38s}"
-        f"{'fitted, ANFIS law':>38s}",
-        *(
-            f"{name:28s}{estimate['data_sheet']:11.4g}{estimate['truth']:11.4g}{_estimate_cell(estimate['fitted_analytic'])}"
-            f"{_estimate_cell(estimate['fitted_anfis'])}"
-            for name, estimate in estimates.items()
-        ),
-        "* the interval does not hold the truth",
     ]
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.api.replications.joint_figures import (
     excitation_png,
@@ -40,6 +39,7 @@ from pamid.api.replications.joint_twin import (
     step_reference,
 )
 from pamid.api.replications.reproducing import number_cell
+from pamid.base.arrays import Array
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
@@ -68,8 +68,6 @@ from pamid.report.paper_figure import steps_picture
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.rig_data import data_of
-
-Array = NDArray[np.float64]
 
 # published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle actuator
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
@@ -398,7 +396,7 @@ def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
         }
         for case, r in records.steps.items()
     }
-    return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
+    return steps_picture(clock(step_reference()), errors, ("trained at", "never seen"))
 
 
 def training_figures(training: dict[str, Any]) -> result.PaperTraining:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from pamid.base.errors import FileError
-from pamid.model.model_file import ModelKind
 from pamid.model.rig import Rig
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mechanism_forms import mechanism_rig
-from pamid.rigs.simulators.mujoco_file import SUFFIXES
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
+
+SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 
 def rig(path: Path) -> Rig:
@@ -32,6 +32,3 @@ def rig_of(mechanism: Mechanism) -> Rig:
             "out.",
         )
     return mechanism_rig(mechanism)
-
-
-MODEL_KIND = ModelKind("mujoco", SUFFIXES, rig)
