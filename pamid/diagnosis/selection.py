@@ -106,7 +106,9 @@ def select_effects(
         if rest < settings.material_rest or comparison.at_floor(best):
             break
         if best.attached:
-            after = _located_after(search, best, located)
+            leaders = [ports[0] for ports in located.classes]
+            alike = search.settings.port_alike
+            after = locate(search.evidence, best, search.pool, leaders, alike=alike)
         if len(best.additions) >= settings.effects_most:
             break
         # The linearisation needs simulations of every candidate. Later steps reuse its columns.
@@ -182,11 +184,6 @@ def compared(
                 reduced,
             )
         candidates = [c for c in candidates if families_of(c) not in idle]
-
-
-def _located_after(search: Search, best: CandidateModel, located: PortEvidence) -> PortEvidence:
-    leaders = [k[0] for k in located.classes]
-    return locate(search.evidence, best, search.pool, leaders, alike=search.settings.port_alike)
 
 
 def _larger(

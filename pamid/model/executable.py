@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from pamid.base.errors import UsageError
 from pamid.engine.lane_program import LaneProgram, build_lane_program
@@ -50,9 +50,8 @@ def lane_program_of(
     """The same for several hypotheses side by side, or in sequence where a simulator steps
     the rig."""
     if isinstance(rig, StepRig):
-        serial: Any = SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
-        as_lanes: LaneProgram = serial  # it has the same methods
-        return as_lanes
+        serial = SerialLanes(_stepped(rig, traced, outputs, parameters, frozenset()))
+        return cast(LaneProgram, serial)  # it has the same methods
     lowered = _lowered(traced, outputs)
     return build_lane_program(lowered, traced.inputs, parameters, tuple(outputs), traced.linear)
 

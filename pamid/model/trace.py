@@ -30,11 +30,6 @@ from pamid.recording.file_checks import BEFORE
 EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
 
 
-def _with_functions(hint: str) -> str:
-    """A hint; if it refers to `pamid.equations` with the functions that there are."""
-    return f"{hint}. {FUNCTIONS_HINT}" if "pamid.equations" in hint else hint
-
-
 @contextmanager
 def _named_errors(where_: str, method: str = "") -> Iterator[None]:
     """FileError that names the place in a user's equations for any error in the block."""
@@ -43,7 +38,9 @@ def _named_errors(where_: str, method: str = "") -> Iterator[None]:
     except PamidError as error:
         if error.code == "simulation":  # its message has the place already
             raise
-        raise FileError(f"{where_}: {error.message}", _with_functions(error.hint)) from error
+        names_them = "pamid.equations" in error.hint
+        hint = f"{error.hint}. {FUNCTIONS_HINT}" if names_them else error.hint
+        raise FileError(f"{where_}: {error.message}", hint) from error
     except Exception as error:
         line = traceback.extract_tb(error.__traceback__)[-1].lineno
         divided = isinstance(error, ZeroDivisionError)

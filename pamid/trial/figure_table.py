@@ -168,19 +168,16 @@ def trial_text(scores: dict[str, Any]) -> str:
 def summary(scores: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
     failed, unseen = scores["rates"]["failed"]["hits"], scores["rates"]["unseen"]
+    hidden, planted = unseen["hits"], unseen["of"]
+    visibility = "all planted gaps show" if planted else "nothing was planted"
+    if hidden:
+        visibility = f"{hidden} of {planted} planted gaps do not show and count for detection only"
     rig = "" if scores.get("rig", ONE_DOF) == ONE_DOF else f" of rig {scores['rig']}"
     world = " in an open world" if scores.get("world") == OPEN else ""
     return (
         f"Blind trial{rig}{world}, part {scores['part']}, seed {scores['seed']}: "
-        f"{scores['cases']} cases, {failed} failed; {_seen(unseen['hits'], unseen['of'])}."
+        f"{scores['cases']} cases, {failed} failed; {visibility}."
     )
-
-
-def _seen(hidden: int, planted: int) -> str:
-    """Rates of invisible gaps, and the answers to them."""
-    if not hidden:
-        return "all planted gaps show" if planted else "nothing was planted"
-    return f"{hidden} of {planted} planted gaps do not show and count for detection only"
 
 
 def cells(scores: dict[str, Any], row: FigureRow) -> tuple[str, ...]:

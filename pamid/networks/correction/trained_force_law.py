@@ -113,7 +113,9 @@ def check_force_law(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
     """
     order = _order(trained)
     low, high = _force_si(trained)
-    forces = np.maximum(low + 0.5 * (_on_grid(trained) + 1.0) * (high - low), 0.0)
+    scaled = _extended(lambda u: trained.network.simulate(trained.weights, u))
+    scaled = scaled.reshape(CHECKED_POINTS, CHECKED_POINTS)  # axes in the order of the inputs
+    forces = np.maximum(low + 0.5 * (scaled + 1.0) * (high - low), 0.0)
     axis = order.index("Pa")
     violations = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = MONOTONE_TOLERANCE * (high - low)
@@ -144,12 +146,6 @@ def _worst(forces: Array, axis: int, sign: float) -> tuple[float, tuple[Place, P
     begin = int(np.argmax(along[: end + 1, other]))
     places = [(int(i), int(other)) if axis == 0 else (int(other), int(i)) for i in (begin, end)]
     return float(fall[end, other]), (places[0], places[1])
-
-
-def _on_grid(trained: TrainedNetwork) -> Array:
-    """The scaled force on the grid (POINTS, POINTS), axes in the order of the inputs."""
-    grid = _extended(lambda u: trained.network.simulate(trained.weights, u))
-    return grid.reshape(CHECKED_POINTS, CHECKED_POINTS)
 
 
 def _extended(of: Callable[[Array], Array]) -> Array:
