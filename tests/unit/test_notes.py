@@ -14,8 +14,10 @@ from pamid.diagnosis.verdict.notes import (
     _instead,
     _row_order,
     _set_aside,
+    remark,
     unexplained,
 )
+from pamid.estimation.lagged_linear import LaggedResponse
 from pamid.model.registry import rig_named
 from pamid.recording.recording import recording_of
 
@@ -102,6 +104,19 @@ def test_what_physics_objects_to_is_told_where_it_would_have_led():
     ]
     d.silent = ("angle_deg",)
     assert _set_aside(d) == []
+
+
+@pytest.mark.parametrize(("silent", "is_order"), [(("a_deg", "b_deg"), True), (("b_deg",), False)])
+def test_reversed_rows_are_blamed_only_if_no_channel_is_predicted(silent, is_order):
+    recording = SimpleNamespace(values={"torque_n_m": np.array([0.0, 1.0])})
+    rig = SimpleNamespace(inputs=("torque_n_m",))
+    response = LaggedResponse(forward=np.array([0.8, 0.95]), backwards=np.array([0.5, 0.5]))
+    d: Any = SimpleNamespace(
+        silent=silent,
+        evidence=SimpleNamespace(rig=rig, channels=("a_deg", "b_deg"), recordings=(recording,)),
+        response=response,
+    )
+    assert response.is_reversed and ("reverse order of time" in remark(d)) == is_order
 
 
 @pytest.mark.parametrize(

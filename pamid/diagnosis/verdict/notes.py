@@ -50,7 +50,9 @@ def remark(d: Diagnosis) -> str:
     sent = join_words(moving, "or")
     if d.response is None:
         shown = f"The model predicts {channels} no better than the mean or a straight line does."
-    elif d.response.is_reversed:
+    elif d.response.is_reversed and len(d.silent) == len(d.evidence.channels):
+        # A feedback controller also acts after the outputs. Channels that the model predicts show
+        # that time runs forward.
         shown = (
             f"{channels} {'precedes' if single else 'precede'} {sent}: the rows are probably in "
             "reverse order of time."
