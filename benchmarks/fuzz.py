@@ -50,7 +50,7 @@ PACKAGES = (
     *(
         "pamid.rigs.simulators.kinds.mujoco",
         "pamid.rigs.simulators.kinds.fmi",
-        "pamid.intake.logs.child_process",
+        "pamid.intake.logs.log_reader",
     ),
 )
 
