@@ -224,6 +224,15 @@ def test_dates_and_times_become_seconds(tmp_path, form):
 # LabVIEW
 
 
+def test_an_empty_cell_between_times_of_day_is_no_midnight(tmp_path):
+    stamps = ["15:00:00", "15:00:01", "", "15:00:03", "15:00:04", "15:00:05"]
+    table = "time,angle\n" + "".join(f"{stamp},{k}.5\n" for k, stamp in enumerate(stamps))
+    log = read(tmp_path, table)
+    moments = log.channels[0].values
+    assert moments[[0, 1, 3, 4, 5]].tolist() == [0.0, 1.0, 3.0, 4.0, 5.0] and np.isnan(moments[2])
+    assert not said(log, "midnight")
+
+
 def lvm(x_columns: str, decimal: str, segments: int) -> str:
     tab = "\t"
     text = (
