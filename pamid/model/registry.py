@@ -88,7 +88,25 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
     if path.suffix != ".py":
         raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
-    source = _source_of(path, sha256)
+    return _run(path, _source_of(path, sha256))
+
+
+def _source_of(path: Path, sha256: str) -> bytes:
+    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
+    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
+        raise FileError(
+            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
+            "Restore the old file, or make the run again.",
+            code="changed",
+        )
+    return source
+
+
+def _run(path: Path, source: bytes) -> ModuleType:
     name = f"pamid_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
     loader = importlib.machinery.SourceFileLoader(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
@@ -115,21 +133,6 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
         )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
-
-
-def _source_of(path: Path, sha256: str) -> bytes:
-    """Content of a file; FileError where its SHA-256 is another than the given digest, if any."""
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
-    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
-        raise FileError(
-            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
-            "Restore the old file, or make the run again.",
-            code="changed",
-        )
-    return source
 
 
 def resolved_rig(rig: RigLike | None) -> str | Rig | None:

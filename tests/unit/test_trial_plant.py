@@ -100,6 +100,7 @@ def test_the_plant_shares_nothing_with_the_tool():
         own = {name.rsplit(".", 1)[0] for name in names if name.startswith("pamid")}
         # where numba keeps compiled code is no equation
         known = {
+            "pamid.base.arrays",
             "pamid.base.errors",
             "pamid.engine.numba_cache",
             "pamid.simulation.excitation.aprbs",
