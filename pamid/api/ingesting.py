@@ -24,7 +24,7 @@ from pamid.intake.logs.conversion_record import (
     tables_of,
     write_conversions,
 )
-from pamid.intake.logs.guessed_mapping import GuessedMapping, guess_of
+from pamid.intake.logs.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.intake.logs.log_reader import read_log
 from pamid.intake.logs.mapping import Repair, load_mapping, named_by_units
 from pamid.intake.logs.memory_budget import limited_memory
@@ -151,23 +151,14 @@ def guess_mapping(arguments: MappingArguments) -> GuessedMapping:
     a = arguments
     if a.angles not in (None, "deg", "rad"):
         raise UsageError(f"angles={a.angles!r} is neither deg nor rad.")
-    period_s = _period(a.period)
+    answers = Answers(a.pressures or "", a.angles or "", _period(a.period), dict(a.known or {}))
     target = None if a.output is None else Path(a.output)
     require_new([target] if target else [], a.overwrite)
     given = resolved_rig(a.rig)
     target_rig, name = (None, "") if given is None else (rig_named(given), name_of(given))
     with limited_memory(a.memory_limit):
         log = read_log(Path(a.log), a.kind)
-        guess = guess_of(
-            log,
-            target_rig,
-            name,
-            a.only or "",
-            pressures=a.pressures or "",
-            angles=a.angles or "",
-            period_s=period_s,
-            known=a.known,
-        )
+        guess = guess_of(log, target_rig, name, answers, a.only or "")
     guess = replace(guess, text=printable(guess.text))
     if target is not None:
         write_atomically(target, guess.text.encode())

@@ -11,7 +11,7 @@ from pamid.base.errors import FileError
 from pamid.base.units import unit
 from pamid.intake.logs.channel_words import meanings, number
 from pamid.intake.logs.channels import Channel, Log
-from pamid.intake.logs.guessed_mapping import guess_of
+from pamid.intake.logs.guessed_mapping import Answers, guess_of
 from pamid.intake.logs.mapping import Mapping, load_mapping, mapping_of, resolved_signals
 from pamid.intake.logs.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
@@ -172,7 +172,7 @@ def guessed(*, p_unit: str = "bar", pressures: str | None = None) -> tuple[str, 
         Log(Path("log.csv"), "csv", channels, ("decimal\ncomma",)),
         ONE_DOF,
         "one-dof",
-        pressures=pressures or "",
+        Answers(pressures or ""),
     )
     return found.text, found.open
 

@@ -10,7 +10,7 @@ from mechanisms import TWO
 
 from pamid.base.errors import FileError
 from pamid.intake.logs.channels import Channel, Log, RobotValue
-from pamid.intake.logs.guessed_mapping import GuessedMapping, guess_of
+from pamid.intake.logs.guessed_mapping import Answers, GuessedMapping, guess_of
 from pamid.intake.logs.mapping import load_mapping
 from pamid.intake.logs.matcher import with_stand_ins
 from pamid.model.rig import Rig
@@ -104,7 +104,7 @@ def test_the_order_of_mujocos_own_vectors(tmp_path, names):
 
 def test_plain_columns_say_joint_and_quantity(tmp_path):
     log = plain("elbow_pos", "shoulder_pos", "elbow_cmd", "m1", "gripper_pos")
-    found = guess_of(log, model(tmp_path), "arm.xml", angles="deg")
+    found = guess_of(log, model(tmp_path), "arm.xml", Answers(angles="deg"))
     assert sources(found, tmp_path) == {
         "m1_command": "m1",
         "m2_command": "elbow_cmd",

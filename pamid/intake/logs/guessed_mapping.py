@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,24 +51,35 @@ class GuessedMapping:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Answers:
+    """Answers of the user for all channels; "" and None leave a question open.
+
+    pressures   "gauge" or "absolute"
+    angles      unit of angles without a unit, "deg" or "rad"
+    period_s    sampling period of a log without a clock
+    known       parameters of the rig in these recordings
+    """
+
+    pressures: str = ""
+    angles: str = ""
+    period_s: float | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
+
+
 def guess_of(
     log: Log,
     rig: Rig | None = None,
     rig_name: str = "",
+    answers: Answers | None = None,
     only: str = "",
-    *,
-    pressures: str = "",
-    angles: str = "",
-    period_s: float | None = None,
-    known: Mapping[str, float] | None = None,
 ) -> GuessedMapping:
     """Mapping of a log for a rig; without a rig every channel keeps its name.
 
-    only: text in the names of the channels to use. pressures: "gauge" or "absolute" for all of
-    them, angles: "deg" or "rad" for those without a unit; "" leaves a question open. period_s:
-    sampling period of a log without a clock. known: parameters of the rig in these recordings.
-    Raises FileError if the log has no joint of the rig, or if several channels fit a column.
+    only: text in the names of the channels to use. Raises FileError if the log has no joint of the
+    rig, or if several channels fit a column.
     """
+    answers = answers or Answers()
     log, parts = merged_parts(log)
     usual = rig.period_s if rig is not None else None
     clock, every, notes = _clock_and_channels(log, usual)
@@ -86,7 +97,7 @@ def guess_of(
     if rig is None:
         matched |= {
             column: (replace(channel, unit=text or channel.unit), None)
-            for column, (channel, text) in channel_columns(rest, angles).items()
+            for column, (channel, text) in channel_columns(rest, answers.angles).items()
         }
     else:
         matched |= match_channels(rest, rig, log)
@@ -115,7 +126,7 @@ def guess_of(
         )
     clock = with_diagnosis(clock, measured)
     notes += clock.notes
-    period: float | str | None = period_s or clock.period(usual)
+    period: float | str | None = answers.period_s or clock.period(usual)
     if period is None and clock.stamps is None:
         period = UNANSWERED
     lines, left = _head(log, rig_name, rig, matched, [*([parts] if parts else []), *notes]), []
@@ -127,8 +138,8 @@ def guess_of(
     if clock.diagnosis is not None and clock.diagnosis.state == "undecided":
         left.append("time.repair")
     for column, choice in matched.items():
-        lines += _signal_lines(column, choice, pressures, angles, left, clock)
-    lines += _tail(rig, matched, every, known or {})
+        lines += _signal_lines(column, choice, answers, left, clock)
+    lines += _tail(rig, matched, every, answers.known)
     text = "\n".join(lines) + "\n"
     return GuessedMapping(text, tuple(left), len(matched), len(every), tuple(notes))
 
@@ -194,7 +205,7 @@ def _head(
 
 
 def _signal_lines(
-    column: str, chosen: Match, pressures: str, angles: str, left: list[str], clock: ClockGuess
+    column: str, chosen: Match, answers: Answers, left: list[str], clock: ClockGuess
 ) -> list[str]:
     symbol, (channel, fit) = split_column(column)[1], chosen
     lines = [f"[signals.{column}]  # {_about(channel, clock)}"]
@@ -203,7 +214,7 @@ def _signal_lines(
         lines.append(f"# {fit.why}")
     if fit is not None and fit.scale is not None:
         return [*lines, f"scale = {float(f'{fit.scale:.12g}')!r}", ""]
-    guessed, remark = _unit(column, chosen, angles)
+    guessed, remark = _unit(column, chosen, answers.angles)
     if guessed == UNANSWERED:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
@@ -211,9 +222,9 @@ def _signal_lines(
     if unit(symbol).dimension == PRESSURE_DIMENSION and not marked:
         hint = _pressure_hint(channel, guessed)
         lines.append(f"# gauge (0 is the air around) or absolute? {hint}")
-        if not pressures:
+        if not answers.pressures:
             left.append(f"signals.{column}.pressure")
-        lines.append(f'pressure = "{pressures or UNANSWERED}"')
+        lines.append(f'pressure = "{answers.pressures or UNANSWERED}"')
     values = channel.finite
     if values.size and (moves_in_steps(values) or held_by_jumps(values)):
         lines.append('interpolation = "hold"  # it moves in steps')
