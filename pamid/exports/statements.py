@@ -121,6 +121,13 @@ class Statements:
                 self._parts[node] = self._part(node)
         return self._parts[root][0]
 
+    def stored(self, targets: dict[str, Expr]) -> list[str]:
+        """All lines, with those that store values at their places."""
+        for target, value in targets.items():
+            formula = self.value(value)  # may add lines of its own before
+            self.lines.append(f"{target} = {formula};")
+        return self.lines
+
     def name(self, root: Expr, name: str) -> None:
         """Give an expression's value a name."""
         self._names.setdefault(root, name)
@@ -232,11 +239,7 @@ class ModelFunctions:
 
     def _assigned(self, targets: dict[str, Expr]) -> list[str]:
         """Lines that store values at their places."""
-        work = self._begun(list(targets.values()))
-        for target, value in targets.items():
-            text = work.value(value)
-            work.lines.append(f"{target} = {text};")
-        return work.lines
+        return self._begun(list(targets.values())).stored(targets)
 
     def _begun(self, roots: list[Expr], written: Collection[Symbol] = ()) -> Statements:
         """Statements with the locals that the roots use, without those that they define."""

@@ -17,7 +17,7 @@ from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text, where
 from pamid.engine.symbolic.operators import OPERATORS, Operator
 from pamid.exports.c_source import asset, helpers
-from pamid.exports.statements import MATLAB, C, Dialect, Statements, Symbol
+from pamid.exports.statements import MATLAB, C, Statements, Symbol
 
 A, B = state("a"), state("b")
 POINTS = ((0.7, 1.31), (1.9, 0.42), (0.23, 0.26))  # where every operator is smooth
@@ -100,20 +100,12 @@ def test_the_condition_of_a_choice_is_not_differentiated(monkeypatch):
     assert at(gradients([chosen])[0][A], (0.2, 1.31)) == 1.0
 
 
-def assignments(dialect: Dialect, places: dict[Symbol, str], targets: dict[str, Expr]) -> list[str]:
-    work = Statements(dialect, list(targets.values()), places, [])
-    for target, value in targets.items():
-        formula = work.value(value)  # may add lines of its own before
-        work.lines.append(f"{target} = {formula};")
-    return work.lines
-
-
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_c_gives_the_values(tmp_path):
     places: dict[Symbol, str] = {("state", "a"): "x[0]", ("state", "b"): "x[1]"}
     targets = {f"y[{i}]": node for i, node in enumerate(roots())}
     head = "void f(const double x[], double y[]) {"
-    body = "\n".join([head, *assignments(C, places, targets), "}"])
+    body = "\n".join([head, *Statements(C, roots(), places).stored(targets), "}"])
     (tmp_path / "f.c").write_text("\n".join(["#include <math.h>", *helpers(body), body]))
     library = tmp_path / "f.so"
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
@@ -133,7 +125,7 @@ def test_matlab_gives_the_values(tmp_path):
     assert OCTAVE is not None
     places: dict[Symbol, str] = {("state", "a"): "x(1)", ("state", "b"): "x(2)"}
     targets = {f"y({i})": node for i, node in enumerate(roots(), 1)}
-    body = ["function y = f(x)", *assignments(MATLAB, places, targets), "end"]
+    body = ["function y = f(x)", *Statements(MATLAB, roots(), places).stored(targets), "end"]
     (tmp_path / "f.m").write_text("\n".join([*body, asset("helpers.m")]))
     calls = [f"printf('%.17g ', f([{a!r}, {b!r}]));" for a, b in POINTS]
     (tmp_path / "script.m").write_text("\n".join(calls))
