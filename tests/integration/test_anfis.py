@@ -14,7 +14,7 @@ from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.correction.trained_force_law import (
     ForceLaw,
-    _on_grid,
+    _extended,
     _steps,
     check_force_law,
     force_law_of,
@@ -156,10 +156,11 @@ def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
 
 
 def test_the_guard_looks_at_the_law_itself(muscle):
-    grid, law = _on_grid(muscle), force_law_of(muscle)
+    law, side = force_law_of(muscle), len(_steps())
+    grid = _extended(lambda inputs: muscle.network.simulate(muscle.weights, inputs))
     # pressure in bar, contraction
     steps = muscle.input_scaling.backward(np.stack([_steps(), _steps()], axis=1))
-    force = muscle.output_scaling.backward(grid.ravel()).reshape(grid.shape) * 1e3
+    force = muscle.output_scaling.backward(grid.ravel()).reshape(side, side) * 1e3
     for i, k in ((0, 0), (0, 60), (120, 120), (3, 118), (60, 60), (119, 2)):
         # N
         assert force[i, k] == pytest.approx(
