@@ -22,9 +22,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from peers.measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, teacher_record
 
+from pamid.base.arrays import Array
 from pamid.networks.bayes import Evidence, effective_weights, resolved, solve_damped
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
@@ -32,8 +32,6 @@ from pamid.networks.network_training import train
 from pamid.networks.root_sums import RootSums, Spectrum
 from pamid.networks.torch_passes import engine_on
 from pamid.networks.training_problem import TrainingOptions
-
-Array = NDArray[np.float64]
 
 SAMPLES = 66_667  # 200 s at 3 ms
 PAPER_SECONDS = 36_101 / 5_000  # Table I: 5000 iterations

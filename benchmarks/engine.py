@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from timing import cpu
 
+from pamid.base.arrays import Array
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
@@ -41,7 +41,6 @@ from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-Array = NDArray[np.float64]
 PERIOD_S = 0.003
 SAMPLES = 66_667
 SPECIMEN = {

@@ -29,8 +29,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.verdict.verdict_figures import diagnosis_file
 from pamid.model.registry import effects, rig_named
@@ -38,7 +38,6 @@ from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import Replay
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
 RIG = ROOT / "data" / "rigs" / "muscle_bench.py"

@@ -24,8 +24,6 @@ from __future__ import annotations
 
 import os
 
-from pamid.engine.sampled_inputs import SampledInputs
-
 os.environ["OMP_NUM_THREADS"] = "1"
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -57,6 +55,7 @@ PEER_WAYS = ("sysid-run", "sysid-windows")
 if not set(PEER_WAYS) & set(sys.argv):  # the interpreter of mujoco.sysid need not have pamid
     from mujoco_truth import arm, misjudged, model_text, record
 
+    from pamid.engine.sampled_inputs import SampledInputs
     from pamid.model.assembly import Assembly
     from pamid.rigs.simulators.compiled_rig import CompiledMechanism
     from pamid.rigs.simulators.mujoco_mechanism import read_mechanism

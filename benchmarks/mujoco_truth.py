@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.simulation.excitation.aprbs import aprbs
 
-Array = NDArray[np.float64]
 KINDS = ("nothing", "frictionloss", "backlash", "delay", "armature", "payload")
 GRAVITY = 9.81
 PERIOD_S = 0.004  # of the log and of the commands

@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
 
 

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
+
 #: sampling period in s, and columns by name
 Recorded = tuple[float, dict[str, Array]]
 GRAVITY = 9.81

@@ -59,11 +59,9 @@ from typing import Any
 
 import numpy as np
 from mujoco_truth import Planted, plant
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import with_unit
-
-Array = NDArray[np.float64]
 
 MODELS = {
     "kinova3": "robosuite/models/assets/robots/kinova3/robot.xml",

@@ -8,9 +8,8 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 
 def mae(measured: ArrayLike, model: ArrayLike) -> float:
@@ -27,7 +26,7 @@ def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
     return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
 
 
-def seen_mean(table: ArrayLike) -> FloatArray:
+def seen_mean(table: ArrayLike) -> Array:
     """Mean over the rows that are there: NaN stands for what was not recorded, and for the mean of
     nothing."""
     values = np.asarray(table, dtype=float)
@@ -81,7 +80,7 @@ def adjusted_share(share: float, parts: int, independent: float) -> float:
     return max(1.0 - (1.0 - share) * (independent - 1.0) / (independent - parts), 0.0)
 
 
-def autocorrelation(values: FloatArray) -> FloatArray | None:
+def autocorrelation(values: Array) -> Array | None:
     """Sample autocorrelation (n,) at the lags 0 .. n - 1; None of a signal that rests."""
     n = len(values)
     # from the power spectrum, with zeros so that the end does not meet the start
@@ -193,7 +192,7 @@ def wilson_interval(hits: int, of: int) -> tuple[float, float]:
     return max(0.0, centre - reach), min(1.0, centre + reach)
 
 
-def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
+def _difference(measured: ArrayLike, model: ArrayLike) -> Array:
     first, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
     if first.size == 0 or (other.ndim > 0 and first.shape != other.shape):
         raise DataError(

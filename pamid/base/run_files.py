@@ -8,22 +8,21 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
 from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.schemas.diagnosis_file import CAUSED, DiagnosisFile
 from pamid.base.schemas.run_file import RunFile, Step
 
-FloatArray = NDArray[np.float64]
 PERIODS_AGREE = 0.01  # share by which the periods of recordings may differ for a network
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv, not signals
 SQUARED = 1e150  # what is larger cannot be squared
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
 
-def read_columns(path: Path) -> dict[str, FloatArray] | None:
+def read_columns(path: Path) -> dict[str, Array] | None:
     """Columns of a numeric CSV by name, each (n,); None if there is no such file. A blank cell
     becomes nan."""
     if not path.exists():
@@ -68,7 +67,7 @@ def read_steps(path: Path) -> tuple[Step, ...]:
     return (record, *record.steps)
 
 
-def repeats_refit(part: FloatArray, cause: FloatArray, refitted: FloatArray) -> bool:
+def repeats_refit(part: Array, cause: Array, refitted: Array) -> bool:
     """Whether the trace of the model with the causes is that of the refitted model over the fitted
     part, as an earlier version wrote it."""
     return np.array_equal(cause[part == 0], refitted[part == 0], equal_nan=True)

@@ -20,8 +20,8 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import moving_block_interval
 from pamid.base.schemas.diagnosis_file import CAUSED, GapShare
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -30,8 +30,6 @@ from pamid.diagnosis.family_forms import FreeForm
 from pamid.diagnosis.selection import Selection
 from pamid.estimation.port_evidence import PortEvidence
 from pamid.model.attachment import Attachment
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

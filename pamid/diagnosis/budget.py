@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
 from pamid.base.metrics import seen_mean
 from pamid.base.parallel.jobs import Work, WorkerPool
@@ -20,8 +20,6 @@ from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import WHOLE, Replay, noise_floors
-
-Array = NDArray[np.float64]
 
 HORIZONS = (8, 4, 2)  # windows that a run covers, where it cannot cover a whole recording
 

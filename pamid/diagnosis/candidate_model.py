@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.vocabulary import Expr
@@ -31,8 +31,6 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track, run_windows
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 REFIT_ITERATIONS, REFIT_TOLERANCE = 15, 0.02  # Gauss-Newton steps; share of the cost that ends them
 # refits with the weights of a model's residuals end where none grows by this ratio

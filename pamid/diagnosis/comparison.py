@@ -22,13 +22,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import few_entries_factor, seen_mean
 from pamid.base.schemas.diagnosis_file import GapShare
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.estimation.intervals import NORMAL_95
-
-Array = NDArray[np.float64]
 
 ALIKE_NOISE = 0.5  # standard deviations of the noise: no sensor shows less
 LEAST_ERROR = 1e-6  # standard error of a share, for losses that are equal to rounding

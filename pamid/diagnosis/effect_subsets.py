@@ -20,8 +20,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.diagnosis.screening import ScreenedCandidate, ScreeningBaseline
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -29,8 +29,6 @@ from pamid.estimation.linear_rows import linear_rows, moved_rows, orthonormal_sp
 from pamid.model.attachment import Addition
 from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
-
-Array = NDArray[np.float64]
 
 SUBSET_ROWS = 8000  # residuals to which the rows are thinned
 

@@ -14,7 +14,6 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.parallel.jobs import Failed
 from pamid.base.schemas.diagnosis_file import FormCurve, GapShare
@@ -32,7 +31,6 @@ from pamid.model.registry import free_form_effects
 from pamid.model.rig import Port, Rig
 from pamid.simulation.replay import run_windows
 
-Array = NDArray[np.float64]
 FORM_TAIL = 0.5  # per cent of the samples beyond either end of a curve: outliers
 
 Span = tuple[float, float]  # lowest and highest value (SI)

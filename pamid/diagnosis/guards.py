@@ -19,8 +19,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.input_response import explained_channels
@@ -34,8 +34,6 @@ from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Passage, trace
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -23,8 +24,6 @@ from pamid.simulation.input_effects import held_at_mean, idle_text, input_effect
 from pamid.simulation.replay import Replay, replay_track, run_windows, warm_up
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
-
-Array = NDArray[np.float64]
 
 # circular shifts that stand for "without the inputs", as shares of the track; 0 holds every input
 # at its mean. A shifted input keeps what a rectifier or a relay makes of it, the mean does not

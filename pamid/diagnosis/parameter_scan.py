@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.llvm_ir import LANES
 from pamid.engine.program import Stepping
 from pamid.engine.simulator import DIFFERENCE
@@ -28,8 +28,6 @@ from pamid.estimation.weights import Weights
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 # values of a scanned parameter that are best on a part and tried on all fitted data, and of these
 # the ones to start from

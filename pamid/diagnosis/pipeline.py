@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, silent
 from pamid.base.schemas.diagnosis_file import CAUSED, GapShare
@@ -32,8 +33,6 @@ from pamid.model.determined_signals import determined
 from pamid.model.effect import Effect
 from pamid.model.rig import Port
 from pamid.simulation.data_split import DataSplit, half_of_windows
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import (
     CandidateModel,
@@ -43,8 +43,6 @@ from pamid.model.attachment import Addition
 from pamid.model.bound_parameter import Sizes
 from pamid.model.step_rig import StepRig
 from pamid.simulation.data_split import DataSplit
-
-Array = NDArray[np.float64]
 
 CHANCE = 0.05  # significance level of a gain, which by chance is chi-square distributed
 ADVANCED = 2  # candidates with further steps per refitted candidate

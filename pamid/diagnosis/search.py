@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
@@ -49,8 +49,6 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment, wholes_of
 from pamid.model.bound_parameter import Range, Sizes
 from pamid.simulation.data_split import DataSplit
-
-Array = NDArray[np.float64]
 
 WIDENINGS = 2  # of a guessed range at most, by 4 each: up to 16 times a typical magnitude
 STEP_HALVINGS = 3  # maximum number of halvings of a model's integration step

@@ -12,9 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.parallel.jobs import Failed
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
@@ -37,8 +35,6 @@ from pamid.estimation.grey_box import model_with
 from pamid.estimation.port_evidence import PortEvidence, locate
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Addition, Attachment
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.engine.symbolic.expression import const, substitute
 from pamid.engine.symbolic.vocabulary import EquationError, Expr
@@ -22,8 +23,6 @@ from pamid.recording.noise import plateaus
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
-
-Array = NDArray[np.float64]
 
 SLOWEST_LINE = 0.3  # per correlation time: a slower line of the gap is drift, and no vibration
 # points of the spectrum: over which it is averaged, for a line to stand out; of a line's skirts

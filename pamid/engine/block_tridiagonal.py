@@ -12,12 +12,10 @@ The determinant of the whole is the product of those of the M_i.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.lu import factor, solve
 from pamid.engine.numba_cache import njit
-
-Array = NDArray[np.float64]
 
 
 def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, float]:

@@ -59,7 +59,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 PREDICTION_LIMIT = 1e-3  # of a level: largest error of a predicted step
 MOST_NUMBERS = 2**25  # of a table, 256 MiB; where a track needs more, nothing is kept

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.llvm_ir import LANES, extract_derived, with_partials
 from pamid.engine.program import (
     EquationSteps,
@@ -30,8 +31,6 @@ from pamid.engine.symbolic.memory_cells import StateEquations
 
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
     from pamid.engine.lane_sweep import LaneArrays, LaneEquations, LaneScratch
-
-Array = NDArray[np.float64]
 
 
 @dataclass

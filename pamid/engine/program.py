@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.llvm_ir import (
     LANES,
@@ -28,7 +29,6 @@ from pamid.engine.symbolic.vocabulary import Expr, expression
 if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
     from pamid.engine.integrator import CompiledEquations, Inputs, MemoryArrays, Results
 
-Array = NDArray[np.float64]
 
 # floats in the sensitivities of a block of windows: 1 MiB, which stays in the cache
 BLOCK_NUMBERS = 2**17

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import (
     Memory,
     ModuleTexts,
@@ -28,8 +28,6 @@ from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import Simulator
 from pamid.engine.stepped import Course, SteppedProgram
-
-Array = NDArray[np.float64]
 
 _LENGTH = struct.Struct("<q")
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Memory, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.stepped import SteppedProgram
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Memory
-
-Array = NDArray[np.float64]
 
 BLOWN_UP = 1e15
 MOVED = 1e-4  # of a parameter: a simulator that controls its step knows its outputs to 1e-6

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 DIFFERENCE = 1e-6  # of a value's size: rounding and curvature each leave about 1e-9 of a slope
 # of such a difference, where it lies across a jump: the square root of what rounding leaves of a

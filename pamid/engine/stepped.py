@@ -28,6 +28,7 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, Program, RunParts, SimulatedWindow, Stepping, WindowStarts
 from pamid.engine.sampled_inputs import SampledInputs
@@ -40,8 +41,6 @@ from pamid.engine.simulator import (
     library_step,
     moved_parameters,
 )
-
-Array = NDArray[np.float64]
 
 MOST_EXCHANGES = 64  # per sample
 

@@ -14,7 +14,6 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.estimation.intervals import background_pull
@@ -27,8 +26,6 @@ from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay_track
-
-Array = NDArray[np.float64]
 
 # times the held-out error of the data sheet, or of the model without a background term: below it
 # the two differ by chance

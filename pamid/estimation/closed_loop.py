@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.schemas.score_file import RecordingError
 from pamid.base.units import from_si, split_column, with_unit
 from pamid.engine.symbolic.expression import symbol
@@ -17,8 +17,6 @@ from pamid.simulation.data_split import Span
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.rig_data import Data
 from pamid.simulation.scored_recording import IN_LOOP, recording_error
-
-Array = NDArray[np.float64]
 
 PERTURBED = 1e-3  # relative change of a parameter for the closed loop's perturbation band
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import table_bytes
 from pamid.base.schemas import fit_file as result
 from pamid.base.units import column_size, from_si, split_column, with_unit
@@ -23,8 +23,6 @@ from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, replay_track
-
-Array = NDArray[np.float64]
 
 
 def fit_json(

@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.damped_gauss_newton import Iteration
 from pamid.engine.program import Stepping
 from pamid.estimation.lane_windows import MOVE, moved_parameters, run_lanes
@@ -36,8 +37,6 @@ from pamid.estimation.multiple_shooting import (
 from pamid.estimation.problem import FitStart, Problem
 from pamid.estimation.weights import Weights
 from pamid.simulation.windows import Window
-
-Array = NDArray[np.float64]
 
 
 class PaddedWindows:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import Progress, Settled, silent
@@ -36,8 +36,6 @@ from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, noise_floors, replay_track
 from pamid.simulation.tracks import Track
-
-Array = NDArray[np.float64]
 
 COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
 # of that change: largest share after doubling once more; a method of order 1 leaves half

@@ -19,8 +19,8 @@ from itertools import combinations as subsets
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.schemas.estimates import Estimate
 from pamid.base.schemas.fit_file import Combination, Tie
 from pamid.estimation.intervals import NORMAL_95, SETTLED, estimates, word_for
@@ -34,8 +34,6 @@ from pamid.estimation.quantities import (
     reported_values,
 )
 from pamid.model.bound_parameter import Bound
-
-Array = NDArray[np.float64]
 
 # by how much knowing the others must narrow a parameter to call it tied to them
 GIVEN = 1.0 / 3.0

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress, silent
 from pamid.base.schemas.estimates import Estimate
@@ -16,7 +16,6 @@ from pamid.estimation.problem import Fit, Problem
 from pamid.model.background import pull_of
 from pamid.model.bound_parameter import Bound
 
-Array = NDArray[np.float64]
 NORMAL_95 = 1.959964
 SETTLED, SILENT = 0.3, 0.9  # posterior over prior standard deviation
 

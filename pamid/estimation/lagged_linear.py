@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.model.assembly import Assembly
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.tracks import Track, track_of
-
-Array = NDArray[np.float64]
 
 # Of the error without inputs: above the first there is no response, below the second a clear
 # response. Chance correlations of smooth outputs reach 0.73 (benchmarks/nonsense.py).

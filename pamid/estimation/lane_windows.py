@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.estimation.problem import Problem
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
-
-Array = NDArray[np.float64]
 
 MOVE = 1e-5  # of a prior spread, or of a state's standard deviation over the window starts
 

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.estimation.lane_windows import moved_parameters, run_lanes
 from pamid.estimation.problem import Fit, Problem
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 STARTS_RIDGE = 1e-10  # share of a column's square that keeps normal equations solvable
 

@@ -30,6 +30,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.known_slopes import KnownSlopes
@@ -40,7 +41,6 @@ from pamid.estimation.weights import Weights
 from pamid.simulation.initial_state import CARRIED_INFORMATION, WindowStart
 from pamid.simulation.windows import Runner
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 #: normal equations of a track's window starts: diagonal blocks D (w,n,n), off-diagonal blocks
 #: (w-1,n,n), border B (w,n,k) and gradient gx (w,n)

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.files import sha256_of
 from pamid.base.result_file import need_result
@@ -30,7 +30,6 @@ from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import reported_values, straight_coordinates
 from pamid.simulation.data_split import DataSplit
 
-Array = NDArray[np.float64]
 FIT_ANEW = "Repeat the fit with `pamid fit`."
 CLOCK_TERMS = ":drift"  # background terms counted from a recording's beginning
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
+
 # scaled parameters -> coordinates (k,), derivatives (k, k)
 Coordinates = Callable[[Array], tuple[Array, Array]]
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import seen_mean
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Stepping
@@ -20,8 +21,6 @@ from pamid.simulation.data_split import FIT_WINDOW
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.tracks import Track, noise_of, stated_noise
 from pamid.simulation.windows import Runner, Window, cut
-
-Array = NDArray[np.float64]
 
 SHORTEST = 20  # samples
 

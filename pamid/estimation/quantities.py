@@ -9,15 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import column_size, split_column, unit_label
 from pamid.estimation.prior import Coordinates
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.assembly import Assembly
 from pamid.model.trace import Names
 
-Array = NDArray[np.float64]
 Measure = Callable[[Array], float]  # all parameters (SI) -> the quantity, in its unit
 
 NEW = 0.2  # part of a direction that must not follow from those before

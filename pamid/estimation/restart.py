@@ -13,15 +13,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.damped_gauss_newton import iterate
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit, FitStart
 from pamid.estimation.robust_fit import fit_in_stages, fit_robustly
 from pamid.estimation.weights import residual_weights
-
-Array = NDArray[np.float64]
 
 SHORTER = 0.25  # of a window: where a fit begins that long windows would trap
 RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import Progress, fit
 from pamid.estimation.problem import Fit, FitStart, Problem
 from pamid.estimation.weights import Weights, residual_weights
-
-Array = NDArray[np.float64]
 
 ROUNDS, FIRST_STEPS = 3, 15
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.known_slopes import KnownSlopes
@@ -37,8 +38,6 @@ from pamid.model.effect import Effect, State
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner, Window, cut
-
-Array = NDArray[np.float64]
 
 # a latent value is constant over a slice: correlation times, and samples at least
 SLICE, SLICE_SAMPLES = 0.16, 4

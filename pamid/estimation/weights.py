@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import autocorrelation, seen_mean
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import table_bytes
 from pamid.base.units import from_si, split_column, with_unit
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.simulation.data_split import DataSplit, Span
 from pamid.simulation.replay import WHOLE, Replay, replay_track
-
-Array = NDArray[np.float64]
 
 OVER_RECORDINGS = "in free runs of the fitted model over the recordings"
 

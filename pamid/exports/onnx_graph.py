@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pamid.engine.symbolic.expression import Expr, walk
 from pamid.engine.symbolic.operators import OPERATORS, is_comparison
 
-Array = NDArray[np.float64]
 Symbol = tuple[str, str]
 Shape = tuple[int | str, ...]
 

@@ -16,16 +16,13 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.exports.onnx_graph import Graph, graph_of, model_bytes
 from pamid.exports.onnx_step import Sampled
 from pamid.exports.step import step_of
 from pamid.networks.correction.identified_model import Identified
 
-Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)
 Nodes = Callable[[Graph, str, str], tuple[str, str]]
 

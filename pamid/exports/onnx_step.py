@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.expression import Expr, symbols, walk
 from pamid.engine.symbolic.operators import OPERATORS
 from pamid.exports.onnx_graph import Graph, Symbol, Values
@@ -15,8 +15,6 @@ from pamid.exports.onnx_newton import Implicit
 from pamid.exports.step import SampleStep, Update
 from pamid.networks.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
 from pamid.networks.trained_network import TrainedNetwork
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

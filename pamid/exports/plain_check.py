@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE, RESIDUAL_FILE
@@ -24,8 +24,6 @@ from pamid.networks.correction.residual_data import residual_columns, scored_win
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
-
-Array = NDArray[np.float64]
 
 #: largest ratio to the stated error for an acceptable file
 REACHED = 1.2

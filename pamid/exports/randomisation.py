@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import DIAGNOSIS_FILE, FIT_FILE
@@ -26,8 +26,6 @@ from pamid.networks.correction.identified_model import Identified
 from pamid.networks.correction.residual_data import REFIT_REMEDY
 from pamid.rigs.simulators.body_inertia import shapes_of
 from pamid.rigs.simulators.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-6  # of a parameter's size, for derivatives of combinations
 

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import NONE, compatible, split_column, to_si
 from pamid.engine.lane_program import LaneProgram
@@ -32,8 +32,6 @@ from pamid.model.executable import Executable, lane_program_of, program_of
 from pamid.model.known_bounds import CURE, KnownObjection, objection
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
-
-Array = NDArray[np.float64]
 
 MEMORIES = frozenset({"play", "bristle"})  # operators whose deflection only travel makes forget
 EVEN_DRAWS = 3  # points at which outputs are tested for the sign of a state

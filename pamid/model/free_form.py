@@ -25,13 +25,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Expr, Number, clip, expression
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-
-Array = NDArray[np.float64]
 
 PLACED = "placed over the range that the recordings reach"
 SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"

@@ -36,8 +36,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import name_fault
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import (
@@ -55,8 +55,6 @@ from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.recording.file_checks import BEFORE, BETWEEN
 from pamid.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

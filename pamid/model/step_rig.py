@@ -42,14 +42,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, nearest
 from pamid.engine.simulator import DIFFERENCE, LibraryStep
 from pamid.engine.stepped import FarRunner, slopes_of
 from pamid.engine.symbolic.expression import Expr, expression, symbol
 from pamid.engine.symbolic.vocabulary import Number
 from pamid.model.rig import Rig
-
-Array = NDArray[np.float64]
 
 SIMULATED = "simulated"  # the operator of values that only a simulation has
 TRIED_POINTS = 4  # points at which dependences are tried

@@ -32,9 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import SAME_DIGITS, motion
-
-Array = NDArray[np.float64]
 
 ALIKE_GAPS = 0.2  # of the smallest gap between levels: gaps this close to it are a single step
 MOST_LEVELS = 20000  # levels looked at, those in the middle

@@ -24,13 +24,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.base.metrics import motion, runs_of
 from pamid.base.units import size_to_si, split_column, to_si
 from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
 from pamid.recording.recording import Recording, match_column
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 Words = tuple[NDArray[np.uint64], Places]  # hashes that are looked up, and where each begins
 

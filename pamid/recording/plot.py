@@ -8,11 +8,9 @@ from collections.abc import Mapping
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import NONE, split_column
-
-Array = NDArray[np.float64]
 
 POINTS = 4000  # of a panel; more cannot be seen
 PLOT_WIDTH_IN, PANEL_IN = 8.0, 1.15

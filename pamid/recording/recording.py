@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.base.card import Cells, card, html_table, interval, text_table
 from pamid.base.csv_table import table_bytes
 from pamid.base.errors import DataError, FileError, UsageError, listed, nearest
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 
     from pamid.recording.plot import NotebookFigure
 
-FloatArray = NDArray[np.float64]
 
 TIME = "time_s"
 MIN_SAMPLES = 50
@@ -93,8 +93,8 @@ class Recording:
     name: str
     path: Path
     sha256: str
-    time: FloatArray
-    columns: dict[str, FloatArray]
+    time: Array
+    columns: dict[str, Array]
     sampling_period_s: float
     loop: str | None = None
     rig: str | None = None
@@ -185,7 +185,7 @@ class Recording:
         """True if this signal was recorded, in whatever unit of its quantity."""
         return match_column(self.columns, column) is not None
 
-    def signal(self, column: str) -> FloatArray:
+    def signal(self, column: str) -> Array:
         """The signal `column`, converted to the unit in that name if the file holds another of the
         same quantity.
 
@@ -201,7 +201,7 @@ class Recording:
         values = from_si(to_si(self.columns[name], split_column(name)[1]), split_column(column)[1])
         return np.asarray(values)
 
-    def si(self, column: str) -> FloatArray:
+    def si(self, column: str) -> Array:
         """The signal `column` in SI units (rad, Pa, N, m ...)."""
         return np.asarray(to_si(self.signal(column), split_column(column)[1]))
 
@@ -378,7 +378,7 @@ def toml_string(value: str) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
+def _read_cells(path: Path, names: Sequence[str]) -> Array:
     """All numbers below the header, shape (rows, columns). The fast reader only reports that a cell
     is wrong; the slow reader then names it."""
     import warnings

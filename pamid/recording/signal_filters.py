@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 
 def local_parabola(y: Array, length: int, period_s: float = 1.0, derivative: int = 0) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.run_files import FloatArray
+from pamid.base.arrays import Array
 from pamid.base.run_folder import FIT_FILE, NETWORK_FILE
 from pamid.report.formatting import SPACE, channel_label, channel_unit, number
 from pamid.report.load import Residual, RunData
@@ -214,7 +214,7 @@ def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]
 
 
-def _mae(measured: FloatArray, model: FloatArray) -> float:
+def _mae(measured: Array, model: Array) -> float:
     error = np.abs(measured - model)
     error = error[np.isfinite(error)]
     return float(error.mean()) if error.size else float("nan")

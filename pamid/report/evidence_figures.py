@@ -12,8 +12,8 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import adjusted_share, independent_samples
-from pamid.base.run_files import FloatArray
 from pamid.base.schemas.diagnosis_file import DiagnosisFile
 from pamid.base.schemas.fit_file import FitFile, Posterior
 from pamid.base.schemas.network_file import NetworkFile
@@ -89,7 +89,7 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
 
 def _longest_held_out(
     residual: Residual, channel: str
-) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
+) -> tuple[int, dict[str, tuple[Array, Array]]]:
     """The recording with most held-out (else scored) rows, and its binned errors by model."""
     columns = residual.columns
     scored = scored_rows(residual, channel)
@@ -109,9 +109,7 @@ def _longest_held_out(
     return number, curves
 
 
-def _curve(
-    time: FloatArray, error: FloatArray, parts: list[NDArray[np.intp]]
-) -> tuple[FloatArray, FloatArray]:
+def _curve(time: Array, error: Array, parts: list[NDArray[np.intp]]) -> tuple[Array, Array]:
     """Means of stretches of equal count; a nan breaks the line between distant parts."""
     times, errors, most = [], [], max(_BINS // len(parts), 1)
     for rows in parts:
@@ -144,8 +142,8 @@ class ErrorOverSignal:
 
     signal: str
     unit: str
-    values: FloatArray
-    errors: dict[str, FloatArray]
+    values: Array
+    errors: dict[str, Array]
     share: float
 
     @property
@@ -329,7 +327,7 @@ def correlation_note(fit: FitFile | None) -> str:
     return f"{_correlation_title(names, correlations)}." if len(names) > 1 else ""
 
 
-def _correlation_title(names: list[str], correlations: FloatArray) -> str:
+def _correlation_title(names: list[str], correlations: Array) -> str:
     apart = np.abs(np.tril(correlations, -1))
     row, column = np.unravel_index(int(np.argmax(apart)), apart.shape)
     value = _two_digits(correlations[row, column])
@@ -343,7 +341,7 @@ def _two_digits(value: float) -> str:
     return f"{value:.2f}".replace("-", formatting.MINUS)
 
 
-def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
+def _correlations(posterior: Posterior) -> tuple[list[str], Array]:
     """Names and correlations (n, n) of the rig's parameters; empty if both do not fit."""
     size = len(posterior.keys)
     if [len(row) for row in posterior.covariance] != list(range(1, size + 1)):
@@ -370,7 +368,7 @@ def _correlations(posterior: Posterior) -> tuple[list[str], FloatArray]:
 # ---- training ------------------------------------------------------------------------------------
 
 
-def training_drawing(trace: dict[str, FloatArray], network: NetworkFile | None) -> Drawing | None:
+def training_drawing(trace: dict[str, Array], network: NetworkFile | None) -> Drawing | None:
     """MSE of the scaled output, effective number of parameters and damping over the iteration."""
     panels = [name for name in _PANELS if name in trace and np.isfinite(trace[name]).any()]
     if not panels:

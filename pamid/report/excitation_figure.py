@@ -9,13 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import NONE
 from pamid.report.style import Drawing, colour, finish, label, line, png_of
 from pamid.simulation.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
-
-Array = NDArray[np.float64]
 
 MOST_CHANGES = 60  # changes that can be distinguished in a panel
 MOST_TICKS = 5

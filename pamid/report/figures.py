@@ -17,9 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from pamid.base.arrays import Array
 from pamid.base.errors import join_words
 from pamid.base.metrics import adjusted_share, independent_samples
-from pamid.base.run_files import FloatArray
 from pamid.base.schemas.diagnosis_file import Candidate, DiagnosisFile
 from pamid.base.share_words import chance_text
 from pamid.base.units import split_column
@@ -212,7 +212,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
     return Drawing("missing", capital(title + at_port(term.port)), draw, 2.8, 2.8)
 
 
-def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def binned(x: Array, y: Array) -> tuple[Array, Array, float]:
     """Medians of x and y in parts of about equal count, none too narrow to be seen, and the share
     of the variance of y that lies between the parts."""
     edges = [x.min()]
@@ -557,7 +557,7 @@ def _value(axes: Axes, x: float, row: float, text: str) -> None:
     annotate(axes, text, (max(x, 0.0), row), (4, 0))
 
 
-def _thinned(time: FloatArray, values: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+def _thinned(time: Array, values: Array, most: int) -> tuple[Array, Array]:
     """About so many points that keep every extreme: first, lowest, highest of each stretch."""
     size = values.size
     if size <= most:

@@ -10,11 +10,9 @@ from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.report.style import Drawing, colour, finish, label, level, png_of
-
-Array = NDArray[np.float64]
 
 LIGHTEST = 0.9  # of the colour scale: its yellow end does not show on white
 

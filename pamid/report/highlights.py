@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import runs_of
-from pamid.base.run_files import FloatArray
 from pamid.base.schemas.diagnosis_file import Regime
 from pamid.base.units import split_column
 from pamid.diagnosis.verdict.localise import SMOOTHED
@@ -72,7 +72,7 @@ def highlights_of(
 
 
 def _named(
-    residual: Residual, error: FloatArray, stretches: Sequence[Stretch], span: tuple[float, float]
+    residual: Residual, error: Array, stretches: Sequence[Stretch], span: tuple[float, float]
 ) -> Highlight | None:
     """A window of the diagnosis, which does not name its recording: it is taken from the recording
     with the largest error."""
@@ -91,7 +91,7 @@ def _named(
 
 def _regime(
     residual: Residual,
-    error: FloatArray,
+    error: Array,
     stretches: Sequence[Stretch],
     windows: Sequence[tuple[Stretch, int, int]],
     regime: Regime,
@@ -125,7 +125,7 @@ def _regime(
     return Highlight("where", label, part.recording, begin, end, bands)
 
 
-def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
+def signal_along(residual: Residual, name: str, rows: NDArray[np.int64]) -> Array | None:
     """A signal by the name that regimes give it, or the rate of a measured signal (per s)."""
     stems = {
         split_column(column)[0]: column for column in (*channels_of(residual), *inputs_of(residual))

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.network_folders import TRACE_FILE, channel_networks
 from pamid.base.result_file import REMEDY, read_result
-from pamid.base.run_files import RESIDUAL_KEYS, FloatArray, read_columns, read_diagnosis, read_steps
+from pamid.base.run_files import RESIDUAL_KEYS, read_columns, read_diagnosis, read_steps
 from pamid.base.run_folder import (
     ADDED_VARIABLES_FILE,
     DIAGNOSIS_FILE,
@@ -37,9 +38,9 @@ from pamid.base.units import split_column
 class Residual:
     """residual.csv with the free runs: every column (n,) in the unit of its name."""
 
-    columns: dict[str, FloatArray]
+    columns: dict[str, Array]
 
-    def of(self, channel: str, kind: str) -> FloatArray | None:
+    def of(self, channel: str, kind: str) -> Array | None:
         """A model's trace of a channel; kind: "data_sheet", "refitted", "cause", "network", "loop",
         "loop_network"."""
         stem = split_column(channel)[0]
@@ -56,8 +57,8 @@ class RunData:
     diagnosis: DiagnosisFile | None
     network: NetworkFile | None
     residual: Residual | None
-    trace: dict[str, FloatArray] | None
-    missing: dict[str, FloatArray] | None
+    trace: dict[str, Array] | None
+    missing: dict[str, Array] | None
     other_networks: tuple[NetworkFile, ...] = ()
     added: AddedVariablesFile | None = None
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError, join_words, nearest
 from pamid.base.result_file import REMEDY
-from pamid.base.run_files import FloatArray
 from pamid.base.units import split_column, to_si
 from pamid.model.registry import catalogue_rig, rig_named, rigs
 from pamid.model.rig import Rig
@@ -47,16 +47,16 @@ class Motion:
     """
 
     recording: str
-    time: FloatArray
-    lines: dict[str, tuple[FloatArray, ...]]
-    gaps: dict[str, dict[str, FloatArray]]
-    restarts: FloatArray
+    time: Array
+    lines: dict[str, tuple[Array, ...]]
+    gaps: dict[str, dict[str, Array]]
+    restarts: Array
     names: dict[str, str]
     means: dict[str, dict[str, float]]
     title: str
 
     @property
-    def box(self) -> tuple[FloatArray, FloatArray]:
+    def box(self) -> tuple[Array, Array]:
         """Lower left and upper right corner of all that is drawn, with a margin, m."""
         points = np.concatenate(
             [line.reshape(-1, 2) for lines in self.lines.values() for line in lines]
@@ -67,7 +67,7 @@ class Motion:
         return middle - half, middle + half
 
     @property
-    def pivots(self) -> FloatArray:
+    def pivots(self) -> Array:
         """Points that never move, (points, 2), m."""
         points = np.concatenate(self.lines[MEASURED], axis=1)
         still = np.ptp(points, axis=0).max(axis=1) < 1e-9
@@ -82,7 +82,7 @@ class Motion:
         """ "measured", "best" or "before", of the model before the best."""
         return kind if kind == MEASURED else "best" if kind == self.best else "before"
 
-    def tip(self, kind: str) -> FloatArray:
+    def tip(self, kind: str) -> Array:
         """The last point of the first polyline (n, 2), m."""
         return self.lines[kind][0][:, -1]
 
@@ -235,13 +235,13 @@ def gap_label(channel: str) -> str:
     return f"{formatting.channel_label(channel)}: model {formatting.MINUS} measured"
 
 
-class _Outputs(Mapping[str, FloatArray]):
+class _Outputs(Mapping[str, Array]):
     """Outputs by name in SI, from the columns of a run; `read` collects those that a pose used."""
 
-    def __init__(self, rig: Rig, columns: Mapping[str, FloatArray]) -> None:
+    def __init__(self, rig: Rig, columns: Mapping[str, Array]) -> None:
         self._rig, self._columns, self.read = rig, columns, set[str]()
 
-    def __getitem__(self, name: str) -> FloatArray:
+    def __getitem__(self, name: str) -> Array:
         if name not in self._columns:
             known = name in self._rig.outputs
             hint = "Record that channel." if known else nearest(name, list(self._rig.outputs))
@@ -250,7 +250,7 @@ class _Outputs(Mapping[str, FloatArray]):
                 hint,
             )
         self.read.add(name)
-        values: FloatArray = to_si(self._columns[name], split_column(name)[1])
+        values: Array = to_si(self._columns[name], split_column(name)[1])
         return values
 
     def __iter__(self) -> Iterator[str]:
@@ -270,7 +270,7 @@ def _parameters(run: RunData, rig: Rig) -> Names:
     return Names(values, "parameter")
 
 
-def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, ...]:
+def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[Array, ...]:
     """The polylines of a pose, checked; they may come from a user's file."""
     pose = rig.pose(outputs, parameters)
     size = len(next(iter(outputs.values())))
@@ -311,7 +311,7 @@ def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, 
 
 def _rows(
     residual: Residual,
-    columns: dict[str, dict[str, FloatArray]],
+    columns: dict[str, dict[str, Array]],
     window: WorstWindow,
     begin: float | None,
     end: float | None,
@@ -329,7 +329,7 @@ def _rows(
 
 
 def _span(
-    clock: FloatArray, window: WorstWindow, begin: float | None, end: float | None, step_s: float
+    clock: Array, window: WorstWindow, begin: float | None, end: float | None, step_s: float
 ) -> tuple[float, float]:
     """First and last time shown; a nan is refused with all else that leaves nothing."""
     if clock.size < 2:

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.report.evidence_figures import power_of_ten
 from pamid.report.style import (
     Drawing,
@@ -26,8 +26,6 @@ from pamid.report.style import (
     line,
     png_of,
 )
-
-Array = NDArray[np.float64]
 
 # noise over range from which a measured line is drawn thin, and how thin
 ROUGH_LINE, THIN_LINE = 0.05, 0.5

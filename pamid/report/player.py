@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
-from pamid.base.run_files import FloatArray
 from pamid.model.rig import Rig
 from pamid.report import formatting
 from pamid.report.load import RunData
@@ -77,10 +77,10 @@ def _pose(motion: Motion, still: int) -> dict[str, Any]:
     wide, tall = (int(size) for size in np.ceil((high - low) / unit))
     length = scale_of(float((high - low).max()))
 
-    def drawn(points: FloatArray) -> FloatArray:
+    def drawn(points: Array) -> Array:
         return np.rint((points - [low[0], high[1]]) / [unit, -unit])
 
-    def moving(shape: str, kind: str, points: FloatArray, tail: int) -> tuple[str, str, str, int]:
+    def moving(shape: str, kind: str, points: Array, tail: int) -> tuple[str, str, str, int]:
         """Points (frames, points, 2); tail: how many frames before are shown too."""
         first = points[max(0, still - tail) : still + 1]
         return f"{shape} {_class(motion, kind)}", _numbers(first), _numbers(points), tail
@@ -104,7 +104,7 @@ def _pose(motion: Motion, still: int) -> dict[str, Any]:
     }
 
 
-def _numbers(points: FloatArray) -> str:
+def _numbers(points: Array) -> str:
     return " ".join(f"{value:.0f}" for value in points.ravel())
 
 
@@ -134,17 +134,17 @@ def _strips(motion: Motion, still: int) -> dict[str, Any]:
     }
 
 
-def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> dict[str, Any]:
+def _strip(motion: Motion, channel: str, across: Array, top: int, tall: int) -> dict[str, Any]:
     """Curves of a channel, with the smallest and the largest gap as labels."""
     gaps = motion.gaps[channel]
     low = min(0.0, *(float(gap.min()) for gap in gaps.values()))
     high = max(0.0, *(float(gap.max()) for gap in gaps.values()))
     reach = max(high - low, 1e-12)
 
-    def down(gap: FloatArray | float) -> FloatArray:
+    def down(gap: Array | float) -> Array:
         return np.asarray(top + _ABOVE + tall * (high - np.asarray(gap)) / reach)
 
-    def curve(gap: FloatArray) -> str:
+    def curve(gap: Array) -> str:
         return " ".join(f"{x:.1f} {y:.1f}" for x, y in zip(across, down(gap), strict=True))
 
     edges = {value for value in (low, high, 0.0) if value == 0.0 or abs(value) > 0.2 * reach}

@@ -10,15 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import blended_transform_factory
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.intake.checks.findings import QualityIssue
 from pamid.recording.file_checks import HUGE
 from pamid.recording.recording import Recording
 from pamid.report import formatting
 from pamid.report.style import Drawing, Look, colour, finish, label, line
-
-Array = NDArray[np.float64]
 
 BUCKETS = 700  # of which each shows its lowest and highest sample
 MOST_CHANNELS = 24

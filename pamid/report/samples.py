@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.run_files import RESIDUAL_KEYS, FloatArray
+from pamid.base.arrays import Array
+from pamid.base.run_files import RESIDUAL_KEYS
 from pamid.base.units import split_column
 from pamid.report.channel_errors import stretches
 from pamid.report.load import Residual
@@ -49,7 +50,7 @@ class Stretch:
     cut: bool  # there was more of it than a page can hold
 
 
-def packed(values: FloatArray) -> Packed:
+def packed(values: Array) -> Packed:
     """Values quantised to 65535 levels between the smallest and the largest; values that are
     not finite are missing."""
     usable = np.isfinite(values)
@@ -62,7 +63,7 @@ def packed(values: FloatArray) -> Packed:
     return Packed(low, step, text_of(places))
 
 
-def packed_times(time: FloatArray) -> Packed:
+def packed_times(time: Array) -> Packed:
     """Rising times [s], to a thirty-thousandth of the sampling period."""
     step = (float(np.median(np.diff(time))) if time.size > 1 else 1.0) / _TICKS
     ticks = np.rint((time - time[0]) / step).astype(np.int64)

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from pamid.base.arrays import Array
 from pamid.base.errors import join_words
-from pamid.base.run_files import FloatArray, repeats_refit
+from pamid.base.run_files import repeats_refit
 from pamid.report import formatting
 from pamid.report.captions import model_label
 from pamid.report.channel_errors import FIELDS, ChannelErrors, headline
@@ -194,7 +195,7 @@ def _blocks(
     ]
 
 
-def _values(residual: Residual, column: str, kind: str) -> FloatArray:
+def _values(residual: Residual, column: str, kind: str) -> Array:
     """A trace as it is drawn, that of the causes only where their model ran."""
     values = residual.columns[column] if kind == MEASURED else residual.of(column, kind)
     part, refitted = residual.columns["part"], residual.of(column, "refitted")

@@ -7,8 +7,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.model.rig import Rig
 from pamid.simulation.excitation.experiments import (
@@ -28,8 +28,6 @@ from pamid.simulation.excitation.waveforms import (
     pulses,
     through,
 )
-
-Array = NDArray[np.float64]
 
 VENTED, INITIAL_PRESSURE, PAYLOAD = "vents_open", "initial_pressure_kpa", "payload_kg"
 HIGHEST_TORQUE_NM = 8.0  # of the torque loops

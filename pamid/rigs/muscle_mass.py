@@ -31,8 +31,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Expr, Number, absolute, where
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -42,8 +42,6 @@ from pamid.rigs.antagonists import Muscle, Valves, pressure_rate, pull_of
 from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.rigs.pneumatics import ATMOSPHERE_PA, conductances, iso_flow
-
-Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
 MUSCLE_SIDE = 1.0  # the side of the only muscle

@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Expr, Number
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -24,8 +24,6 @@ from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
-
-Array = NDArray[np.float64]
 
 BOTH = ("1", "2")
 # drawn length; estimate: an arm of 0.35 kg and 0.30 m has three quarters of the nominal inertia

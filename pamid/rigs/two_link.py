@@ -31,8 +31,8 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Expr, Number, cos, sin
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -42,8 +42,6 @@ from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, StaticForce, law_named
 from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
-
-Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
 JOINTS = ("1", "2")

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pamid.base.arrays import Array
 
 FORGOTTEN = float(np.exp(-1.0))
 STAYS = 3  # times the lag over which the correlation stays below

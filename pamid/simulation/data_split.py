@@ -11,6 +11,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import motion, seen_mean
 from pamid.model.assembly import Assembly
@@ -28,7 +29,6 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.rig_data import Data, data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
-Array = NDArray[np.float64]
 # samples of an independent stretch, that is of a window on which a model is scored
 STRETCH_SAMPLES = 20
 FEWEST_FITTED, FEWEST_HELD_OUT = 7, 3  # stretches, over all recordings together

@@ -15,15 +15,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.model.assembly import Assembly
 from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, cut
-
-Array = NDArray[np.float64]
 
 # of the errors over twice the time: more than t^4 gives, and errors grow 1000-fold over the whole
 GROWTH_LIMIT = 30.0

@@ -8,8 +8,8 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.lane_program import LaneProgram
@@ -22,8 +22,6 @@ from pamid.model.bound_parameter import TRAVEL, TRAVELLED, Sizes
 from pamid.model.executable import Executable
 from pamid.recording.recording import Recording
 from pamid.simulation.rig_data import Data, data_of
-
-Array = NDArray[np.float64]
 
 # |eigenvalue| x step up to which the explicit step is used: accurate, and two thirds of where the
 # classical Runge-Kutta method becomes unstable (2.79 on the real axis, 2.83 on the imaginary axis)

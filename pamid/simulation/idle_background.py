@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.engine.symbolic.expression import symbols
 from pamid.engine.symbolic.vocabulary import Expr
@@ -23,8 +23,6 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.simulation.free_runs import free_run, known_values
 from pamid.simulation.rig_data import Data
-
-Array = NDArray[np.float64]
 
 FEW_VALUES = 3
 BINS = 20  # of the range, as fine as a rough map of ten waves

@@ -13,13 +13,11 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 # what the squared residuals have to fall by for a sign to be turned that no reading shows: as three
 # standard deviations would say it

@@ -7,12 +7,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import motion
 from pamid.base.units import NONE, from_si, size_from_si, split_column
-
-Array = NDArray[np.float64]
 
 #: outputs (samples x channels, SI) at inputs (samples x inputs, SI); None where the run blows up
 Simulate = Callable[[Array], Array | None]

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import seen_mean
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
@@ -22,8 +23,6 @@ from pamid.recording.noise import NEGLIGIBLE_ERROR
 from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut, window_starts
-
-Array = NDArray[np.float64]
 
 LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recordings
 USUAL_WINDOW_SAMPLES = 40  # of a window at least

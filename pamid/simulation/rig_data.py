@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, listed, nearest, quoted
 from pamid.base.units import from_si, split_column, to_si
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,12 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import mae, rms
 from pamid.base.schemas.score_file import RecordingError
-
-Array = NDArray[np.float64]
 
 REPLAYED, IN_LOOP = "replay", "loop"
 

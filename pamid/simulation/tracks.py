@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import NONE, column_size, size_to_si, split_column
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
@@ -18,8 +19,6 @@ from pamid.recording.noise import noise_level, sensor_noise
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import known_values
 from pamid.simulation.rig_data import Data
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.base.progress import tell
 from pamid.model.assembly import Assembly
@@ -22,8 +20,6 @@ from pamid.model.sampling import as_sampled
 from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import port_sizes, virtual_recording
 from pamid.simulation.rig_data import data_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

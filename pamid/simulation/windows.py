@@ -14,12 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.known_slopes import KnownSlopes
 from pamid.engine.program import Memory, SimulatedWindow, Stepping, WindowStarts
 from pamid.model.assembly import Assembly
 from pamid.simulation.tracks import Track
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

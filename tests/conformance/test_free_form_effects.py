@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.intake.checks.conformance import effect_findings
 from pamid.model.assembly import Assembly
@@ -17,7 +17,6 @@ from pamid.model.registry import all_effects, free_form_effects, rig_named, rigs
 from pamid.model.rig import Port, Rig
 from pamid.simulation.virtual_rig import attach_specs
 
-Array = NDArray[np.float64]
 LOW, HIGH = -3.0, 3.0
 FORMS = list(free_form_effects().values())
 each = pytest.mark.parametrize("form", FORMS, ids=lambda e: e.name)

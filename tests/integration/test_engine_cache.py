@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from compiled import Array, program, run, state
+from compiled import program, run, state
 
 from pamid.base import trust
+from pamid.base.arrays import Array
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import build_program
 

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from exported import STRICT
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.writers import FORMATS, change_points, write_excitation
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.003
 needs_octave = pytest.mark.skipif(

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from foreign_fmus import changed
-from numpy.typing import NDArray
 from pendulums import WrittenPendulum
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
@@ -33,7 +33,6 @@ pytest.importorskip("fmpy", reason="the extra [fmu] is not installed")
 if not shutil.which("cc") and not shutil.which("gcc"):
     pytest.skip("no C compiler builds the FMU", allow_module_level=True)
 
-Array = NDArray[np.float64]
 
 PERIOD, SAMPLES = WrittenPendulum.period_s, 120
 U = aprbs(SAMPLES * PERIOD, PERIOD, 6.0, (0.1, 0.4), seed=1)[:, None]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.frame import run
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import rms
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
@@ -27,7 +27,6 @@ EXAMPLE = ROOT / "data" / "example" / "muscle_map.csv"
 MEASURED = ROOT.parent / "shared" / "data" / "festo_force_map" / "martens2017_dmsp20_300.csv"
 HEADER = "contraction,pressure_kpa,force_n"
 
-Array = NDArray[np.float64]
 Law = Callable[[Array, Array], Array]
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign_fmus import TRUE, changed, compiler, slider
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.engine.program import WindowStarts
 from pamid.engine.sampled_inputs import SampledInputs
@@ -28,7 +28,6 @@ pytest.importorskip("fmpy", reason="the extra [fmu] is not installed")
 if compiler() is None:
     pytest.skip("no C compiler builds the FMU", allow_module_level=True)
 
-Array = NDArray[np.float64]
 
 PERIOD, SAMPLES = 0.01, 150
 U = np.repeat(np.random.default_rng(0).uniform(-14.0, 14.0, SAMPLES // 15), 15)[:, None]

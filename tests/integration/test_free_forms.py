@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
 
 from pamid.api.given import evidence_of
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -31,7 +31,6 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-Array = NDArray[np.float64]
 #: none of them of a family that is planted
 FEW = ("external-vibration", "dead-time")
 SPECIMEN = {"mass": MASS, "spring": SPRING, "damping": DAMPING}

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.frame import run
 from small_cart import RIG, record_cart
 from virtual_joint import record
 
 from pamid.api.given import evidence_of
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.base.progress import silent
 from pamid.intake.checks.findings import QualityIssue
@@ -22,7 +22,6 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
 from pamid.simulation.data_split import split_recordings
 
-Array = NDArray[np.float64]
 Columns = dict[str, Array]
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ROOT.parent / "shared" / "data"

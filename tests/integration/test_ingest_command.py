@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.base.metrics import FloatArray
+from pamid.base.arrays import Array
 from pamid.intake.logs import conversion_record
 from pamid.intake.logs.channels import Channel, Log
 from pamid.intake.logs.conversion import Conversion, convert
@@ -23,7 +23,7 @@ T, N = 0.003, 2000
 ONE_DOF = rig_named("one-dof")
 
 
-def plant(t: FloatArray) -> dict[str, FloatArray]:
+def plant(t: Array) -> dict[str, Array]:
     """What an arm might do at the times t (s), in the units of the columns, with the digits of a
     recording."""
     angle = 20.0 * np.sin(2 * np.pi * 0.4 * t) + 2.0 * np.sin(2 * np.pi * 9.0 * t)
@@ -87,7 +87,7 @@ kp_per_deg = 0.1
 """
 
 
-def raw(t: FloatArray, stamps: FloatArray) -> dict[str, FloatArray]:
+def raw(t: Array, stamps: Array) -> dict[str, Array]:
     """The same in the units, signs and offsets of the mapping's log."""
     y = plant(t)
     return {
@@ -100,7 +100,7 @@ def raw(t: FloatArray, stamps: FloatArray) -> dict[str, FloatArray]:
     }
 
 
-def write_log(path: Path, columns: dict[str, FloatArray], *, comma: str = ",") -> None:
+def write_log(path: Path, columns: dict[str, Array], *, comma: str = ",") -> None:
     """A German CSV: semicolons and decimal commas, nothing where a value is missing."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     lines = [
@@ -110,13 +110,13 @@ def write_log(path: Path, columns: dict[str, FloatArray], *, comma: str = ",") -
     path.write_text(";".join(columns) + "\n" + "\n".join(lines) + "\n", encoding="utf-8")
 
 
-def prepare(stamps: FloatArray | None = None, t: FloatArray | None = None, time: str = "") -> None:
+def prepare(stamps: Array | None = None, t: Array | None = None, time: str = "") -> None:
     t = np.arange(N) * T if t is None else t
     write_log(Path("log.csv"), raw(t, t if stamps is None else stamps))
     Path("map.toml").write_text(MAPPING.format(time=time), encoding="utf-8")
 
 
-def require_plant(made: Recording, t: FloatArray) -> None:
+def require_plant(made: Recording, t: Array) -> None:
     for name, values in plant(t).items():
         assert made.columns[name] == pytest.approx(values, rel=1e-9, abs=1e-12), name
 
@@ -173,7 +173,7 @@ def test_guess_then_ingest_gives_the_recording_back(here, capsys):
 # ---- the time base, end to end --------------------
 
 
-def late(t: FloatArray, seed: int = 0) -> FloatArray:
+def late(t: Array, seed: int = 0) -> Array:
     wait = np.random.default_rng(seed).exponential(0.8e-3, t.size)
     return np.asarray(np.maximum.accumulate(t + wait) + 1e-9 * np.arange(t.size))
 

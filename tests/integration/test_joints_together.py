@@ -12,9 +12,9 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scripts import load_script
 
+from pamid.base.arrays import Array
 from pamid.diagnosis import pipeline
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.verdict.added_variables import added_variables
@@ -24,7 +24,6 @@ from pamid.simulation.data_split import split_recordings
 
 mujoco: Any = mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 PERIOD_S, STEP_S, SECONDS = 0.004, 0.0005, 12.0
 ENCODER_RAD = 2.0 * np.pi / 2**14
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real" / "dfki_double"

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.diagnosis.candidate_model import slopes_along
 from pamid.engine import known_slopes, stepped_kernel
 from pamid.engine.known_slopes import KnownSlopes
@@ -25,8 +25,6 @@ from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.replay import replay_track
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 PERIOD = WrittenPendulum.period_s
 MASSES = {"cart_kg": 1.12, "bob_kg": 0.18, "rail_n_s_per_m": 1.7}

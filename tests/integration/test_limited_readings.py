@@ -3,9 +3,9 @@ are named."""
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_cart import PERIOD_S
 
+from pamid.base.arrays import Array
 from pamid.base.run_folder import Run
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.estimation.grey_box import fit_model, model_with
@@ -19,7 +19,6 @@ from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import replay_track
 
-Array = NDArray[np.float64]
 MASS, DRAG, NOISE = 1.1, 2.3, 5e-4  # kg, N s/m, m
 FEW = ("asymmetric-saturation", "saturation", "dead-time", "coulomb-friction", "gain-error")
 SENSOR = "asymmetric-saturation@sensor"

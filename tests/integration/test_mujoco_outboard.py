@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
@@ -19,7 +19,6 @@ from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 mujoco = pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 
-Array = NDArray[np.float64]
 PERIOD, SAMPLES, MASS, LENGTH = 0.004, 1000, 1.0, 0.4
 INERTIA = MASS * LENGTH**2 / 3.0
 MODEL = """<mujoco>

@@ -9,8 +9,8 @@ import mechanisms
 import numpy as np
 import pytest
 from mechanisms import written
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -21,7 +21,6 @@ from pamid.rigs.simulators.plain_mujoco import PlainModel
 from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
 
 mujoco: Any = mechanisms.needs_mujoco()
-Array = NDArray[np.float64]
 
 PERIOD = 0.002
 MOVING = mechanisms.TERMS.replace(

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 from scripts import load_script
 
+from pamid.base.arrays import Array
 from pamid.base.run_folder import Run
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
 from pamid.model.registry import effects, rig_named
@@ -19,7 +19,6 @@ from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
-Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
 SAMPLES, PERIOD_S = 2400, 0.01
 FEW = ("quantisation", "coulomb-friction", "dead-time")

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_cart import RIG
 
+from pamid.base.arrays import Array
 from pamid.recording.overlap import overlaps
 from pamid.recording.recording import Recording, read_recording, write_recording
 
-Array = NDArray[np.float64]
 PERIOD = 0.003
 OUTPUTS = ("angle_deg", "pressure_kpa")
 

@@ -8,17 +8,16 @@ from pathlib import Path
 import mechanisms
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 from posed_arms import FOUR_HINGES, arm_text, record_about
 
+from pamid.base.arrays import Array
 from pamid.rigs.simulators.body_inertia import full_inertia, shapes_of
 from pamid.rigs.simulators.mechanism import Body
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 
 mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 
 # yaw, shoulder, elbow; the payload has half of the last link's mass and hangs off its axis
 ARM = FOUR_HINGES[:3]

@@ -22,8 +22,8 @@ from pamid_cli import frame
 
 import pamid
 from pamid.api.ingesting import IngestResult
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.guessed_mapping import GuessedMapping
 
 N, T = 1200, 0.02
@@ -40,7 +40,7 @@ Write = Callable[[Path], Any]
 
 
 def table(
-    columns: Sequence[FloatArray], head: str = "", mark: str = ",", comma: str = ".", end: str = ""
+    columns: Sequence[Array], head: str = "", mark: str = ",", comma: str = ".", end: str = ""
 ) -> Write:
     """Writes these columns below a head."""
     rows = (
@@ -58,7 +58,7 @@ def matlab(**variables: Any) -> Write:
     return lambda path: savemat(path, variables)
 
 
-def records(stamps: FloatArray = TIME) -> list[dict[str, Any]]:
+def records(stamps: Array = TIME) -> list[dict[str, Any]]:
     return [
         {"t": float(t), "u": float(u), "angle_deg": float(y)}
         for t, u, y in zip(stamps, DRIVE, ANGLE, strict=True)
@@ -96,7 +96,7 @@ def episodes(path: Path) -> None:
     path.write_text(json.dumps({"episodes": parts}))
 
 
-def repeated() -> FloatArray:
+def repeated() -> Array:
     stamps = TIME.copy()
     at = np.flatnonzero(np.random.default_rng(8).random(N - 1) < 0.01) + 1
     stamps[at] = stamps[at - 1]

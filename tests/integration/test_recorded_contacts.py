@@ -7,10 +7,10 @@ import mechanisms
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.json_file import read_json, write_json
 from pamid.model.between_samples import as_recorded
@@ -26,7 +26,6 @@ from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco: Any = mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian"/>

@@ -10,8 +10,8 @@ import mechanisms
 import numpy as np
 import pytest
 from conftest import Cli
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.intake.logs.log_reader import read_log
 from pamid.recording.recording import read_recording
@@ -20,7 +20,6 @@ mujoco: Any = mechanisms.needs_mujoco()
 pytest.importorskip("rosbags", reason="pip install 'pamid[ros]'")
 pytest.importorskip("pyarrow", reason="pip install 'pamid[parquet]'")
 
-Array = NDArray[np.float64]
 State = tuple[float, list[str], Any, Any, Any]
 
 JOINTS = ["shoulder", "elbow"]

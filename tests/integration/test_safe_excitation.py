@@ -8,17 +8,16 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
 from pamid.api.exciting import within_limits
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError
 from pamid.recording.recording import read_recording
 from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco: Any = mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 PERIOD_S = 0.005
 
 ARM = """<mujoco model="arm">

@@ -8,10 +8,10 @@ import mechanisms
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.json_file import read_json
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
@@ -23,7 +23,6 @@ from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco: Any = mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 
 # a comb of spheres that lies on the ground: more contacts than there is memory for
 COMB = """<mujoco model="comb">

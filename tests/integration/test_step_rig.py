@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 from pendulums import SteppedTwin, WrittenPendulum
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
@@ -37,8 +37,6 @@ from pamid.networks.correction.identified_model import load_identified
 from pamid.recording.recording import recording_of
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import choose_stepping, port_sizes
-
-Array = NDArray[np.float64]
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "data/rigs/stepped_pendulum.py"
 PERIOD = WrittenPendulum.period_s

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
@@ -31,7 +31,6 @@ from pamid.simulation.free_runs import choose_stepping
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 
-Array = NDArray[np.float64]
 
 LEG = """<mujoco model="leg">
   <compiler angle="radian"/>

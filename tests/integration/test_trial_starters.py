@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 from middle_draws import MIDDLE
-from numpy.typing import NDArray
 
 import pamid
+from pamid.base.arrays import Array
 from pamid.base.units import unit
 from pamid.model.attachment import attachments
 from pamid.model.registry import catalogue_rig, effects
@@ -22,7 +22,6 @@ from pamid.trial.logger import Readout
 from pamid.trial.machine import machine_named, machine_names
 from pamid.trial.starter_machine import StarterMachine, draw_map
 
-Array = NDArray[np.float64]
 SEED = 5
 STARTERS = [name for name in machine_names() if isinstance(machine_named(name), StarterMachine)]
 FAULTS = [(name, fault) for name in STARTERS for fault in machine_named(name).faults]

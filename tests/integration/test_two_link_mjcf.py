@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import pamid
 from pamid.api.results import DiagnosisResult
+from pamid.base.arrays import Array
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
@@ -17,7 +17,6 @@ from pamid.simulation.excitation.aprbs import aprbs
 
 mujoco = pytest.importorskip("mujoco", reason="the extra [mujoco] is not installed")
 
-Array = NDArray[np.float64]
 
 FILE = Path(__file__).resolve().parents[2] / "data/rigs/two_link_arm.xml"
 PERIOD, SAMPLES, PARTS = 0.004, 2500, 8

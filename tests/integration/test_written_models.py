@@ -11,9 +11,9 @@ from typing import Any
 import mechanisms
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import table_bytes
 from pamid.base.errors import FileError
 from pamid.base.run_folder import Run
@@ -34,7 +34,6 @@ from pamid.rigs.simulators.write_back import write_back
 
 mujoco: Any = mechanisms.needs_mujoco()
 
-Array = NDArray[np.float64]
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian"/>

@@ -4,15 +4,14 @@ engine."""
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Memory, Program, Stepping, build_program
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import symbol
 from pamid.engine.symbolic.memory_cells import Cell, expand_memory
 from pamid.engine.symbolic.vocabulary import Expr
 
-Array = NDArray[np.float64]
 PERIOD_S = 0.01
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import symbol
-from pamid.model.assembly import Array, Assembly
+from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Sizes
 from pamid.model.registry import effects, rig_named, rigs

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import from_si, split_column, to_si
 from pamid.engine.program import Stepping
 from pamid.exports.c_source import c_files
@@ -30,7 +30,6 @@ from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling
 from pamid.networks.trained_network import TrainedNetwork
 
-Array = NDArray[np.float64]
 PERIOD_S = 0.003
 SEVERAL = (
     "dead-time",

@@ -10,15 +10,14 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.comparison import Comparison
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.attachment import Addition, Attachment, additions_of
-
-Array = NDArray[np.float64]
 
 
 class _AnyPorts(dict[str, Any]):

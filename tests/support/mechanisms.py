@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.expression import Expr, plain, symbol, walk
 from pamid.engine.symbolic.operators import OPERATORS
 from pamid.rigs.simulators.compiled_rig import CompiledMechanism
 from pamid.rigs.simulators.mechanism import write_values
 from pamid.rigs.simulators.mujoco_file import open_mujoco
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
-
-Array = NDArray[np.float64]
 
 ONE = """<mujoco model="one">
   <compiler angle="radian"/>

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import NONE, from_si, split_column
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of
-
-Array = NDArray[np.float64]
 
 SAMPLES, PERIOD_S = 2400, 0.01
 HOLD = (12, 70)  # samples that a push lasts

@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 
 import mechanisms
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.recording.recording import Recording, read_recording
-
-Array = NDArray[np.float64]
 
 PERIOD_S, STEP_S, NOISE = 0.005, 0.001, 1e-4
 STEERED_HZ, DAMPED = 2.0, 0.7  # of the loop that leads the arm along its way

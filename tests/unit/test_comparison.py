@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 from made_models import comparison, effect, model
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.comparison import (
     ALIKE_NOISE,
     LEAST_ERROR,
@@ -16,8 +16,6 @@ from pamid.diagnosis.comparison import (
     paired_ratio,
 )
 from pamid.diagnosis.settings import Settings
-
-Array = NDArray[np.float64]
 
 WINDOWS = 24
 FRICTION = effect("coulomb-friction", "friction")

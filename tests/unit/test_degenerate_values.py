@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.frame import run
 from small_cart import RIG, record_cart
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.run_folder import Run
 from pamid.diagnosis.verdict.diagnosis_run import diagnose_into
@@ -19,7 +19,6 @@ from pamid.networks.checkpoints import TrainingStep, load_checkpoint
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 
-Array = NDArray[np.float64]
 Call = dict[str, Any]
 
 SAMPLES, PERIOD_S = 600, 0.01

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from compiled import (
     PERIOD_S,
-    Array,
     begin,
     differences,
     parameter,
@@ -18,6 +17,7 @@ from compiled import (
     steps,
 )
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Program, Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import symbol

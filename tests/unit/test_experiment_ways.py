@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from virtual_recordings import virtual_recording
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.planning import experiment_ways
 from pamid.diagnosis.planning.experiment_ways import (
     LEEWAY,
@@ -27,8 +27,6 @@ from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import Experiment, menu
 from pamid.simulation.excitation.waveforms import washed_out
-
-Array = NDArray[np.float64]
 
 PERIOD_S, SAMPLES = 0.005, 4000
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")

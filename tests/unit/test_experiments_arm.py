@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
+from pamid.base.arrays import Array
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import MENU, Bench, menu
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.003
 TRUTH = ("--set", "link_1_mass_kg=2.6", "--set", "viscous_2_n_m_s=0.08")

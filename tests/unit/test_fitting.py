@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import WorkerPool
 from pamid.base.schemas.estimates import Estimate
 from pamid.engine.program import Stepping
@@ -34,7 +34,6 @@ from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
 
-Array = NDArray[np.float64]
 JOINT = rig_named("one-dof")
 
 

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.vocabulary import cos, sin
 from pamid.model.assembly import Assembly
@@ -20,8 +20,6 @@ from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 PERIOD_S, SAMPLES, NOISE, RATE = 0.01, 400, 1e-4, 6.0
 FAR = np.array([2.0, 0.5, 14.0, -18.0])  # a state far from the rig's start

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import Number, tanh
 from pamid.intake.checks.findings import QualityIssue
 from pamid.intake.checks.recording_quality import before_a_fit
@@ -15,8 +15,6 @@ from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, recording_of, write_recording
-
-Array = NDArray[np.float64]
 
 
 class StiffServo(Rig):

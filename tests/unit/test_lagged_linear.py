@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.estimation.lagged_linear import inputs_move, lagged_response
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -15,7 +15,6 @@ from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.tracks import Track
 
-Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
 PERIOD_S, SAMPLES = 0.02, 1500
 

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from compiled import PERIOD_S, Array, parameter, signal, state, steps
+from compiled import PERIOD_S, parameter, signal, state, steps
 from compiled import program as scalar_program
 
+from pamid.base.arrays import Array
 from pamid.engine.jit_cache import addresses
 from pamid.engine.lane_ir import lane_module_text
 from pamid.engine.lane_program import LaneProgram, build_lane_program

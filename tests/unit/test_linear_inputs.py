@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compiled import PERIOD_S, begin, parameter
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.engine.program import Program, Stepping, build_program
 from pamid.engine.sampled_inputs import SampledInputs
@@ -27,7 +27,6 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
-Array = NDArray[np.float64]
 H, N = PERIOD_S, 40
 U = np.random.default_rng(3).standard_normal(N)
 u, x, a = symbol("input", "u"), symbol("state", "x"), parameter("a")

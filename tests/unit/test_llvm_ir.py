@@ -4,14 +4,13 @@ import ctypes
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.jit_cache import addresses
 from pamid.engine.llvm_ir import IN_PARTS, LONG_MODULE, declarations, function_text, part_of
 from pamid.engine.symbolic.expression import Expr, symbol
 from pamid.engine.symbolic.vocabulary import exp, expression, sin, where
 
-Array = NDArray[np.float64]
 PLACES = {"a": 0, "b": 1}
 A, B = symbol("state", "a"), symbol("parameter", "b")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli import frame
 
+from pamid.base.arrays import Array
 from pamid.base.run_folder import Run
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.planning.experiment_ways import NEXT_FILES, Predictions, Way
@@ -33,8 +33,6 @@ from pamid.simulation.excitation.experiments import (
     Experiment,
 )
 from pamid.simulation.virtual_rig import simulate_virtual_rig
-
-Array = NDArray[np.float64]
 
 PERIOD_S = 0.005
 CART_FILE = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")

@@ -4,15 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.model.registry import rig_named
 from pamid.recording.noise import noise_level, plateaus, quantisation_step, sensor_noise
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.tracks import stated_noise
 
-Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
 
 PERIOD_S, SAMPLES = 0.003, 5000

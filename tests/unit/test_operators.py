@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compiled import Array, program, run, sensitivities, state
+from compiled import program, run, sensitivities, state
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.derivative import gradients
 from pamid.engine.symbolic.expression import ZERO, Expr, apply, const, substitute, text, where

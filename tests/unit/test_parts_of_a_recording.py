@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from small_cart import PERIOD_S, RIG
 from virtual_recordings import virtual_recording
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.pipeline import diagnose
 from pamid.diagnosis.verdict.notes import notes_of, remark
 from pamid.estimation.fit_files import residual_table
@@ -14,7 +14,6 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import DataSplit, split_recordings
 
-Array = NDArray[np.float64]
 TIME = PERIOD_S * np.arange(1000)
 NOISE_MM = 0.05
 SWINGS = np.sin(9.0 * TIME) + np.sin(5.3 * TIME)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.frame import run
 from virtual_recordings import virtual_recording
 
+from pamid.base.arrays import Array
 from pamid.intake.checks.findings import QualityIssue
 from pamid.intake.checks.recording_quality import examine
 from pamid.model import registry as library
@@ -19,7 +19,6 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.excitation.aprbs import aprbs
 
-Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.diagnosis.candidate_model import refit, window_starts_from
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.vocabulary import Number, absolute
@@ -25,8 +25,6 @@ from pamid.simulation.data_split import split_recordings
 from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.free_runs import free_run
 from pamid.simulation.replay import replay_track
-
-Array = NDArray[np.float64]
 
 PERIOD_S, SAMPLES, NOISE = 0.01, 1600, 0.01
 INERTIA, FRICTION = 1.3, 0.8  # of the machine; its data sheet says 1

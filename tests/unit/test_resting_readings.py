@@ -7,11 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from pamid import Rig
+from pamid.base.arrays import Array
 from pamid.intake.checks.recording_quality import examine
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, recording_of
-
-Array = NDArray[np.float64]
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
 FALSE = {"dropped", "clipped", "frozen", "bridged", "sampled-slowly", "standstill"}

@@ -1,14 +1,13 @@
 """What is sent may stand still; a sensor that does so is told of."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.intake.checks.recording_quality import examine, sent_columns
 from pamid.model.registry import rig_named
 from pamid.recording.held_signal import held_by_jumps
 from pamid.recording.recording import Recording, recording_of
 
-Array = NDArray[np.float64]
 COUNT = 6000
 
 

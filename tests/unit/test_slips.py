@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from virtual_recordings import virtual_recording
 
+from pamid.base.arrays import Array
 from pamid.intake.checks.findings import QualityIssue
 from pamid.intake.checks.recording_quality import before_a_fit, examine
 from pamid.model.effect import State
@@ -22,7 +22,6 @@ def blocking(recording: Recording, rig: Rig) -> list[QualityIssue]:
     return [i for i in before_a_fit(recording, rig) if i.severity == "wrong"]
 
 
-Array = NDArray[np.float64]
 Columns = dict[str, Array]
 SLIPS = ("unit", "sign", "exchanged", "clock", "offset", "gain", "far-off")
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.simulator import DIFFERENCE
 from pamid.engine.stepped import slopes_of
-
-Array = NDArray[np.float64]
 
 H = 0.01
 NONE = np.zeros(0, np.intp)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pamid_cli.frame import run as pamid
 from pendulum import Declared, swing
 from virtual_joint import record
 
+from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
@@ -21,8 +21,6 @@ from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import split_recordings
-
-Array = NDArray[np.float64]
 
 
 def kept(folder: Path, g: GreyBox, **changes: Any) -> Path:

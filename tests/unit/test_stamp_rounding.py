@@ -5,16 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.recording.file_checks import check_stamps, even_but_rounded
 from pamid.recording.recording import read_recording
 
-FloatArray = NDArray[np.float64]
 
-
-def clock(period: float, count: int = 3000, start: float = 0.0) -> FloatArray:
+def clock(period: float, count: int = 3000, start: float = 0.0) -> Array:
     return start + period * np.arange(count, dtype=np.float64)
 
 
@@ -55,7 +53,7 @@ def test_the_recording_has_the_period_of_the_clock(tmp_path):
     assert read_recording(path).sampling_period_s == pytest.approx(1 / 300, rel=1e-5)
 
 
-def _written(folder: Path, stamps: FloatArray) -> FloatArray:
+def _written(folder: Path, stamps: Array) -> Array:
     """The stamps, after a file was made of them: an error names its line."""
     rows = "".join(f"{t!r},{math.sin(t)!r}\n" for t in stamps.tolist())
     (folder / "rec.csv").write_text(f"time_s,angle_deg\n{rows}", encoding="utf-8")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pamid.base.metrics import FloatArray
+from pamid.base.arrays import Array
 from pamid.intake.logs.conversion import hold, smooth
 from pamid.intake.logs.stamps import IntArray, Rows, usable_rows
 from pamid.intake.logs.time_base import (
@@ -19,38 +19,38 @@ T, N = 0.003, 12000
 K = np.arange(N)
 
 
-def motion(t: FloatArray) -> FloatArray:
+def motion(t: Array) -> Array:
     """9 Hz ringing on a 0.4 Hz motion, deg."""
     return np.asarray(20.0 * np.sin(2 * np.pi * 0.4 * t) + 2.0 * np.sin(2 * np.pi * 9.0 * t))
 
 
-def arriving(t: FloatArray, seed: int = 0, mean: float = 0.8e-3) -> FloatArray:
+def arriving(t: Array, seed: int = 0, mean: float = 0.8e-3) -> Array:
     """When a host that is late by an exponential time writes samples taken at t."""
     late = np.random.default_rng(seed).exponential(mean, t.size)
     return np.asarray(np.maximum.accumulate(t + late) + 1e-9 * np.arange(t.size))
 
 
-def jittering(seed: int = 0, spread: float = 0.8e-3) -> FloatArray:
+def jittering(seed: int = 0, spread: float = 0.8e-3) -> Array:
     return np.sort(K * T + np.random.default_rng(seed).normal(0.0, spread, N))
 
 
-def judge(true: FloatArray, stamps: FloatArray, noise: float = 0.05) -> tuple[Rows, StampDiagnosis]:
+def judge(true: Array, stamps: Array, noise: float = 0.05) -> tuple[Rows, StampDiagnosis]:
     y = motion(true) + noise * np.random.default_rng(9).standard_normal(true.size)
     rows = usable_rows(stamps, [y], "log.csv: t")
     return rows, diagnose_stamps(rows, {"angle_deg": y[rows.keep]})
 
 
-def sleeping() -> FloatArray:
+def sleeping() -> Array:
     """A loop on a PC that sleeps for a period each time: its errors add up."""
     return np.cumsum(T + np.random.default_rng(4).exponential(0.3e-3, N))
 
 
-def one_sided() -> FloatArray:
+def one_sided() -> Array:
     """Samples taken late by a busy PC, with true stamps: one-sided as a host's latency is."""
     return arriving(K * T)
 
 
-CASES: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
+CASES: dict[str, tuple[Callable[[], tuple[Array, Array]], str]] = {
     "late": (lambda: (K * T, arriving(K * T)), "late-stamps"),
     "late, a clock 80 ppm fast": (lambda: (K * T, arriving(K * T * (1 + 8e-5))), "late-stamps"),
     "late, with pauses caught up": (lambda: (K * T, _paused()), "late-stamps"),
@@ -66,7 +66,7 @@ CASES: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
 }
 
 
-def _paused() -> FloatArray:
+def _paused() -> Array:
     late = np.random.default_rng(0).exponential(0.8e-3, N)
     late[500::1500] += 0.15
     return np.asarray(np.maximum.accumulate(K * T + late) + 1e-9 * K)
@@ -144,7 +144,7 @@ def _repeated(share: float) -> IntArray:
     return np.sort(np.concatenate([K, again]))
 
 
-REPEATED: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
+REPEATED: dict[str, tuple[Callable[[], tuple[Array, Array]], str]] = {
     # name: (instants of the rows, stamps), the repair
     "readings of one instant": (
         lambda: (_repeated(0.01) * T, _repeated(0.01) * T),
@@ -169,7 +169,7 @@ REPEATED: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
 }
 
 
-def _as_before(stamps: FloatArray) -> FloatArray:
+def _as_before(stamps: Array) -> Array:
     at = np.flatnonzero(np.random.default_rng(8).random(N - 1) < 0.01) + 1
     stamps = stamps.copy()
     stamps[at] = stamps[at - 1]

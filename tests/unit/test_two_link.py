@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.sampled_inputs import SampledInputs
 from pamid.engine.symbolic.expression import symbol
@@ -18,7 +18,6 @@ mujoco = pytest.importorskip(
     "mujoco", reason="MuJoCo, the judge of the mechanics, is not installed"
 )
 
-Array = NDArray[np.float64]
 
 ARM = """
 <mujoco>

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from compiled import PERIOD_S, Array, parameter, program, run, signal, state, steps
+from compiled import PERIOD_S, parameter, program, run, signal, state, steps
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from pamid.base.arrays import Array
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.expression import ONE, const, power, substitute, text, walk
 from pamid.engine.symbolic.vocabulary import (

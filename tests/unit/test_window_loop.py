@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine import program
 from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
@@ -17,7 +17,6 @@ from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window, cut
 
-Array = NDArray[np.float64]
 SAMPLES, PERIOD_S = 900, 0.004
 STEPPINGS = [Stepping(), Stepping(3), Stepping(1, implicit=True)]
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from pamid.api.authoring.column_match import Match, Pair
 from pamid.api.authoring.pruned_source import SourceText, declared, pruned_source
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray, motion
+from pamid.base.metrics import motion
 from pamid.base.units import (
     NONE,
     quotient,
@@ -245,7 +246,7 @@ class RigSource:
             return rig_unit
         return si_symbol(split_column(pair.recorded)[1])
 
-    def _values(self, pair: Pair) -> FloatArray:
+    def _values(self, pair: Pair) -> Array:
         return self.recording.columns[pair.recorded]
 
     def _swings(self) -> dict[str, tuple[float, float]]:

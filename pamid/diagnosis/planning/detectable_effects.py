@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
 from pamid.base.progress import Progress, silent
 from pamid.base.schemas.command_files import ShownEffect, UsualAmount
@@ -45,9 +46,6 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Effect
 from pamid.simulation.data_split import DataSplit
-
-Array = NDArray[np.float64]
-
 
 # multiples of an effect's usual size at which the experiment is tried
 SIZES = (0.1, 0.3, 1.0, 3.0)

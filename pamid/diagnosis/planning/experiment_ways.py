@@ -15,8 +15,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import independent_samples, motion
 from pamid.base.units import split_column, to_si
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -26,8 +26,6 @@ from pamid.simulation.data_split import DataSplit
 from pamid.simulation.excitation.experiments import EXTERNAL, Bench, Experiment
 from pamid.simulation.free_runs import known_values, noiseless_recordings
 from pamid.simulation.rig_data import Data
-
-Array = NDArray[np.float64]
 
 # in which an experiment without a loop is tried: share of the recorded range, times faster
 WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))

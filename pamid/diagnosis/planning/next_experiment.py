@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.parallel.jobs import Work
 from pamid.base.schemas.diagnosis_file import INSEPARABLE, WITHHELD, NextExperiment
 from pamid.base.share_words import times_text
@@ -58,8 +58,6 @@ from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
-
-Array = NDArray[np.float64]
 
 COMPARED_MODELS = 3  # that an experiment is to set apart, at most
 RECORDED_TAIL = 2.0  # per cent of the samples at either end of what was recorded: spikes

@@ -23,8 +23,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.schemas.added_variables_file import AddedVariable, AddedVariablesFile
 from pamid.base.units import size_from_si, split_column
 from pamid.diagnosis.candidate_model import CandidateModel
@@ -32,8 +32,6 @@ from pamid.diagnosis.pipeline import Diagnosis
 from pamid.estimation.intervals import NORMAL_95
 from pamid.estimation.linear_rows import LinearRows, left_over, linear_rows
 from pamid.estimation.problem import Fit
-
-Array = NDArray[np.float64]
 
 PLOT_ROWS = 8000  # residuals to which the rows are thinned
 PLOT_POINTS = 300  # shown, of a channel

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import independent_samples
 from pamid.base.schemas.diagnosis_file import Regime
 from pamid.base.units import (
@@ -29,8 +30,6 @@ from pamid.model.executable import Executable
 from pamid.recording.signal_filters import local_parabola, welch_power
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
-
-Array = NDArray[np.float64]
 
 # kinds of port whose signals state a regime, best first
 REGIME_PORTS = ("motion", "actuator-force", "flow")

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.csv_table import table_bytes
 from pamid.base.metrics import rms
 from pamid.base.parallel.jobs import Failed, Work, WorkerPool
@@ -32,8 +33,6 @@ from pamid.estimation.smoother import (
 from pamid.model.executable import Executable
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 MOST_TERMS = 4  # of a formula that is given
 # sparse regression: bootstrap samples, coefficient set to zero (standard deviations of the target),

@@ -31,13 +31,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import motion, runs_of
 from pamid.intake.checks.findings import QualityIssue, issue, share_words, unit_after
 from pamid.recording.file_checks import HUGE, TINY
 from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, plateaus, quantisation_step
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 
-FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
@@ -80,8 +80,8 @@ class CheckedSignal:
     """
 
     name: str
-    time: FloatArray
-    values: FloatArray
+    time: Array
+    values: Array
     sent: bool
     span: float
     step: float
@@ -103,7 +103,7 @@ class CheckedSignal:
         return float(self.still.mean())
 
 
-def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
+def signal_of(name: str, time: Array, values: Array, sent: bool = False) -> CheckedSignal:
     """Measure step and noise of a column; all are 0 if it is not `measurable`.
 
     time, values: stamps (s) and readings (n,). sent: True for a command or a reference.
@@ -124,7 +124,7 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     return CheckedSignal(name, time, values, sent, span, step, noise, white, grain)
 
 
-def grain_of(values: FloatArray) -> float:
+def grain_of(values: Array) -> float:
     """Smallest change from sample to sample, if all others are multiples of it; else 0."""
     d = np.abs(np.diff(values))
     d = d[d > float(np.abs(values).max()) * 10.0**-SIGNIFICANT_DIGITS]
@@ -134,7 +134,7 @@ def grain_of(values: FloatArray) -> float:
     return float(d.min()) if np.abs(counts - np.round(counts)).max() < OFF_GRAIN else 0.0
 
 
-def measurable(values: FloatArray) -> bool:
+def measurable(values: Array) -> bool:
     """True if a sensor could output these numbers, and if their squares are finite."""
     most = float(np.abs(values).max())
     return most == 0.0 or TINY < most < HUGE
@@ -147,12 +147,12 @@ def measurable(values: FloatArray) -> bool:
 class Stretches:
     """Intervals [start, stop) of samples, in order."""
 
-    time: FloatArray
+    time: Array
     starts: Places
     stops: Places
 
     @classmethod
-    def of(cls, time: FloatArray, mask: Mask) -> Stretches:
+    def of(cls, time: Array, mask: Mask) -> Stretches:
         return cls(time, *runs_of(mask))
 
     def only(self, chosen: Mask | slice) -> Stretches:

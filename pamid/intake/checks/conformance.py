@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.progress import tell
 from pamid.engine.program import Stepping
@@ -39,8 +39,6 @@ from pamid.simulation.excitation.aprbs import aprbs
 from pamid.simulation.excitation.experiments import usual_range
 from pamid.simulation.excitation.waveforms import ramps
 from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
-
-Array = NDArray[np.float64]
 
 SAMPLES = 800
 FULL_STRETCH_STATES, LEAST_SAMPLES = 24, 80  # of a stepped rig

@@ -15,8 +15,8 @@ the first readings, because from any other state it would move there first.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.intake.checks.findings import QualityIssue, issue
 from pamid.intake.checks.sheet_comparison import (
     OPENING_SAMPLES,
@@ -28,8 +28,6 @@ from pamid.model.step_rig import StepRig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
 from pamid.simulation.correlation_time import correlation_samples
-
-Array = NDArray[np.float64]
 
 ECHO_NOISE, ECHO_CLOSE = 1.5, 0.1
 LEAST_EXPLAINED = 0.5  # residual over motion: more is not an echo, however large the noise

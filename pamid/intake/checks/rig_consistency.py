@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import join_words
 from pamid.base.metrics import motion
 from pamid.base.units import (
@@ -58,8 +58,6 @@ from pamid.recording.recording import Recording
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.input_effects import IDLE_CURE, idle_text, input_effects
 from pamid.simulation.tracks import stated_noise
-
-Array = NDArray[np.float64]
 
 FAR_CLOCK = 20.0  # ratio to the period of the rig from which the clock is wrong
 # factor to which a clock is recognised by the period alone: prefixes, other units

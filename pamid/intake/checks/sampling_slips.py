@@ -26,8 +26,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.metrics import motion
 from pamid.base.schemas.check_file import BetweenSamples
@@ -42,8 +42,6 @@ from pamid.model.rig import Rig
 from pamid.model.step_rig import StepRig
 from pamid.recording.file_checks import BEFORE
 from pamid.recording.recording import Recording, match_column
-
-Array = NDArray[np.float64]
 
 ROW_LATE, ROW_EARLY = "late", "early"
 OF_THE_LOG = "the log is the cause, not the machine"

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.units import quantity_of, split_column
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
@@ -27,8 +27,6 @@ from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 MOST_COMPARED_SAMPLES = 20000
 CORRELATION_BLOCKS = 20

@@ -30,6 +30,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.metrics import motion
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory, Program, Stepping
@@ -44,8 +45,6 @@ from pamid.simulation.initial_state import WindowStart
 from pamid.simulation.rig_data import data_of
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 from pamid.simulation.windows import Runner, Window
-
-Array = NDArray[np.float64]
 
 COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
 WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window

@@ -23,8 +23,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError
 from pamid.base.metrics import motion
 from pamid.base.units import (
@@ -55,8 +55,6 @@ from pamid.model.sampling import stated_period
 from pamid.model.step_rig import StepRig
 from pamid.recording.recording import Recording
 from pamid.simulation.rig_data import data_of
-
-Array = NDArray[np.float64]
 
 # ratios of units that are often confused -> these units; and powers of ten: prefixes
 UNIT_RATIOS = {

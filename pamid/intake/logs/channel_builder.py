@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, listed
 from pamid.base.files import size_words
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channels import Channel, Log, RobotValue
 from pamid.intake.logs.memory_budget import FLOAT, MemoryBudget
 from pamid.intake.logs.stated_period import StatedPeriod
@@ -49,7 +49,7 @@ class ChannelBuilder:
         self,
         name: str,
         values: Any,
-        stamps: FloatArray | None = None,
+        stamps: Array | None = None,
         unit: str = "",
         robot: RobotValue | None = None,
     ) -> None:
@@ -165,7 +165,7 @@ class Kind:
     packages: tuple[str, ...] = ()
 
 
-def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
+def as_numbers(array: NDArray[Any]) -> tuple[Array, bool, str] | None:
     """(n,) values as float64, whether they are now seconds, and a note; None unless they are
     numbers.
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, listed, nearest
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.stated_period import StatedPeriod
 from pamid.recording.recording import MIN_SAMPLES
 
@@ -50,13 +50,13 @@ class Channel:
     """
 
     name: str  # groups joined by "/"
-    values: FloatArray
-    stamps: FloatArray | None = None
+    values: Array
+    stamps: Array | None = None
     unit: str = ""
     robot: RobotValue | None = None
 
     @property
-    def finite(self) -> FloatArray:
+    def finite(self) -> Array:
         return self.values[np.isfinite(self.values)]
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channels import Log, interleaved_rows
 from pamid.intake.logs.mapping import UNANSWERED, MappedSignal, Mapping
 from pamid.intake.logs.source_units import in_unit, read_unit
@@ -37,7 +37,7 @@ class SampledColumn:
     clock, NaN for missing values."""
 
     signal: MappedSignal
-    values: FloatArray
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Group:
     """Columns with common stamps (s): those of the log's rows, or separate ones."""
 
     name: str
-    stamps: FloatArray
+    stamps: Array
     of_rows: bool
     sampled: list[SampledColumn]
 
@@ -103,7 +103,7 @@ def _by_stamps(
     log: Log, mapping: Mapping, signals: Sequence[MappedSignal], where: str
 ) -> list[Group]:
     groups: list[Group] = []
-    rows: FloatArray | None = None
+    rows: Array | None = None
     turns = interleaved_rows([c for c in log.channels if c.name != mapping.time.source])
     for signal in signals:
         channel = log.channel(signal.stated.source, f"{where}: signals.{signal.column}.source")
@@ -141,7 +141,7 @@ def _by_stamps(
     return groups
 
 
-def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArray:
+def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> Array:
     settings = mapping.time
     if settings.source is None:
         if settings.period_s is None:

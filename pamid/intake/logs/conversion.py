@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channels import Log
 from pamid.intake.logs.clocks import Clock, SampledColumn, clocks_of
 from pamid.intake.logs.mapping import Mapping, resolved_signals, unknown_to
@@ -41,7 +41,7 @@ class ColumnPieces:
 
     clock: Clock
     course: SampledColumn
-    pieces: list[tuple[FloatArray, FloatArray]]
+    pieces: list[tuple[Array, Array]]
 
     @property
     def filled(self) -> int:
@@ -67,8 +67,8 @@ class ConvertedRecording:
     """A recording: time (n,) s from 0, columns by full name, and its beginning in the log, as s
     of the log's clock and as a row of the leading clock."""
 
-    time: FloatArray
-    columns: dict[str, FloatArray]
+    time: Array
+    columns: dict[str, Array]
     begins_s: float
     first_row: int
 
@@ -194,7 +194,7 @@ def round_period(measured: float) -> float:
 
 def _pieces(
     clock: Clock, course: SampledColumn, max_gap: float | None
-) -> list[tuple[FloatArray, FloatArray]]:
+) -> list[tuple[Array, Array]]:
     pieces = []
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
@@ -246,7 +246,7 @@ def _recording(
     first = min(int(np.searchsorted(instants, start - 1e-6 * step)), instants.size - 1)
     begin = max(float(instants[first]), start - 1e-6 * step)
     count = max(int(math.floor((end - begin) / step + 1e-6)) + 1, 0)
-    base: FloatArray = begin + np.arange(count, dtype=np.float64) * step
+    base: Array = begin + np.arange(count, dtype=np.float64) * step
     columns = {column: base for column in tracks}
     for column, track in tracks.items() if count else ():
         # the piece that covers the samples
@@ -260,7 +260,7 @@ def _recording(
 # ---- resampling ----------------------------------------------------------------------------------
 
 
-def hold(instants: FloatArray, values: FloatArray, base: FloatArray, step: float) -> FloatArray:
+def hold(instants: Array, values: Array, base: Array, step: float) -> Array:
     """Zero-order hold: the value in the middle of each sample of `base` (n,), of length `step` (s).
 
     The value at the beginning would be a sample late if it was logged slightly late. instants
@@ -270,7 +270,7 @@ def hold(instants: FloatArray, values: FloatArray, base: FloatArray, step: float
     return values[np.maximum(index, 0)]
 
 
-def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: float) -> FloatArray:
+def smooth(instants: Array, values: Array, base: Array, step: float) -> Array:
     """Measured signal at `base` (n,) by monotone cubic interpolation (PCHIP); exact at samples.
 
     If `step` (s) is longer than the period of the signal, a zero-phase low-pass at the new Nyquist

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.files import (
     make_folder,
@@ -23,7 +24,7 @@ from pamid.base.files import (
     temporary_of,
 )
 from pamid.base.json_file import write_json
-from pamid.base.metrics import FloatArray, runs_of
+from pamid.base.metrics import runs_of
 from pamid.base.schemas import ingest_file as result
 from pamid.intake.logs.clocks import Clock
 from pamid.intake.logs.conversion import ColumnPieces, Conversion
@@ -217,7 +218,7 @@ def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
     )
 
 
-def at_limit(values: FloatArray) -> int:
+def at_limit(values: Array) -> int:
     """Number of samples in runs of three and more at the highest or lowest value; 0 for a constant
     signal."""
     if values.size < AT_LIMIT or np.ptp(values) == 0.0:

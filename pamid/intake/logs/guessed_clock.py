@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import PamidError, listed
-from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, split_column, unit
 from pamid.intake.logs.channel_builder import SINCE_1970_NS
 from pamid.intake.logs.channel_words import TIME_WORDS, meanings, tokens
@@ -51,7 +51,7 @@ class ClockGuess:
 
     source: Channel | None
     unit: str
-    stamps: FloatArray | None
+    stamps: Array | None
     reason: str = ""
     diagnosis: StampDiagnosis | None = None
     trouble: str = ""
@@ -121,11 +121,11 @@ def guess_clock(
     return ClockGuess(source, symbol, stamps, reason, others=others, stated=stated)
 
 
-def counts_rows(values: FloatArray) -> bool:
+def counts_rows(values: Array) -> bool:
     return values.size > 1 and bool((np.diff(values) == 1.0).all())
 
 
-def _unevenness(values: FloatArray, of: Callable[[FloatArray], Any] = np.median) -> float:
+def _unevenness(values: Array, of: Callable[[Array], Any] = np.median) -> float:
     """Relative deviation of the steps from the usual step; a pause counts as a step."""
     steps = np.diff(values[np.isfinite(values)])
     usual = float(np.median(steps))

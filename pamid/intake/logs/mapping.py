@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, PamidError, nearest
-from pamid.base.metrics import FloatArray
 from pamid.base.toml_file import read_toml
 from pamid.base.units import NONE, split_column, unit, with_unit
 from pamid.intake.logs.channel_columns import column_unit, is_foreign_unit
@@ -114,7 +114,7 @@ class MappedSignal:
     def symbol(self) -> str:
         return split_column(self.column)[1]
 
-    def in_column(self, values: FloatArray, atmosphere_pa: float) -> FloatArray:
+    def in_column(self, values: Array, atmosphere_pa: float) -> Array:
         """Values of the channel in the column's unit, with its scale, sign and offset."""
         pressure = atmosphere_pa if self.absolute else 0.0
         if self.unit is not None:

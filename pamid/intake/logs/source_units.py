@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, nearest
-from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, Dimension, from_si, kindred_units, quantity_of, unit
 
 STANDARD_ATMOSPHERE_KPA = 101.325
@@ -143,9 +143,7 @@ def is_readable(text: str) -> bool:
     return True
 
 
-def in_unit(
-    values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0
-) -> FloatArray:
+def in_unit(values: Array, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0) -> Array:
     """Convert values from the source's unit to pamid's unit `symbol`, and subtract atmosphere_pa
     (Pa).
 

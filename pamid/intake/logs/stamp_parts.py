@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pamid.base.metrics import FloatArray
+from pamid.base.arrays import Array
 from pamid.base.units import unit
 from pamid.intake.logs.channel_builder import SINCE_1970_NS
 from pamid.intake.logs.channel_words import TIME_WORDS, tokens
@@ -69,7 +69,7 @@ def _epoch_pair(channels: Sequence[Channel]) -> list[list[tuple[Channel, str]]]:
     return []
 
 
-def _joined(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray | None:
+def _joined(parts: Sequence[tuple[Array, float]]) -> Array | None:
     """Sum of the parts, coarsest first, each with its size in s, from the first instant on; None if
     they are separate clocks."""
     for (coarse, size), (fine, finer) in zip(parts, parts[1:], strict=False):

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, FileError
-from pamid.base.metrics import FloatArray, runs_of
+from pamid.base.metrics import runs_of
 from pamid.base.schemas.ingest_file import ClockRepair
 from pamid.recording.recording import MIN_SAMPLES
 
@@ -48,7 +49,7 @@ class Rows:
     """
 
     keep: IntArray
-    stamps: FloatArray
+    stamps: Array
     starts: tuple[int, ...]
     blocks: bool
     repairs: tuple[ClockRepair, ...]
@@ -59,7 +60,7 @@ class Rows:
         return [slice(start, end) for start, end in zip(self.starts, ends, strict=True)]
 
 
-def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -> Rows:
+def usable_rows(stamps: Array, signals: Sequence[Array], place: str) -> Rows:
     """Sort the rows of a log and drop repeated ones.
 
     stamps: s, (n,). signals: (n,) each; they show whether rows with equal stamps are several
@@ -116,8 +117,8 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str) -
 
 
 def _rising(
-    written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
-) -> tuple[IntArray, FloatArray, list[int], list[ClockRepair]]:
+    written: IntArray, stamps: Array, signals: Sequence[Array], place: str
+) -> tuple[IntArray, Array, list[int], list[ClockRepair]]:
     """(rows in order of rising stamps, corrected stamps, first rows of pieces, repairs).
 
     Either the rows are sorted or, if the signals show that the rows are in order, the late stamps
@@ -158,7 +159,7 @@ def _rising(
     return keep, stamps, starts, repairs
 
 
-def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntArray) -> bool:
+def _are_samples(stamps: Array, signals: Sequence[Array], twice: IntArray) -> bool:
     """Whether rows with the stamp of the next row (at these places) are separate samples, a period
     apart, and not readings of the same instant.
 
@@ -189,7 +190,7 @@ def _are_samples(stamps: FloatArray, signals: Sequence[FloatArray], twice: IntAr
     return float(np.median(spare)) >= 0.5
 
 
-def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArray]:
+def _advance(values: Array, twice: IntArray) -> tuple[Array, Array]:
     """(step to the row with the same stamp, step expected from the rows around), relative to the
     usual step, at places where the signal moves visibly and in a constant direction."""
     around = ROWS_OF_SLOPE
@@ -208,7 +209,7 @@ def _advance(values: FloatArray, twice: IntArray) -> tuple[FloatArray, FloatArra
     return step / size, due / size
 
 
-def _spread(stamps: FloatArray) -> FloatArray:
+def _spread(stamps: Array) -> Array:
     """Stamps with shared ones moved apart by at most a period, to the side with more time."""
     spread, steps = stamps.copy(), np.diff(stamps)
     usual = float(np.median(steps[steps > 0.0]))
@@ -250,13 +251,13 @@ def rough_period(rows: Rows) -> float:
     return middle
 
 
-def follow_rows(stamps: FloatArray) -> int:
+def follow_rows(stamps: Array) -> int:
     """Number of rows after which late stamps have returned to the clock."""
     runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
     return max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1)
 
 
-def count_samples(stamps: FloatArray, period: float) -> IntArray:
+def count_samples(stamps: Array, period: float) -> IntArray:
     """Sample index on an even clock of each row, (n,), from 0; missing samples are counted.
 
     After a late stamp later rows return to the even clock. After a missing sample all rows stay
@@ -287,9 +288,7 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     return np.asarray(np.arange(n) + np.cumsum(missing), dtype=np.int64)
 
 
-def fit_clock(
-    stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]
-) -> tuple[float, FloatArray]:
+def fit_clock(stamps: Array, samples: IntArray, pieces: Sequence[slice]) -> tuple[float, Array]:
     """(period in s, start of each piece in s) of the even clock through the middle of the stamps.
 
     The fit is least squares without the latest twentieth of the stamps. Of rows with equal stamps
@@ -320,7 +319,7 @@ def fit_clock(
     return period, begins
 
 
-def _sharpest(stamps: FloatArray, period: float) -> float:
+def _sharpest(stamps: Array, period: float) -> float:
     """Period (s) within 4 % of `period` at which the phases of the stamps agree best, over
     stretches of 256 rows. Missing samples do not change a phase."""
     stretch = 256
@@ -343,7 +342,7 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
     return float(trial[best]) if power[best] > 3.0 * np.median(power) else period
 
 
-def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray, list[int], int]:
+def _in_order(rows: IntArray, stamps: Array, place: str) -> tuple[IntArray, list[int], int]:
     """(rows in order of their stamps, rows at which the clock was set back, number of rows out of
     order)."""
     times = stamps[rows]
@@ -373,7 +372,7 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
             )
 
 
-def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
+def _is_step(times: Array, first: int, last: int, usual: float) -> bool:
     """Whether the clock was set back at the rows first to last, whose stamps fall.
 
     Relative to an even clock of the usual period (s), all later rows are then earlier than those
@@ -391,7 +390,7 @@ def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
     return before - after > LACKING * usual
 
 
-def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[FloatArray]) -> bool:
+def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[Array]) -> bool:
     """Whether the signals have smaller second differences in the written order of the rows than in
     the order of their stamps."""
     places = np.flatnonzero(written != sorted_rows)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channel_builder import ChannelBuilder
 from pamid.intake.logs.source_units import is_readable
 
@@ -117,7 +117,7 @@ def add_column(builder: ChannelBuilder, name: str, series: Any, unit: str, decim
 
 def _numbers(
     builder: ChannelBuilder, name: str, text: Any, decimal: str, place: str
-) -> FloatArray | None:
+) -> Array | None:
     """Numbers of a column that contains words; None if it is mostly words.
 
     Words among numbers become NaN, with a note.
@@ -163,7 +163,7 @@ def _numbers(
     return np.asarray(clean.astype(object).fillna("nan").to_numpy().astype(np.float64))
 
 
-def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> FloatArray:
+def _moments(builder: ChannelBuilder, name: str, text: Any, place: str) -> Array:
     """Dates, times of day or both as s since the first; NaN for other cells.
 
     Times of day continue past midnight.
@@ -212,16 +212,16 @@ def _time_of_day(match: re.Match[str]) -> tuple[float, float]:
 
 
 def _days(
-    year: FloatArray,
-    month: FloatArray,
-    day: FloatArray,
-    first: FloatArray,
-    second: FloatArray,
-    late_year: FloatArray,
+    year: Array,
+    month: Array,
+    day: Array,
+    first: Array,
+    second: Array,
+    late_year: Array,
     *,
     dotted: bool,
     place: str,
-) -> FloatArray:
+) -> Array:
     """Days since 1970; NaN without a date. Raises FileError if the month is ambiguous.
 
     first, second: day and month in unknown order. dotted: whether points separate them.
@@ -245,7 +245,7 @@ def _days(
     return day_first
 
 
-def _counted_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
+def _counted_days(year: Array, month: Array, day: Array) -> Array:
     """Days since 1970 of year, month and day; NaN without a date."""
     there = ~np.isnan(year)
     months = np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64)

@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from pamid.base.metrics import FloatArray
+from pamid.base.arrays import Array
 from pamid.base.schemas.ingest_file import ClockRepair, ClockWitness
 from pamid.intake.logs.stamps import (
     IntArray,
@@ -84,13 +84,13 @@ class StampDiagnosis:
 class TimeBase:
     """Sampling instants (n,) of the rows, s of the log's clock, and pieces between gaps."""
 
-    instants: FloatArray
+    instants: Array
     pieces: tuple[slice, ...]
     period: float
     repairs: tuple[ClockRepair, ...] = ()
 
 
-def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
+def diagnose_stamps(rows: Rows, signals: Mapping[str, Array]) -> StampDiagnosis:
     """Diagnose the stamps and choose their repair.
 
     signals: measured signals at the usable rows, (n,) each, NaN for missing values.
@@ -191,7 +191,7 @@ class _EvenClock:
     samples: IntArray
     pieces: list[slice]
     period: float
-    late: FloatArray
+    late: Array
     wanders: bool = False
 
 
@@ -221,7 +221,7 @@ def _even_clock(rows: Rows, max_gap: float | None) -> _EvenClock:
     return _EvenClock(samples, split, period, late, wanders=True)
 
 
-def _earliest(late: FloatArray, window: int) -> FloatArray:
+def _earliest(late: Array, window: int) -> Array:
     """Delay (s) of the earliest stamps around each row."""
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
@@ -232,9 +232,9 @@ def _earliest(late: FloatArray, window: int) -> FloatArray:
 
 def _by_signals(
     rows: Rows,
-    signals: Mapping[str, FloatArray],
+    signals: Mapping[str, Array],
     period: float,
-    late: FloatArray,
+    late: Array,
     numbers: dict[str, float],
 ) -> StampDiagnosis:
     """Diagnosis by the moving signals; undecided if no signal moves."""
@@ -284,7 +284,7 @@ def _by_signals(
     return StampDiagnosis(cure or "undecided", cure, why, period, numbers, tuple(heard))
 
 
-def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> bool:
+def _immaterial(signals: Iterable[Array], spread: float, period: float) -> bool:
     """Do all signals change by less than their resolution in the time by which stamps stray? Then
     it does not matter how they are read."""
     for values in signals:
@@ -299,7 +299,7 @@ def _immaterial(signals: Iterable[FloatArray], spread: float, period: float) -> 
     return True
 
 
-def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockWitness | None:
+def _witness(name: str, rows: Rows, values: Array, period: float) -> ClockWitness | None:
     """The regression of the module's head for a single signal; None if it hardly moves.
 
     Deviation and slope are local (against a parabola through 2 * HALF + 1 rows), so that it does
@@ -363,7 +363,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> ClockW
 
 
 def _repairs(
-    instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
+    instants: Array, pieces: list[slice], starts: tuple[int, ...], lost: int
 ) -> tuple[ClockRepair, ...]:
     repairs = []
     if lost:
@@ -376,7 +376,7 @@ def _repairs(
     return tuple(repairs)
 
 
-def _between_gaps(rows: Rows, steps: FloatArray, limit: float) -> list[slice]:
+def _between_gaps(rows: Rows, steps: Array, limit: float) -> list[slice]:
     """Pieces between settings of the clock and steps longer than the limit (s)."""
     cuts = sorted({*rows.starts, *(np.flatnonzero(steps > limit) + 1).tolist()})
     return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], rows.stamps.size], strict=True)]

@@ -29,15 +29,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import ZERO, exp, expression
 from pamid.model.parameter import Parameter
 from pamid.rigs.simulators.mechanism import Body, Mechanism
 from pamid.rigs.simulators.spatial import Mat, Vec, constant, rotation, vec
-
-Array = NDArray[np.float64]
 
 # lower limit of a second moment relative to the largest: a zero moment could not be scaled
 THINNEST = 1e-6

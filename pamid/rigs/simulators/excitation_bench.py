@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.rigs.simulators.xml_text import tags_of
-
-Array = NDArray[np.float64]
 
 REST_S = 10.0  # length of the run with constant commands
 WILD = 1e6  # rad, m or their rates: a run beyond is unstable

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.function_calls import call_foreign
 from pamid.engine.numba_cache import carray, cfunc, njit, types
 
-Array = NDArray[np.float64]
 Places = NDArray[np.uint32]
 
 # names of the functions in FMI 2.0 and 3.0, by their place

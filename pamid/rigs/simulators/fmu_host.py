@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.remote_program import Parcel, packed, rebuilt_program, run_answer, run_of
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.simulator import LibraryStep
@@ -38,8 +39,6 @@ from pamid.rigs.simulators.fmi_kernels import (
     table_in,
 )
 from pamid.rigs.simulators.fmu_instance import FATAL, FmuInstance, why
-
-Array = NDArray[np.float64]
 
 FAILED, NUMBERS = b"!", b"="
 #: methods that may be requested

@@ -6,8 +6,8 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.rigs.simulators.fmi_kernels import (
     ENDED,
     GET_X,
@@ -20,8 +20,6 @@ from pamid.rigs.simulators.fmi_kernels import (
     get_outputs,
     settle,
 )
-
-Array = NDArray[np.float64]
 
 _STATUSES = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 FATAL = 4

@@ -12,8 +12,8 @@ from multiprocessing import Pipe
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.engine.program import Memory
 from pamid.engine.remote_program import (
@@ -27,8 +27,6 @@ from pamid.engine.remote_program import (
 from pamid.engine.shadow_simulators import Carrier
 from pamid.engine.stepped import SteppedProgram
 from pamid.rigs.simulators.fmu_file import FmuFile, extracted
-
-Array = NDArray[np.float64]
 
 PATIENCE_S = 120.0  # longest wait for an answer
 COMPILING = 5.0  # factor on the first wait, because the first run may compile code

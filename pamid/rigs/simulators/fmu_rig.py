@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, nearest
 from pamid.base.units import quotient
 from pamid.engine.stepped import FarRunner
@@ -36,8 +36,6 @@ from pamid.rigs.simulators.fmu_choices import choices_path
 from pamid.rigs.simulators.fmu_file import FmuFile, FmuVariable, read_fmu
 from pamid.rigs.simulators.fmu_process import FmuProcess
 from pamid.rigs.simulators.mujoco_parameters import stated_parameter
-
-Array = NDArray[np.float64]
 
 MOST_FREE = 20  # of more parameters only those in `free` are fitted
 FORCES = ("N", "N m")

@@ -9,20 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError
 from pamid.rigs.simulators.mechanism import Mechanism, Vector
 from pamid.rigs.simulators.spatial import rotation
-
-FloatArray = NDArray[np.float64]
 
 #: world axis of the view -> axes that point to the right and up, x y z
 SEEN = {0: (1, 2), 1: (0, 2), 2: (0, 1)}
 
 
-def mechanism_pose(m: Mechanism, y: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def mechanism_pose(m: Mechanism, y: Mapping[str, Array]) -> dict[str, Array]:
     """Last body of a chain -> its chain (samples, points, 2), m; y: readings by column, SI.
 
     DataError if no sensor reads the position of a joint.
@@ -83,6 +81,6 @@ def _ends(m: Mechanism) -> list[int]:
     return [k for k in range(1, len(m.bodies)) if k not in parents and m.chain(k)]
 
 
-def _turned(turn: FloatArray, vector: Vector) -> FloatArray:
+def _turned(turn: Array, vector: Vector) -> Array:
     """Rotated vector, (samples, 3)."""
     return np.asarray(turn @ np.asarray(vector))

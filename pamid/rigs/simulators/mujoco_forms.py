@@ -16,11 +16,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.rigs.simulators.mechanism import Mechanism, ModelPort
-
-Array = NDArray[np.float64]
 
 CALLBACK = "`pamid export --to c` writes the whole model for a callback"
 # of a Maxwell-slip reach: bristles that give by it store the same work as its four elements

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pamid.base.arrays import Array
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile
-
-Array = NDArray[np.float64]
 
 START_ITERATIONS = 12  # of the search for a start; a step without gain raises the damping
 GROWING_ITERATIONS = 3  # over each of the growing beginnings before

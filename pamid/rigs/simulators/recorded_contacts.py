@@ -20,14 +20,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.recording.recording import Recording
 from pamid.rigs.simulators.mechanism import Mechanism
 from pamid.rigs.simulators.mujoco_file import MujocoFile, open_mujoco
 from pamid.rigs.simulators.mujoco_findings import widen_margins
-
-Array = NDArray[np.float64]
 
 SHARE_POSES = 500  # poses that estimate the share of the time with contacts
 NEARER_SHARE, NEARER_M = 0.05, 1e-3  # a pair must be nearer by this to replace another pair

@@ -14,13 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.rigs.simulators.excitation_bench import ExcitationBench, LimitViolation
 from pamid.rigs.simulators.mechanism import Actuator, Mechanism
-
-Array = NDArray[np.float64]
 
 SMALLER_BY = 0.8  # an amplitude between runs
 LEAST_SENT = 0.01  # of the requested signal: less excites nothing

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import ZERO, Expr, Number, expression
 
-Array = NDArray[np.float64]
 Vec = NDArray[np.object_]  # (3,) of expressions
 Mat = NDArray[np.object_]  # (3, 3)
 

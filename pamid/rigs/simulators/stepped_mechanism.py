@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.engine.simulator import LibraryStep
 from pamid.engine.simulator_warnings import add_warnings
@@ -30,8 +31,6 @@ from pamid.rigs.simulators.compiled_rig import CompiledMechanism, MechanismEquat
 from pamid.rigs.simulators.mechanism import Mechanism, write_values
 from pamid.rigs.simulators.mujoco_file import open_mujoco
 from pamid.rigs.simulators.mujoco_findings import NOT_ENFORCED
-
-Array = NDArray[np.float64]
 
 MOST_MODELS = 128  # stored copies of the model, each with different parameters
 # tolerance of the constraint solver in place of the file's, whose residual would drown differences

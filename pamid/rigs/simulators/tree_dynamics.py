@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.engine.symbolic.vocabulary import (
     ZERO,
     Expr,
@@ -43,8 +44,6 @@ from pamid.rigs.simulators.spatial import (
     rotation,
     times,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.rigs.simulators.body_inertia import AXES, PAIRS, BodyShape, full_inertia, shapes_of
 from pamid.rigs.simulators.mechanism import (
@@ -43,8 +43,6 @@ from pamid.rigs.simulators.mujoco_forms import (
 from pamid.rigs.simulators.mujoco_mechanism import mechanism_of, winding_motor
 from pamid.rigs.simulators.mujoco_ports import numbered
 from pamid.rigs.simulators.xml_text import Edits, Tag, tags_of
-
-Array = NDArray[np.float64]
 
 UNCHANGED = 1e-9  # share by which a value may differ and stay as it is written
 SAME = 1e-6  # share to which the written file has to give a value back

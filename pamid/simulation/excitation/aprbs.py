@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import DataError, UsageError
 from pamid.base.metrics import motion
-
-FloatArray = NDArray[np.float64]
 
 BINS = 20
 MOST_SAMPLES = 20_000_000  # of an excitation: more than two days at 10 ms
@@ -40,10 +39,10 @@ class Changes:
                     sums to 1
     """
 
-    size: FloatArray
-    pace_hz: FloatArray
-    edges_hz: FloatArray
-    share: FloatArray
+    size: Array
+    pace_hz: Array
+    edges_hz: Array
+    share: Array
 
     @property
     def most(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -200,7 +199,7 @@ def aprbs(
     offset: float = 0.0,
     latin: bool = True,
     rest: float = 0.0,
-) -> FloatArray:
+) -> Array:
     """Amplitude-modulated pseudo-random binary signal (APRBS).
 
     Parameters
@@ -225,7 +224,7 @@ def aprbs(
 
     Returns
     -------
-    FloatArray
+    Array
         Signal of shape (round(duration_s / period_s),).
 
     Raises
@@ -351,7 +350,7 @@ def coverage(
     )
 
 
-def crest(signal: FloatArray) -> float:
+def crest(signal: Array) -> float:
     """Highest deviation from the mean over the root mean square of the deviations."""
     changing = signal - signal.mean()
     return float(np.abs(changing).max() / np.sqrt(np.mean(changing**2)))
@@ -394,7 +393,7 @@ def check_request(
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
 
 
-def slew(signal: FloatArray, most: float) -> FloatArray:
+def slew(signal: Array, most: float) -> Array:
     """The signal with no change above `most` from sample to sample."""
     limited = np.empty_like(signal)
     value = float(signal[0])
@@ -404,7 +403,7 @@ def slew(signal: FloatArray, most: float) -> FloatArray:
     return limited
 
 
-def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
+def _turns(values: Array, moving: bool) -> NDArray[np.intp]:
     """Samples from which a signal sets out, from rest or back; of a moving signal without its
     ripple."""
     step = np.diff(values)
@@ -426,14 +425,14 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
     return np.array(turns)
 
 
-def _most(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
+def _most(values: Array, weights: Array) -> tuple[float, float]:
     order = np.argsort(values)
     below = np.cumsum(weights[order]) / weights.sum()
     low, high = np.searchsorted(below, [0.05, 0.95])
     return float(values[order][low]), float(values[order][high])
 
 
-def _condition(library: FloatArray) -> float | None:
+def _condition(library: Array) -> float | None:
     """Condition number of columns at unit length, so that it does not depend on their units; None
     if they cannot be separated."""
     length = np.maximum(np.linalg.norm(library, axis=0), np.finfo(float).tiny)
@@ -441,7 +440,7 @@ def _condition(library: FloatArray) -> float | None:
     return float(singular[0] / singular[-1]) if singular[-1] * _SINGULAR > singular[0] else None
 
 
-def spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
+def spectrum(values: Array, period_s: float) -> tuple[Array, Array]:
     """Frequencies (Hz) and power density, up to a factor, by Welch's method (1967; Hann windows,
     half overlapping), without the mean."""
     size = min(values.size, max(64, values.size // 8))

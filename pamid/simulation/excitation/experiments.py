@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError
 from pamid.base.units import quantity_of, split_column, to_si
 from pamid.model.rig import Rig
@@ -26,8 +26,6 @@ from pamid.simulation.excitation.waveforms import (
     speed_runs,
     washed_out,
 )
-
-Array = NDArray[np.float64]
 
 HIGHEST_EXTERNAL = 8.0  # N or N m: of a force or torque from outside, where a rig states none
 PASS_S = 15.0  # what a bench of another pace stretches

@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import UsageError, nearest
 from pamid.simulation.excitation.aprbs import aprbs, check_request, crest, slew
-
-Array = NDArray[np.float64]
 
 FASTEST_HZ = 15.0  # of the menu's multisine, and at most a tenth of the sampling rate
 PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5

@@ -27,14 +27,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError, UsageError, quoted
 from pamid.base.files import make_folder, write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.schemas.excitation_file import ExcitationFile
 from pamid.base.units import NONE, split_column
 from pamid.recording.recording import recording_files
-
-Array = NDArray[np.float64]
 
 MATRIX = "excitation"
 MAT_HEADER = b"MATLAB 5.0 MAT-file, written by pamid"  # without a date: same request, same bytes

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
 from pamid.base.files import LOG, open_data
 from pamid.base.json_file import read_json
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.channel_words import JOINT_QUANTITIES, names_command, tokens
 from pamid.intake.logs.channels import RobotValue
@@ -86,7 +86,7 @@ def read_lerobot(builder: ChannelBuilder) -> None:
 
 def _stamps(
     builder: ChannelBuilder, columns: dict[str, Any], info: dict[str, Any], file: Path
-) -> FloatArray:
+) -> Array:
     """Stamps (n,) in s of every frame, episode after episode."""
     if "timestamp" not in columns:
         raise FileError(
@@ -127,9 +127,7 @@ def _stamps(
 # ---- the vectors ---------------------------------------------------------------------------------
 
 
-def _enter(
-    builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray, feature: Any
-) -> None:
+def _enter(builder: ChannelBuilder, name: str, values: Any, stamps: Array, feature: Any) -> None:
     if values.ndim == 1 or values.shape[1] == 1:
         values = values.reshape(len(values), -1)
     size = values.shape[1]

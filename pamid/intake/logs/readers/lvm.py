@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.dialect import TextDialect
 from pamid.intake.logs.readers.text import add_table, decode
@@ -98,7 +98,7 @@ def _segment(
     for note in table.notes:
         builder.note(prefix + note)
     units = tags.get("Y_Unit_Label", [])
-    x: FloatArray | None = None
+    x: Array | None = None
     number = 0
     for channel in table.channels:
         if channel.name.startswith("Comment"):

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
+from pamid.base.arrays import Array
 from pamid.base.errors import FileError
-from pamid.base.metrics import FloatArray
 from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.memory_budget import MemoryBudget
 from pamid.intake.logs.readers.hdf5 import charge_hdf5
@@ -140,9 +140,7 @@ def _enter_struct(builder: ChannelBuilder, name: str, value: dict[str, Any]) -> 
             _enter(builder, f"{name}/{key}", inside)
 
 
-def _add(
-    builder: ChannelBuilder, name: str, values: Any, stamps: FloatArray | None, unit: str
-) -> None:
+def _add(builder: ChannelBuilder, name: str, values: Any, stamps: Array | None, unit: str) -> None:
     if isinstance(values, np.ndarray):
         if values.dtype.kind == "O":  # a column of a table: cells, all of equal size
             values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
@@ -151,7 +149,7 @@ def _add(
         builder.leave_out(name, "not numbers")
 
 
-def _stamps(time: Any) -> FloatArray | None:
+def _stamps(time: Any) -> Array | None:
     """Times in s; None if there are none."""
     if not isinstance(time, np.ndarray) or time.size < 2 or time.dtype.kind not in "biufm":
         return None

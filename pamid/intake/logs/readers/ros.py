@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.base.metrics import FloatArray
+from pamid.base.arrays import Array
 from pamid.intake.logs.channel_builder import MAX_COLUMNS, ChannelBuilder, Kind
 from pamid.intake.logs.channel_words import names_command
 from pamid.intake.logs.channels import RobotValue
@@ -122,9 +122,9 @@ def _enter(builder: ChannelBuilder, name: str, topic: _Topic, zero: int) -> None
             )
     else:
         builder.note(f"{name} has no header: its stamps are times of recording, not of measurement")
-    stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
+    stamps: Array = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
     partly: dict[int, list[str]] = {}
-    shared: dict[bytes, FloatArray] = {}  # two nodes may send their joints under the same topic
+    shared: dict[bytes, Array] = {}  # two nodes may send their joints under the same topic
     for path, numbers in topic.values.items():
         places = np.frombuffer(topic.places[path], dtype=np.int64)
         used_stamps = shared.setdefault(places.tobytes(), stamps[places])
