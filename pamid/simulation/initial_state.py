@@ -25,6 +25,7 @@ TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
 MISSED = 3.0  # residual over noise at which a flat reading gets other slopes
 READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
+READING_GROWTH = 4  # of these beginnings, in samples
 CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
 
@@ -189,7 +190,7 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
             if not np.isfinite(begun.cost):
                 break
             x = part.solved(begun, READING_STEPS).x
-            length *= 2
+            length *= READING_GROWTH
         return x
 
     def solved(self, begun: _StatePoint, steps: int) -> _StatePoint:
