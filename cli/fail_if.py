@@ -31,15 +31,7 @@ class Condition:
     limit: float
 
     def holds(self, figures: Mapping[str, float | None]) -> bool:
-        """Whether the condition is met. A figure of an unstable model (None) meets every one.
-
-        Raises UsageError for an unknown figure.
-        """
-        if self.name not in figures:
-            raise click.UsageError(
-                f"--fail-if: there is no result {self.name!r}. {nearest(self.name, figures)}"
-                f" Results: {', '.join(figures)}."
-            )
+        """Whether the condition is met. A figure of an unstable model (None) meets every one."""
         value = figures[self.name]
         if value is None:
             return True
@@ -83,7 +75,18 @@ def fail_if_option(figures: str) -> Any:
 def exit_code_of(
     conditions: Sequence[Condition], figures: Mapping[str, float | None], otherwise: int = 0
 ) -> int:
-    """Exit code 7 if a condition is met, else `otherwise`; stderr names the conditions met."""
+    """Exit code 7 if a condition is met, 2 if one names an unknown figure, else `otherwise`.
+
+    stderr names these conditions: the result is printed nevertheless.
+    """
+    unknown = [condition.name for condition in conditions if condition.name not in figures]
+    for name in unknown:
+        aside(
+            f"pamid: there is no result {name!r} (--fail-if). {nearest(name, figures)}"
+            f" Results: {', '.join(figures)}."
+        )
+    if unknown:
+        return click.UsageError.exit_code
     met = [condition for condition in conditions if condition.holds(figures)]
     for condition in met:
         value, limit = figures[condition.name], f"{condition.comparison} {condition.limit:g}"

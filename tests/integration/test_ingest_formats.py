@@ -13,7 +13,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.intake.logs.channels import Log
-from pamid.intake.logs.log_reader import known_kinds, read_here, read_log
+from pamid.intake.logs.log_reader import _read_in_child, known_kinds, read_here, read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -43,6 +43,13 @@ def matches(log: Log, name: str, values: Any, stamps: Any = None, unit: str | No
 
 def said(log: Log, *words: str) -> bool:
     return any(all(word in detail for word in words) for detail in log.details)
+
+
+def test_a_reader_in_its_own_process_keeps_the_stated_period(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("# Fs = 1000 Hz\nangle,current\n" + "1.5,2\n2.5,3\n" * 20)
+    stated = read_here(file, "csv").stated
+    assert stated is not None and _read_in_child(file, "csv").stated == stated
 
 
 # MAT

@@ -24,6 +24,7 @@ from pamid.intake.logs.channel_builder import ChannelBuilder, Kind
 from pamid.intake.logs.channels import Channel, Log, RobotValue
 from pamid.intake.logs.readers.lerobot import data_set_of
 from pamid.intake.logs.stamp_parts import join_stamp_parts
+from pamid.intake.logs.stated_period import StatedPeriod
 
 HEAD_BYTES = 4096
 #: processor time of a reader, s, and the addition for each MB of the file
@@ -249,7 +250,8 @@ def _read_in_child(path: Path, kind: str) -> Log:
         for index, (name, unit, stamps, robot) in enumerate(answer["channels"]):
             values, times = arrays[f"values_{index}"], arrays[stamps] if stamps else None
             channels.append(Channel(name, values, times, unit, robot and RobotValue(**robot)))
-        return Log(path, answer["kind"], tuple(channels), tuple(answer["details"]))
+        stated = answer["stated"] and StatedPeriod(**answer["stated"])
+        return Log(path, answer["kind"], tuple(channels), tuple(answer["details"]), stated=stated)
 
 
 def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
@@ -269,4 +271,5 @@ def packed_log(path: str, kind: str, folder: Path) -> dict[str, Any]:
         ],
         "details": log.details,
         "kind": log.kind,
+        "stated": log.stated and asdict(log.stated),
     }
