@@ -238,8 +238,12 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(effects, tmp_path):
         ({"two-mass@a_transmission": {"share": 0.9, "frequency": 4.0, "damping": 0.05}}, 0.6),
         ({"backlash@b_transmission":
           {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}}, 0.1),
+        ({"load-side-backlash@b_transmission":
+          {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3,
+           "motor_feedback": 1.0}}, 0.1),
     ],
-    ids=["friction", "stribeck", "hysteresis", "end-stop", "last-body", "inner-body", "backlash"],
+    ids=["friction", "stribeck", "hysteresis", "end-stop", "last-body", "inner-body", "backlash",
+         "encoder-behind"],
 )  # fmt: skip
 def test_other_effects_are_written_in_their_nearest_form(effects, share, tmp_path):
     before, now, _ = errors(tmp_path, effects)
@@ -412,6 +416,23 @@ def test_a_stepped_model_is_written_too(tmp_path, cli):
 
 
 # ---- what is in the text -------------------------------------------------------------------------
+
+
+def test_an_encoder_behind_a_play_needs_a_sensor(tmp_path):
+    """Without one MuJoCo's user reads the motor; the loop of a servo holds its motor, too."""
+    behind = {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}
+    for sensors in (True, False):
+        text = ARM if sensors else ARM.replace('    <jointpos name="qb" joint="b"/>\n', "")
+        mechanism = read_mechanism(written(tmp_path, text))
+        port = next(p for p in mechanism.ports if (p.kind, p.number) == ("transmission", 1))
+        values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
+        play = IdentifiedEffect(
+            "play", "load-side-backlash", {**behind, "motor_feedback": 0.1}, (port,)
+        )
+        done = write_back(mechanism, values, [play])
+        assert bool(done.left) != sensors
+        assert done.notes == ("play is written with the motor's encoder in the loop",)
+        assert (b'<tendonpos name="qb" tendon="b_output"' in done.text) == sensors
 
 
 def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path):

@@ -2,16 +2,16 @@
 
 A joint of MuJoCo has dry friction, a damper and a spring that are polynomials, and limits. A motor
 without a command adds LuGre friction and a periodic torque. A second joint on the same axis adds
-play or a soft shaft. An actuator has a delay, a first-order lag, a gain, an offset and limits. An
-effect without such an element is written in its nearest form, with a note, or is left to the
-caller.
+play or a soft shaft; an encoder of the load reads the sum of both. An actuator has a delay, a
+first-order lag, a gain, an offset and limits. An effect without such an element is written in its
+nearest form, with a note, or is left to the caller.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,12 +53,14 @@ class FlexibleLoad:
     half_gap                   half the play, SI
     frequency, damping_ratio   of the contact, or of the shaft if there is no play
     share                      share of the load behind the motor
+    is_read                    whether the encoder of the joint is on the load, not on the motor
     """
 
     half_gap: float
     frequency: float
     damping_ratio: float
     share: float
+    is_read: bool = False
 
 
 @dataclass
@@ -146,6 +148,13 @@ class JointTerms:
             return "is not in the file: another effect lies between this joint and its link"
         self.behind = FlexibleLoad(half_gap, p.frequency, p.damping, p.share)
         return ""
+
+    def add_read_load_behind(self, p: Any) -> str:
+        if note := self.add_load_behind(p, p.half_gap):
+            return note
+        assert self.behind is not None
+        self.behind = replace(self.behind, is_read=True)
+        return "" if p.motor_feedback > 0.5 else "is written with the motor's encoder in the loop"
 
 
 @dataclass
@@ -281,6 +290,7 @@ _AT_JOINTS: dict[str, Callable[[JointTerms, Any], str]] = {
     "one-sided-end-stop": lambda t, p: t.add_stop(p.lower, p.upper, p.stiffness, p.speed),
     "two-mass": lambda t, p: t.add_load_behind(p),
     "backlash": lambda t, p: t.add_load_behind(p, p.half_gap),
+    "load-side-backlash": lambda t, p: t.add_read_load_behind(p),
 }
 _AT_COMMANDS: dict[str, Callable[[CommandTerms, Any], str]] = {
     "dead-time": lambda t, p: t.add_law(delay=p.delay),

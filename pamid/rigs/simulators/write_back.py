@@ -497,6 +497,31 @@ class _Writer:
         if needed > armature:
             self.new.dof_armature[joint.dof] = needed
             self._write_all(j, "armature")
+        if behind.is_read:
+            self._read_both(tag, name)
+
+    def _read_both(self, tag: Tag, name: str) -> None:
+        """Let the sensors of a joint read its sum with the joint behind it."""
+        self.edits.set(tag, "name", name)
+        readers = [
+            t
+            for t in self.tags
+            if t.name in ("jointpos", "jointvel") and t.attributes.get("joint") == name
+        ]
+        if not readers:
+            self.left.append(f"encoder of {name} behind its play: the file has no sensor of it")
+            return
+        output = f"{name}_output"
+        parts = "".join(
+            element_text("joint", {"joint": part, "coef": "1"}) for part in (name, f"{name}_behind")
+        )
+        self.edits.add_last(
+            self.tags[0], f'<tendon><fixed name="{output}">{parts}</fixed></tendon>'
+        )
+        for reader in readers:
+            self.edits.rename(reader, reader.name.replace("joint", "tendon"))
+            self.edits.set(reader, "joint", None)
+            self.edits.set(reader, "tendon", output)
 
     def _split_body(
         self, tag: Tag, outer: Tag, joint: MechanismJoint, near: float, second: str
