@@ -45,6 +45,13 @@ def said(log: Log, *words: str) -> bool:
     return any(all(word in detail for word in words) for detail in log.details)
 
 
+def test_a_json_log_of_blank_lines_is_refused(tmp_path):
+    file = tmp_path / "log.json"
+    file.write_bytes(b"\xef\xbb\xbf\n\n")
+    with pytest.raises(FileError, match="this is not JSON"):
+        read_here(file, "json")
+
+
 def test_a_reader_in_its_own_process_keeps_the_stated_period(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("# Fs = 1000 Hz\nangle,current\n" + "1.5,2\n2.5,3\n" * 20)

@@ -278,10 +278,6 @@ def _driven(shape: Callable[[Array], Array]) -> Callable[[Bench], Columns]:
     return lambda b: b.driving(shape)
 
 
-def _steps(t: Array) -> Array:
-    return aprbs(len(t) * float(t[1] - t[0]), float(t[1] - t[0]), 1.0, seed=7)
-
-
 def data_sheet_value(b: Bench, name: str) -> float | None:
     return next((p.value for p in b.rig.parameters if p.outside_name == name), None)
 
@@ -302,7 +298,7 @@ MENU = (
         "aprbs-other-setting",
         4.0,
         "random steps with the rig changed: its dynamics move, delays do not",
-        _driven(_steps),
+        _driven(lambda t: aprbs(len(t) * float(t[1] - t[0]), float(t[1] - t[0]), 1.0, seed=7)),
         settings=_changed,
     ),
     Experiment(

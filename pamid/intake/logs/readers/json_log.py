@@ -39,7 +39,7 @@ def _parsed(builder: ChannelBuilder, text: str) -> Any:
         values = []
     else:
         try:
-            values.append(json.loads(lines[-1]))
+            values += map(json.loads, lines[-1:])
         except json.JSONDecodeError:
             builder.note("the last line is incomplete and is left out")
     if len(values) < 2:
