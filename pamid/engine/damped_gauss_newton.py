@@ -60,8 +60,9 @@ class LeastSquares(ABC, Generic[Point, Step]):
         """The point behind a step, with its cost (inf or NaN where the model cannot be run). last:
         no further step follows."""
 
-    def linearised(self, at: Point) -> Point:
-        """A point that was accepted, with the normal equations that `moved` may leave out."""
+    def linearised(self, at: Point, last: bool) -> Point:
+        """A point that lowers the cost, with the normal equations that `moved` may leave out; its
+        cost is inf or NaN where they are not finite."""
         return at
 
     def settled(self, gain: float, before: Point, after: Point) -> bool:
@@ -107,11 +108,13 @@ def iterate(
         if step is None:
             return Iteration(point, damping, count - 1, calm)
         trial = problem.moved(point, step, count == steps)
+        if trial.cost < point.cost:
+            trial = problem.linearised(trial, count == steps)
         gain = point.cost - trial.cost
         if gain > 0.0:  # False where either is not a number
             # Marquardt's rule: success or failure alone moves lambda, not the ratio of the
             # gain to the promised gain, for which not every problem here has the quadratic at hand
-            before, point = point, problem.linearised(trial)
+            before, point = point, trial
             damping = max(rule.falls * damping, rule.least)
             calm = calm + 1 if problem.calm(step, damping) else 0
             ended = calm == CALM_STEPS or problem.settled(gain, before, point)

@@ -553,7 +553,7 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         runs = [t.simulate(states, p, noise, self.moving) for t, states in tracks]
         return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
-    def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:
+    def linearised(self, at: _SmoothingPoint, last: bool) -> _SmoothingPoint:
         return self.point(at.s, at.x, self.of._linearised(at.s, at.x, self.moving))
 
     def settled(self, gain: float, before: _SmoothingPoint, after: _SmoothingPoint) -> bool:

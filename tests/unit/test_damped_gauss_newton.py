@@ -40,7 +40,7 @@ class Valley(LeastSquares[Point, Array]):
         self.tried += 1
         return self.at(at.x + step)
 
-    def linearised(self, at: Point) -> Point:
+    def linearised(self, at: Point, last: bool) -> Point:
         return at._replace(linearised=True)
 
     def settled(self, gain: float, before: Point, after: Point) -> bool:

@@ -39,7 +39,7 @@ def test_a_point_is_differentiated_once_it_is_taken(stepped):
         sheet = problem.sheet()
         moved = problem.moved(sheet, np.full(len(sheet.s) + sheet.x.size, 1e-3), False)
         assert not moved.linearised
-        full = problem.linearised(moved)
+        full = problem.linearised(moved, False)
         assert full.linearised and full.cost == pytest.approx(moved.cost, rel=1e-6)
         assert np.abs(full.g).max() > 0.0
 

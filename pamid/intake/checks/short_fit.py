@@ -477,7 +477,7 @@ class ShortFit(LeastSquares[FitPoint, Array]):
         # data sheet are rejected
         return self.at(s, at.x + step[m:].reshape(at.x.shape), derivatives=False)
 
-    def linearised(self, at: FitPoint) -> FitPoint:
+    def linearised(self, at: FitPoint, last: bool) -> FitPoint:
         return at if at.linearised else self.at(at.s, at.x)
 
     def settled(self, gain: float, before: FitPoint, after: FitPoint) -> bool:
