@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from pamid.base.arrays import Array
+from pamid.base.errors import ConvergenceError
 from pamid.engine.program import Stepping
 from pamid.engine.symbolic.vocabulary import cos, sin
+from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -135,3 +137,14 @@ def test_windows_of_a_model_whose_errors_grow_are_shorter():
     limit = 2.0 * np.log(GROWTH_LIMIT) / 30.0
     assert FIT_WINDOW * growing.timescale_s == pytest.approx(limit, abs=2.0 * PERIOD_S)
     assert FIT_WINDOW * decaying.timescale_s > 1.5 * limit
+
+
+def test_a_floor_beyond_all_that_moved_is_refused():
+    """Errors grow 1e9-fold within the shortest window, so that no comparison could be decided."""
+    rig = Unstable()
+    rig.parameters = (Parameter("rate", 50.0, 1.0, 100.0, spread=0.1, source="bench"),)
+    evidence = split_recordings(rig, [held_back(50.0, 0.01, 0.05)], [])
+    with pytest.raises(ConvergenceError, match="moves by only .* cannot predict") as raised:
+        fit_model(evidence)
+    assert (raised.value.exit_code, raised.value.code) == (5, "unpredictable")
+    assert "sample it faster" in raised.value.hint
