@@ -401,9 +401,12 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path, cli)
 
 
 def test_a_stepped_model_is_written_too(tmp_path, cli):
-    """Its spring is not linear, so MuJoCo steps it."""
-    text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"')
+    """It is in air that drags, so MuJoCo steps it."""
+    text = ARM.replace('damping="0.05"', 'damping="0.05" stiffness="0.5 0 1"').replace(
+        "<option ", '<option density="1.2" '
+    )
     file, new = written(tmp_path, text), tmp_path / "new.xml"
+    assert isinstance(rig_named(str(file)), SteppedMechanism)
     truth = text.replace('"a" axis', f'"a" frictionloss="0.15" {DRY} axis')
     labels = ("coulomb-friction@a", "cubic-stiffness@b")
     values = {f"{labels[0]}:level": 0.15, f"{labels[1]}:hardening": 0.0}
