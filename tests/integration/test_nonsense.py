@@ -87,6 +87,8 @@ def test_the_recording_itself_is_explained(rubbing):
     assert found["verdict"] == "explained" and found["remark"] == ""
     assert [c["effect"] for c in found["causes"]] == ["coulomb-friction"]
     assert found["how_far"]["position_m"]["shrinkage"] > 0.5
+    shown = " ".join(diagnosis_text(load_run(folder / "run"), folder / "run").split())
+    assert "[known] fixes a parameter" in shown and "[free] releases" in shown
 
 
 SUITE = load_script("nonsense.py")

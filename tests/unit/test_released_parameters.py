@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanisms import ONE, TWO
+from mechanisms import ONE, TWO, written
+from pamid_cli import frame
 
 from pamid.model.between_samples import as_recorded
 from pamid.model.registry import rig_named
@@ -16,6 +17,17 @@ from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 pytest.importorskip("mujoco", reason="pip install 'pamid[mujoco]'")
 
 BARE = ONE.replace('damping="0.08" armature="0.004"', "")
+LEVER = """<robot name="lever">
+  <link name="base"/>
+  <link name="lever"><inertial>
+    <origin xyz="0 0 -0.2"/><mass value="1.5"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <joint name="pivot" type="continuous">
+    <parent link="base"/><child link="lever"/><axis xyz="0 1 0"/>
+  </joint>
+</robot>
+"""
 
 
 def parameters(text: str, folder: Path) -> dict[str, ModelParameter]:
@@ -54,6 +66,21 @@ def test_what_the_file_states_keeps_its_tolerance(tmp_path):
     assert found["elbow_armature"].parameter.log and found["elbow_armature"].parameter.value == 0.01
 
 
+def test_a_urdf_has_no_armature_and_no_damping_so_that_both_are_fitted(tmp_path):
+    """Its <dynamics> has no armature, and few files have a <dynamics>."""
+    path = written(tmp_path, LEVER, "lever.urdf")
+    found = {p.name: p for p in rig_named(str(path)).parameters}
+    for name in ("pivot_armature", "pivot_damping"):
+        assert found[name].value == 0.0 and found[name].fitted and found[name].spread > 0.0
+    damped = LEVER.replace("</joint>", '<dynamics damping="0.3"/></joint>', 1)
+    (stated,) = (
+        p.parameter
+        for p in read_mechanism(written(tmp_path, damped, "damped.urdf")).parameters
+        if p.parameter.name == "pivot_damping"
+    )
+    assert stated.value == 0.3 and stated.log
+
+
 # ---- [free] ------------------------------------------------------------------------------------
 
 
@@ -66,3 +93,9 @@ def test_a_recording_releases_what_its_rig_holds(tmp_path):
     (before,) = (p for p in rig.parameters if p.name == "shoulder_frictionloss")
     assert one == replace(before, fitted=True, spread=0.05)
     assert as_recorded(rig, [log()]) is rig
+
+
+def test_the_rig_says_how_to_hold_and_release(capsys):
+    assert frame.run(["rigs", "dc-motor"]) == 0
+    said = capsys.readouterr().out.partition("Hold or release: ")[2]
+    assert "under [known] holds it" in said and "[free] fits a held" in " ".join(said.split())
