@@ -30,7 +30,7 @@ from pamid.rigs.simulators.mujoco_forms import IdentifiedEffect
 from pamid.rigs.simulators.mujoco_mechanism import read_mechanism
 from pamid.rigs.simulators.plain_mujoco import PlainModel, RecordedStretch, SimulatorSettings
 from pamid.rigs.simulators.stepped_mechanism import SteppedMechanism
-from pamid.rigs.simulators.write_back import write_back
+from pamid.rigs.simulators.write_back import WrittenModel, write_back
 
 mujoco: Any = mechanisms.needs_mujoco()
 
@@ -224,6 +224,15 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(effects, tmp_path):
     assert not made.notes
 
 
+#: effect -> what a note says of its form
+NEAREST = {
+    "yielding-friction@b": "a frictionloss that sets in over its speed",
+    "directional-friction@b": "the mean frictionloss of both directions",
+    "maxwell-slip-hysteresis@a": "bristle friction (lugre) of its level and reach",
+    "bouc-wen-hysteresis@b": "bristle friction (lugre) of its level and reach",
+}
+
+
 @pytest.mark.parametrize(
     ("effects", "share"),
     [
@@ -246,8 +255,11 @@ def test_effects_of_mujoco_are_written_as_mujoco_has_them(effects, tmp_path):
          "encoder-behind"],
 )  # fmt: skip
 def test_other_effects_are_written_in_their_nearest_form(effects, share, tmp_path):
-    before, now, _ = errors(tmp_path, effects)
+    before, now, made = errors(tmp_path, effects)
     assert now.sum() < share * before.sum()
+    for label in effects:
+        told = [note.removeprefix(label) for note in made.notes if note.startswith(label)]
+        assert len(told) == (label in NEAREST) and all(NEAREST[label] in note for note in told)
 
 
 @pytest.mark.parametrize(
@@ -393,6 +405,8 @@ def test_ranges_for_randomisation_hold_intervals_and_correlations(tmp_path, cli)
     lines = ranges.read_text().splitlines()
     assert '  - name: "upper_mass"' in lines and '    attribute: "mass"' in lines
     assert f'    effect: "{dry}"' in lines
+    nominal = [float(x.split()[1]) for x in lines if x.startswith("    nominal")]
+    assert nominal == pytest.approx([1.1, 0.15])
     deviations = [float(x.split()[1]) for x in lines if x.startswith("    standard_deviation")]
     assert deviations == pytest.approx([2 * mass, 0.1 * 0.2])
     table = np.array([json.loads(x.strip()[2:]) for x in lines[lines.index("covariance:") + 1 :]])
@@ -458,6 +472,41 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path):
     assert model.key_qpos.tolist() == [[0.1, 0.0, 0.2]] and model.key_qvel.tolist() == [[1, 0, 2]]
     assert model.jnt_range[1] == pytest.approx([-0.02, 0.02])
     assert model.qpos_spring[2] == pytest.approx(0.3) and model.jnt_stiffness[2] == 2.0
+
+
+def with_effects(
+    folder: Path, place: tuple[str, int], effects: Mapping[str, Mapping[str, float]]
+) -> WrittenModel:
+    """The arm with effects at its port of this kind and number."""
+    mechanism = read_mechanism(written(folder, ARM))
+    (port,) = (p for p in mechanism.ports if (p.kind, p.number) == place)
+    values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
+    return write_back(
+        mechanism, values, [IdentifiedEffect(k, k, v, (port,)) for k, v in effects.items()]
+    )
+
+
+def test_an_effect_that_mujoco_cannot_hold_is_left_to_a_callback(tmp_path):
+    done = with_effects(tmp_path, ("command", 0), {"dead-zone": {"half_width": 0.2}})
+    (note,) = done.notes
+    assert note.startswith("dead-zone (half_width = 0.2, SI) is not in the file")
+    assert "export --to c" in note and "callback" in note
+    assert done.text == ARM.encode()
+
+
+def test_a_late_and_limited_reading_is_a_sensor_with_delay_and_cutoff(tmp_path):
+    effects = {"dead-time": {"delay": 0.012}, "saturation": {"limit": 0.2, "share": 1.0}}
+    done = with_effects(tmp_path, ("reading", 1), effects)
+    model = done.file.model
+    assert model.sensor_delay.tolist() == pytest.approx([0.0, 0.012])
+    assert model.sensor_cutoff.tolist() == [0.0, 0.2] and not done.notes and not done.left
+    data, angles, read = mujoco.MjData(model), [], []
+    for row in commands(100):
+        angles.append(data.qpos[1])
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data)
+        read.append(data.sensordata[1])
+    assert read[6:] == pytest.approx(np.clip(angles[:-6], -0.2, 0.2), abs=1e-12)
 
 
 def test_unnamed_joints_and_polynomials_are_kept(tmp_path):
