@@ -15,10 +15,16 @@ import pytest
 from scripts import load_script
 
 from pamid.base.arrays import Array
+from pamid.base.json_file import write_json
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis import pipeline
 from pamid.diagnosis.pipeline import Diagnosis, diagnose
 from pamid.diagnosis.verdict.added_variables import added_variables
+from pamid.diagnosis.verdict.diagnosis_run import models_json, with_causes
+from pamid.estimation.fit_files import residual_csv
+from pamid.exports.exporting import export_model
 from pamid.model.registry import effects, rig_named
+from pamid.networks.correction.identified_model import load_identified
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.data_split import split_recordings
 
@@ -182,11 +188,12 @@ def test_a_bare_model_of_an_arm_that_rubs_lacks_friction(truth, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is not there")
-def test_both_joints_of_a_real_double_pendulum_rub():
-    """Published: 0.16 and 0.12 N m."""
+def test_both_joints_of_a_real_double_pendulum_rub(tmp_path):
+    """Published: 0.16 and 0.12 N m; plain MuJoCo follows a third recording with the new file."""
     from pamid.recording.recording import read_recording
 
-    rig = rig_named(str(REAL / "dfki_double.xml"))
+    file = REAL / "dfki_double.xml"
+    rig = rig_named(str(file))
     names = {f"torque_{k}_nm": f"torque_{k}_command" for k in (1, 2)}
     logs = []
     for run in range(3):
@@ -196,6 +203,20 @@ def test_both_joints_of_a_real_double_pendulum_rub():
     named = {name: effects()[name] for name in (*CANDIDATES, "maxwell-slip-hysteresis")}
     d = diagnose(split_recordings(rig, logs[:2], logs[2:]), named)
     assert levels(d) == pytest.approx({"shoulder": 0.16, "elbow": 0.12}, rel=0.5)
+    identified = load_identified(run_of(d, tmp_path / "run", file), which="cause", rig=str(file))
+    made = export_model(identified, "mjcf", tmp_path / "new.xml")
+    assert made.check is not None and set(made.check.errors.channels) == set(d.evidence.channels)
+    for name, channel in made.check.errors.channels.items():
+        assert name.endswith("_rad") and channel.now <= 0.055 < channel.before
+
+
+def run_of(d: Diagnosis, folder: Path, file: Path) -> Path:
+    """What an export reads of the run of a diagnosis."""
+    run = Run.create(folder, command="diagnose", seed=0, inputs=[file], options={"rig": str(file)})
+    write_json(run.path(FIT_FILE), models_json(d))
+    run.path(RESIDUAL_FILE).write_bytes(residual_csv(d.budget.model, with_causes(d)))
+    run.finish()
+    return folder
 
 
 # ---- play in a servo ---------------------------------------------------------------------------
