@@ -24,7 +24,8 @@ from pamid.simulation.windows import Runner, Window
 TURNED = 9.0
 FLAT = 0.05  # of the slopes without effects: a limit may let a part through
 MISSED = 3.0  # residual over noise at which a flat reading gets other slopes
-READING_STEPS = 3  # Gauss-Newton steps over each of the growing beginnings of a window
+FIRST_STEPS = 12  # Gauss-Newton steps for the first reading of a window alone
+READING_STEPS = 3  # and over each of its growing beginnings
 READING_GROWTH = 4  # of these beginnings, in samples
 CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
@@ -189,7 +190,8 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
             begun = part.at(x)
             if not np.isfinite(begun.cost):
                 break
-            x = part.solved(begun, READING_STEPS).x
+            # a far attitude is many steps away, and from halfway longer beginnings lead elsewhere
+            x = part.solved(begun, FIRST_STEPS if length == 1 else READING_STEPS).x
             length *= READING_GROWTH
         return x
 
