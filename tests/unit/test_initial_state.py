@@ -2,8 +2,10 @@
 
 from functools import cache
 
+import mechanisms
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pamid.base.arrays import Array
 from pamid.base.errors import ConvergenceError
@@ -26,6 +28,7 @@ from pamid.simulation.windows import Runner, Window
 PERIOD_S, SAMPLES, NOISE, RATE = 0.01, 400, 1e-4, 6.0
 FAR = np.array([2.0, 0.5, 14.0, -18.0])  # a state far from the rig's start
 SWING = 4.0  # rad/s2 of the torque
+FLOWN_NOISE = 1e-3  # m, and of a quaternion
 
 
 class LinkedPendulums(Rig):
@@ -98,6 +101,65 @@ def test_start_is_found_far_from_the_rest_through_a_known_map():
     runner.enter(memory, x)
     Y, _, _ = runner.run(memory, window, track.p, False)
     assert np.abs(Y - true[:120]).max() < 5.0 * NOISE
+
+
+FLYER = """<mujoco model="flyer">
+  <option timestep="0.001" integrator="RK4"/>
+  <worldbody><body name="flyer">
+    <freejoint name="fly"/>
+    <inertial pos="0.01 0 0.02" mass="1.2" diaginertia="0.02 0.03 0.025"/>
+    <site name="left" pos="0.1 0.1 0"/><site name="right" pos="-0.1 -0.1 0"/>
+  </body></worldbody>
+  <actuator>
+    <motor name="left" site="left" gear="0 0 1 0 0 0.1"/>
+    <motor name="right" site="right" gear="0 0 1 0 0 -0.1"/>
+  </actuator>
+  <sensor>
+    <framepos name="place" objtype="xbody" objname="flyer"/>
+    <framequat name="attitude" objtype="xbody" objname="flyer"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def flown(rig: Rig, sign: float, random: np.random.Generator) -> Recording:
+    """A flight of MuJoCo's own from any yaw and roll, whose quaternion is read with this sign."""
+    mujoco = mechanisms.needs_mujoco()
+    machine = mujoco.MjModel.from_xml_string(FLYER)
+    data, states = mujoco.MjData(machine), []
+    # far from where its nose points straight up or down
+    angles = random.uniform([-np.pi, -0.8, -np.pi], [np.pi, 0.8, np.pi])
+    data.qpos[:3] = random.uniform(-3.0, 3.0, 3)
+    data.qpos[3:] = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
+    data.qvel[:] = random.uniform(-1.0, 1.0, 6)
+    sent = np.full((50, 2), [6.0, 6.2])
+    for row in sent:
+        states.append(data.qpos * [1.0, 1.0, 1.0, sign, sign, sign, sign])
+        data.ctrl[:] = row
+        mujoco.mj_step(machine, data, round(PERIOD_S / machine.opt.timestep))
+    read = np.array(states) + FLOWN_NOISE * random.standard_normal((len(sent), 7))
+    columns = dict(zip([*rig.inputs, *rig.outputs], np.hstack([sent, read]).T, strict=True))
+    return recording_of(PERIOD_S * np.arange(len(sent)), columns, name="flown")
+
+
+def test_a_base_that_flies_begins_in_the_attitude_that_was_read(tmp_path):
+    """The rig starts level; a quaternion of either sign is the same attitude."""
+    mechanisms.needs_mujoco()
+    model = Assembly(mechanisms.rig_from(FLYER, tmp_path))
+    assert list(model.rig.outputs)[2:4] == ["place_z_m", "attitude_qw"]
+    random, weight = np.random.default_rng(11), np.full(7, 1.0 / FLOWN_NOISE)
+    for sign in 10 * (1.0, -1.0):
+        recording = flown(model.rig, sign, random)
+        track = track_of(model, data_of(model.rig, recording), tuple(model.rig.outputs))
+        runner, window = Runner(model, track, Stepping(2)), Window(0, len(track.y))
+        memory = runner.memory(track.p)
+        x, usable = WindowStart.of(
+            runner, memory, window, track.p, weight, memory.x.copy()
+        ).estimate()
+        runner.enter(memory, x)
+        Y, _, _ = runner.run(memory, window, track.p, False)
+        left = np.sqrt(np.mean((Y - track.y) ** 2))
+        assert usable and left < 1.2 * FLOWN_NOISE
 
 
 def held_back(rate: float, period_s: float = PERIOD_S, noise: float = NOISE) -> Recording:
