@@ -26,7 +26,6 @@ FLAT = 0.05  # of the slopes without effects: a limit may let a part through
 MISSED = 3.0  # residual over noise at which a flat reading gets other slopes
 FIRST_STEPS = 12  # Gauss-Newton steps for the first reading of a window alone
 READING_STEPS = 3  # and over each of its growing beginnings
-READING_GROWTH = 4  # of these beginnings, in samples
 CARRIED_INFORMATION = 1e-5  # information of a carried state relative to that of a window
 
 
@@ -192,7 +191,7 @@ class WindowStart(LeastSquares[_StatePoint, Array]):
                 break
             # a far attitude is many steps away, and from halfway longer beginnings lead elsewhere
             x = part.solved(begun, FIRST_STEPS if length == 1 else READING_STEPS).x
-            length *= READING_GROWTH
+            length *= 2
         return x
 
     def solved(self, begun: _StatePoint, steps: int) -> _StatePoint:
