@@ -369,8 +369,8 @@ class MultipleShooting(LeastSquares[ShootingPoint, _ShootingStep]):
 
     def resumed(self, probe: Iteration[ShootingPoint]) -> Fit:
         """Continue a probe as a full fit."""
-        full, point = replace(self, probe=False), probe.point
-        point = point if point.linearised else full.at(point.s, point.starts)
+        full = replace(self, probe=False)
+        point = full.linearised(probe.point, last=False)
         ended = iterate(full, replace(probe, point=point), ITERATIONS)
         return full.fit(full.exactly(ended, ITERATIONS))
 

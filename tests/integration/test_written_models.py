@@ -438,17 +438,12 @@ def test_a_stepped_model_is_written_too(tmp_path, cli):
 def test_an_encoder_behind_a_play_needs_a_sensor(tmp_path):
     """Without one MuJoCo's user reads the motor; the loop of a servo holds its motor, too."""
     behind = {"share": 1.0, "half_gap": 0.02, "frequency": 12.0, "damping": 0.3}
+    play = {"load-side-backlash": {**behind, "motor_feedback": 0.1}}
     for sensors in (True, False):
         text = ARM if sensors else ARM.replace('    <jointpos name="qb" joint="b"/>\n', "")
-        mechanism = read_mechanism(written(tmp_path, text))
-        port = next(p for p in mechanism.ports if (p.kind, p.number) == ("transmission", 1))
-        values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
-        play = IdentifiedEffect(
-            "play", "load-side-backlash", {**behind, "motor_feedback": 0.1}, (port,)
-        )
-        done = write_back(mechanism, values, [play])
+        done = with_effects(tmp_path, ("transmission", 1), play, text)
         assert bool(done.left) != sensors
-        assert done.notes == ("play is written with the motor's encoder in the loop",)
+        assert done.notes == ("load-side-backlash is written with the motor's encoder in the loop",)
         assert (b'<tendonpos name="qb" tendon="b_output"' in done.text) == sensors
 
 
@@ -475,10 +470,13 @@ def test_keyframes_follow_a_second_joint_and_degrees_stay_degrees(tmp_path):
 
 
 def with_effects(
-    folder: Path, place: tuple[str, int], effects: Mapping[str, Mapping[str, float]]
+    folder: Path,
+    place: tuple[str, int],
+    effects: Mapping[str, Mapping[str, float]],
+    text: str = ARM,
 ) -> WrittenModel:
     """The arm with effects at its port of this kind and number."""
-    mechanism = read_mechanism(written(folder, ARM))
+    mechanism = read_mechanism(written(folder, text))
     (port,) = (p for p in mechanism.ports if (p.kind, p.number) == place)
     values = {p.parameter.name: p.parameter.value for p in mechanism.parameters}
     return write_back(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
@@ -143,18 +143,12 @@ class JointTerms:
         self.stop = Stop(low, high, stiffness, damping)
         return ""
 
-    def add_load_behind(self, p: Any, half_gap: float = 0.0) -> str:
+    def add_load_behind(self, p: Any, half_gap: float = 0.0, *, is_read: bool = False) -> str:
         if self.behind is not None:
             return "is not in the file: another effect lies between this joint and its link"
-        self.behind = FlexibleLoad(half_gap, p.frequency, p.damping, p.share)
-        return ""
-
-    def add_read_load_behind(self, p: Any) -> str:
-        if note := self.add_load_behind(p, p.half_gap):
-            return note
-        assert self.behind is not None
-        self.behind = replace(self.behind, is_read=True)
-        return "" if p.motor_feedback > 0.5 else "is written with the motor's encoder in the loop"
+        self.behind = FlexibleLoad(half_gap, p.frequency, p.damping, p.share, is_read)
+        closed_by_load = is_read and p.motor_feedback <= 0.5
+        return "is written with the motor's encoder in the loop" if closed_by_load else ""
 
 
 @dataclass
@@ -290,7 +284,7 @@ _AT_JOINTS: dict[str, Callable[[JointTerms, Any], str]] = {
     "one-sided-end-stop": lambda t, p: t.add_stop(p.lower, p.upper, p.stiffness, p.speed),
     "two-mass": lambda t, p: t.add_load_behind(p),
     "backlash": lambda t, p: t.add_load_behind(p, p.half_gap),
-    "load-side-backlash": lambda t, p: t.add_read_load_behind(p),
+    "load-side-backlash": lambda t, p: t.add_load_behind(p, p.half_gap, is_read=True),
 }
 _AT_COMMANDS: dict[str, Callable[[CommandTerms, Any], str]] = {
     "dead-time": lambda t, p: t.add_law(delay=p.delay),
